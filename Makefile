@@ -1,0 +1,54 @@
+# Every target works by itself on a fresh clone with git and Python >= 3.11; all it downloads is PyPI packages.
+#   make demo [DURATION=seconds] [OUT=folder]    drive the demo robot and write what its sensors see
+#   make test | check | bench | test-oldest | clean
+
+PYTHON ?= python3
+DURATION ?= 3
+OUT ?= out/demo
+JOBS ?= 2
+
+BIN := .venv/bin
+OLDEST := .venv-oldest/bin
+# The oldest dependencies have no wheels for the newest Pythons.
+OLDEST_PYTHON ?= $(firstword $(foreach v,3.11 3.12 3.13,$(shell command -v python$(v))) $(PYTHON))
+
+.PHONY: demo test check bench test-oldest clean
+.DELETE_ON_ERROR:
+
+demo: .venv/installed
+	$(BIN)/rigcast run configs/demo.yaml --duration $(DURATION) --out $(OUT)
+
+test: .venv/installed
+	$(BIN)/python -m pytest -n $(JOBS)
+
+# Type checkers do not follow the editable install to its folders, so they get the package as a user has it.
+check: .venv/installed
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	rm -rf build
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --target build/installed .
+	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p rigcast
+	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml ../../tests ../../examples
+
+bench: .venv/installed
+	$(BIN)/rigcast bench
+
+test-oldest: .venv-oldest/installed
+	$(OLDEST)/python -m pytest -n $(JOBS)
+
+clean:
+	rm -rf .venv .venv-oldest build dist out bench.json *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/installed: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $@
+
+.venv-oldest/installed: pyproject.toml
+	$(OLDEST_PYTHON) -m venv .venv-oldest
+	$(OLDEST)/python -c "import tomllib; \
+	    project = tomllib.load(open('pyproject.toml', 'rb'))['project']; \
+	    print(*(line.replace('>=', '==', 1) for line in project['dependencies']), sep='\n')" > .venv-oldest/oldest.txt
+	$(OLDEST)/python -m pip install --quiet --constraint .venv-oldest/oldest.txt --editable '.[dev]'
+	touch $@

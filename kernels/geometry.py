@@ -1,0 +1,135 @@
+"""What rays are cast against: triangle trees, built once, and the shapes that place them in the world.
+
+A *shape* is one closed-form solid or one instance of a triangle tree, with a pose. Poses are float64, so that the
+difference between a ray's origin and a shape loses nothing however far both are from the world's origin.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from .tree import WIDTH, Node, build_tree, struct_zeros, vec8, vec8i
+
+NO_FACE = wp.constant(-1)
+
+
+@wp.struct
+class TriangleBlock:
+    """Up to eight triangles and their unit normals, coordinate by coordinate; an absent one is all NaN."""
+
+    x0: vec8
+    y0: vec8
+    z0: vec8
+    x1: vec8
+    y1: vec8
+    z1: vec8
+    x2: vec8
+    y2: vec8
+    z2: vec8
+    normal_x: vec8
+    normal_y: vec8
+    normal_z: vec8
+    face: vec8i
+
+
+@wp.struct
+class Geometry:
+    """All that a cast reads.
+
+    Shapes 0..n-1 have a kind (PLANE..TRIANGLES of rigcast.kernels.solids), a size as there, and a pose in the world.
+    """
+
+    # triangle trees:
+    nodes: wp.array[Node]
+    blocks: wp.array[TriangleBlock]
+    # shapes:
+    kind: wp.array[int]
+    size: wp.array[wp.vec3]
+    root: wp.array[int]  # node of the triangle tree's root
+    reach: wp.array[float]  # largest |coordinate| of the shape in its own frame
+    position: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]  # columns: the shape's axes in the world
+    # the tree over the shapes, relative to the anchor:
+    top: wp.array[Node]
+    anchor: wp.array[wp.vec3d]  # (1,)
+    top_reach: wp.array[float]  # (1,) largest |coordinate| of the tree's boxes
+
+
+@dataclass(frozen=True)
+class TriangleTree:
+    """A tree over triangles, in the frame of its vertices; child ~k of a node is block k.
+
+    dropped: how many faces had no area and were left out.
+    """
+
+    nodes: npt.NDArray[np.void]
+    blocks: npt.NDArray[np.void]
+    lower: npt.NDArray[np.float32]
+    upper: npt.NDArray[np.float32]
+    dropped: int
+
+
+def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> TriangleTree:
+    """Build a tree over triangles.
+
+    Args:
+        vertices: (n, 3) float32 [m], finite.
+        faces: (m, 3) indices into vertices, counter-clockwise seen from outside. Faces without area are dropped.
+    """
+    corners = np.asarray(vertices, np.float32)[np.asarray(faces)].reshape(-1, 3, 3)
+    edges = corners[:, 1:].astype(np.float64) - corners[:, :1]
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    areas = np.linalg.norm(normals, axis=1)
+    face = np.flatnonzero(areas)
+    corners = corners[face]
+    normals = normals[face] / areas[face, None]
+    tree = build_tree(corners.min(axis=1), corners.max(axis=1), leaf_size=WIDTH)
+    lane = np.arange(WIDTH)
+    is_absent = lane >= tree.leaf_count[:, None]
+    blocks = struct_zeros(TriangleBlock, len(is_absent))
+    if len(face):
+        triangle = tree.order[np.where(is_absent, 0, tree.leaf_first[:, None] + lane)]
+        for k, axis in enumerate("xyz"):
+            for corner in range(3):
+                blocks[f"{axis}{corner}"] = np.where(is_absent, np.nan, corners[triangle, corner, k])
+            blocks[f"normal_{axis}"] = np.where(is_absent, np.nan, normals[triangle, k])
+        blocks["face"] = np.where(is_absent, NO_FACE, face[triangle])
+    points = corners.reshape(-1, 3) if len(face) else np.zeros((1, 3), np.float32)
+    return TriangleTree(tree.nodes, blocks, points.min(axis=0), points.max(axis=0), len(edges) - len(face))
+
+
+def join_triangle_trees(
+    trees: Sequence[TriangleTree],
+) -> tuple[npt.NDArray[np.void], npt.NDArray[np.void], npt.NDArray[np.int32]]:
+    """All trees in one array of nodes and one of blocks, and the root of each."""
+    roots = np.cumsum([0, *(len(t.nodes) for t in trees)])[:-1].astype(np.int32)
+    first_blocks = np.cumsum([0, *(len(t.blocks) for t in trees)])[:-1]
+    nodes = np.concatenate([struct_zeros(Node, 0), *(t.nodes for t in trees)])
+    blocks = np.concatenate([struct_zeros(TriangleBlock, 0), *(t.blocks for t in trees)])
+    for tree, root, first_block in zip(trees, roots, first_blocks, strict=True):
+        child = nodes["child"][root : root + len(tree.nodes)]
+        present = np.isfinite(tree.nodes["half_x"])
+        child += np.where(present, np.where(child >= 0, root, -first_block), 0).astype(np.int32)
+    return nodes, blocks, roots
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Shapes as numpy arrays: kind and size as in rigcast.kernels.solids, and boxes in their own frames.
+
+    tree: index of the triangle tree, -1 for closed forms. center, half: (n, 3) [m], half +inf where unbounded.
+    """
+
+    kind: npt.NDArray[np.int32]
+    size: npt.NDArray[np.float32]
+    tree: npt.NDArray[np.int32]
+    center: npt.NDArray[np.float32]
+    half: npt.NDArray[np.float32]
+
+    @property
+    def reach(self) -> npt.NDArray[np.float32]:
+        """(n,) largest |coordinate| in the shape's own frame."""
+        return np.max(np.abs(self.center) + self.half, axis=1, initial=0.0).astype(np.float32)

@@ -1,0 +1,41 @@
+"""Launching kernels over many rays: on CUDA in one piece, on the CPU in slices over threads."""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+RAYS_PER_SLICE = 2048
+
+
+def launch_over_rays(
+    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
+) -> None:
+    """Launch a kernel over rays 0..count-1. Its first argument is the index of the ray of thread 0.
+
+    Every ray's result depends on that ray alone, so slices and threads do not show in it.
+    """
+
+    def launch(first: int, size: int) -> None:
+        wp.launch(kernel, size, inputs=[first, *inputs], outputs=outputs, device=device)
+
+    if wp.get_device(device).is_cuda or count <= RAYS_PER_SLICE or thread_count() == 1:
+        launch(0, count)
+        return
+    # the first slice alone, so that a module that must be compiled is compiled once
+    launch(0, RAYS_PER_SLICE)
+    rest = range(RAYS_PER_SLICE, count, RAYS_PER_SLICE)
+    list(_threads().map(lambda first: launch(first, min(RAYS_PER_SLICE, count - first)), rest))
+
+
+def thread_count() -> int:
+    """CPU threads to cast with: RIGCAST_THREADS, or as many as this process may use."""
+    return int(os.environ.get("RIGCAST_THREADS", 0)) or len(os.sched_getaffinity(0))
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(thread_count(), thread_name_prefix="rigcast")

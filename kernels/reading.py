@@ -1,0 +1,119 @@
+"""From hits to what a sensor reads: range limits, and vectors in the sensor's frame."""
+
+import warp as wp
+
+from .cast import HitArrays, Rays
+from .launch import launch_over_rays
+from .traverse import to_double, to_float
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+
+@wp.kernel
+def read_hits(
+    first: int,
+    rotation: wp.array[wp.mat33d],
+    min_range: float,
+    # in and out:
+    distance: wp.array[float],
+    shape: wp.array[int],
+    normal: wp.array[wp.vec3],
+) -> None:
+    i = first + wp.tid()
+    if distance[i] < min_range:
+        distance[i] = -wp.inf
+        shape[i] = -1
+        normal[i] = wp.vec3(0.0, 0.0, 0.0)
+    elif shape[i] >= 0:
+        normal[i] = to_float(wp.transpose(rotation[0]) * to_double(normal[i]))
+
+
+def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
+    """Turn hits into readings in place: nearer than min_range [m] is -inf, normals go to the rays' frame."""
+    outputs = [hits.distance, hits.shape, hits.normal]
+    launch_over_rays(read_hits, hits.distance.size, [rays.rotation, min_range], outputs, hits.distance.device)
+
+
+@wp.func
+def point_in_frame(distance: float, direction: wp.vec3d, origins: wp.array[wp.vec3d], i: int) -> wp.vec3d:
+    """Where a ray of this range ends, NaN where the range is not finite."""
+    if not wp.isfinite(distance):
+        return wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
+    return origins[wp.min(i, origins.shape[0] - 1)] + wp.float64(distance) * direction
+
+
+@wp.kernel
+def points_in_frame(
+    first: int,
+    distance: wp.array[float],
+    directions: wp.array[wp.vec3d],
+    origins: wp.array[wp.vec3d],
+    points: wp.array[wp.vec3],
+) -> None:
+    i = first + wp.tid()
+    points[i] = to_float(point_in_frame(distance[i], directions[i], origins, i))
+
+
+@wp.kernel
+def points_in_world(
+    first: int,
+    distance: wp.array[float],
+    directions: wp.array[wp.vec3d],
+    origins: wp.array[wp.vec3d],
+    position: wp.array[wp.vec3d],
+    rotation: wp.array[wp.mat33d],
+    points: wp.array[wp.vec3d],
+) -> None:
+    i = first + wp.tid()
+    points[i] = position[0] + rotation[0] * point_in_frame(distance[i], directions[i], origins, i)
+
+
+@wp.kernel
+def depth_along_z(
+    first: int,
+    distance: wp.array[float],
+    directions: wp.array[wp.vec3d],
+    depth: wp.array[float],
+) -> None:
+    """z-depth; +-inf where the range is, for no ray looks backwards."""
+    i = first + wp.tid()
+    depth[i] = float(wp.float64(distance[i]) * directions[i][2])
+
+
+@wp.kernel
+def look_up(first: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]) -> None:
+    """table[index], -1 where the index is."""
+    i = first + wp.tid()
+    values[i] = -1
+    if index[i] >= 0:
+        values[i] = table[index[i]]
+
+
+def points(distance: wp.array, rays: Rays) -> wp.array:
+    """(n,) vec3 [m] in the rays' frame, NaN where the range is not finite."""
+    out = wp.empty(distance.size, dtype=wp.vec3, device=distance.device)
+    inputs = [distance, rays.directions, rays.origins]
+    launch_over_rays(points_in_frame, distance.size, inputs, [out], distance.device)
+    return out
+
+
+def world_points(distance: wp.array, rays: Rays) -> wp.array:
+    """(n,) vec3d [m] in the world, NaN where the range is not finite."""
+    out = wp.empty(distance.size, dtype=wp.vec3d, device=distance.device)
+    inputs = [distance, rays.directions, rays.origins, rays.position, rays.rotation]
+    launch_over_rays(points_in_world, distance.size, inputs, [out], distance.device)
+    return out
+
+
+def z_depth(distance: wp.array, rays: Rays) -> wp.array:
+    """(n,) float32 [m], the z coordinate of the points; +-inf and NaN where the range is."""
+    out = wp.empty(distance.size, dtype=float, device=distance.device)
+    launch_over_rays(depth_along_z, distance.size, [distance, rays.directions], [out], distance.device)
+    return out
+
+
+def take(table: wp.array, index: wp.array) -> wp.array:
+    """(n,) int32: table[index], -1 where index is -1."""
+    out = wp.empty(index.size, dtype=int, device=index.device)
+    launch_over_rays(look_up, index.size, [table, index], [out], index.device)
+    return out

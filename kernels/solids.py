@@ -1,0 +1,198 @@
+"""A ray against MuJoCo's closed-form geoms, in the geom's own frame and with MuJoCo's rules.
+
+Spheres, capsules, ellipsoids, cylinders and boxes are convex solids. A ray o + t d meets one in an interval
+[t_in, t_out], or not at all (t_in > t_out). It hits where it enters, or from inside where it leaves; a
+touch counts, and so does an origin on the surface (t = 0). At t_in the ray opposes the outward normal, at t_out it
+follows it, which is all that culling needs to know.
+
+A plane is not a solid: it has one side and is hit only from above.
+
+Sizes are MuJoCo's `geom_size`: sphere (radius), capsule and cylinder (radius, half length along z), ellipsoid (the
+three radii), box (the three half sizes), plane (half sizes along x and y, 0 where infinite).
+"""
+
+import warp as wp
+
+from .triangle import CULL_BACK, CULL_FRONT
+
+PLANE = wp.constant(0)
+SPHERE = wp.constant(1)
+CAPSULE = wp.constant(2)
+ELLIPSOID = wp.constant(3)
+CYLINDER = wp.constant(4)
+BOX = wp.constant(5)
+TRIANGLES = wp.constant(6)
+
+MINIMUM = wp.constant(1.0e-15)  # MuJoCo's mjMINVAL: a ray less steep than this runs along a plane
+
+
+@wp.func
+def no_interval() -> wp.vec2:
+    return wp.vec2(wp.inf, -wp.inf)
+
+
+@wp.func
+def first_hit(interval: wp.vec2, cull: int) -> float:
+    """Where a ray first meets a solid that it crosses in the interval: entry, else exit, else +inf."""
+    if interval[0] > interval[1]:
+        return wp.inf
+    if interval[0] >= 0.0 and cull != CULL_FRONT:
+        return interval[0]
+    if interval[1] >= 0.0 and cull != CULL_BACK:
+        return interval[1]
+    return wp.inf
+
+
+@wp.func
+def overlap(a: wp.vec2, b: wp.vec2) -> wp.vec2:
+    t_in = wp.max(a[0], b[0])
+    t_out = wp.min(a[1], b[1])
+    if t_in > t_out:
+        return no_interval()
+    return wp.vec2(t_in, t_out)
+
+
+@wp.func
+def hull(a: wp.vec2, b: wp.vec2) -> wp.vec2:
+    """The least interval with a and b in it, where one that is empty counts for nothing."""
+    return wp.vec2(wp.min(a[0], b[0]), wp.max(a[1], b[1]))
+
+
+@wp.func
+def sphere_interval(o: wp.vec3, d: wp.vec3, radius: float) -> wp.vec2:
+    """|o + t d| = r for a unit d, in the form that keeps its digits for small and far spheres.
+
+    The discriminant is r^2 - |l|^2 with l = o - (o . d) d, the ray's nearest point to the centre, instead of the
+    difference of two large squares; of the two roots the larger in size is computed, q, and the other is
+    (|o|^2 - r^2) / q. (Haines et al., "Precision improvements for ray/sphere intersection", Ray Tracing Gems, 2019.)
+    """
+    b = wp.dot(o, d)
+    nearest = wp.length(o - b * d)
+    discriminant = (radius - nearest) * (radius + nearest)
+    if not (discriminant >= 0.0):
+        return no_interval()
+    half = wp.sqrt(discriminant)
+    distance = wp.length(o)
+    c = (distance - radius) * (distance + radius)
+    if b <= 0.0:
+        q = half - b
+        return wp.vec2(wp.where(q > 0.0, c / q, 0.0), q)
+    q = -half - b
+    return wp.vec2(q, c / q)
+
+
+@wp.func
+def ellipsoid_interval(o: wp.vec3, d: wp.vec3, radii: wp.vec3) -> wp.vec2:
+    """The unit sphere, after dividing each axis by its radius; distances shrink by |d / radii|."""
+    scaled = wp.cw_div(d, radii)
+    scale = wp.length(scaled)
+    interval = sphere_interval(wp.cw_div(o, radii), scaled / scale, 1.0)
+    return interval / scale
+
+
+@wp.func
+def slab_interval(o: float, d: float, half: float) -> wp.vec2:
+    """Where |o + t d| <= half."""
+    if d == 0.0:
+        if wp.abs(o) <= half:
+            return wp.vec2(-wp.inf, wp.inf)
+        return no_interval()
+    a = (-half - o) / d
+    b = (half - o) / d
+    return wp.vec2(wp.min(a, b), wp.max(a, b))
+
+
+@wp.func
+def cylinder_interval(o: wp.vec3, d: wp.vec3, radius: float, half: float) -> wp.vec2:
+    """The circle x^2 + y^2 = r^2, solved as a sphere in the plane, cut by the slab |z| <= half."""
+    slab = slab_interval(o[2], d[2], half)
+    flat = wp.vec3(d[0], d[1], 0.0)
+    speed = wp.length(flat)
+    across = wp.vec3(o[0], o[1], 0.0)
+    if speed == 0.0:
+        if wp.length(across) <= radius:
+            return slab
+        return no_interval()
+    return overlap(sphere_interval(across, flat / speed, radius) / speed, slab)
+
+
+@wp.func
+def capsule_interval(o: wp.vec3, d: wp.vec3, radius: float, half: float) -> wp.vec2:
+    """The cylinder and its two end spheres overlap and their union is convex: the hull of the three intervals."""
+    end = wp.vec3(0.0, 0.0, half)
+    ends = hull(sphere_interval(o - end, d, radius), sphere_interval(o + end, d, radius))
+    return hull(ends, cylinder_interval(o, d, radius, half))
+
+
+@wp.func
+def box_interval(o: wp.vec3, d: wp.vec3, half: wp.vec3) -> wp.vec2:
+    """The common part of three slabs."""
+    xy = overlap(slab_interval(o[0], d[0], half[0]), slab_interval(o[1], d[1], half[1]))
+    return overlap(xy, slab_interval(o[2], d[2], half[2]))
+
+
+@wp.func
+def intersect_plane(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
+    """Distance to the plane z = 0 from above, +inf from below, off its rectangle, or where culled."""
+    if not (d[2] < -MINIMUM and o[2] >= 0.0) or cull == CULL_FRONT:
+        return wp.inf
+    t = -o[2] / d[2]
+    inside_x = size[0] <= 0.0 or wp.abs(o[0] + t * d[0]) <= size[0]
+    inside_y = size[1] <= 0.0 or wp.abs(o[1] + t * d[1]) <= size[1]
+    return wp.where(inside_x and inside_y, t, wp.inf)
+
+
+@wp.func
+def intersect_closed_form(kind: int, size: wp.vec3, o: wp.vec3, d: wp.vec3, cull: int) -> float:
+    """Distance along the unit direction d to the surface of one closed-form geom, +inf on a miss."""
+    if kind == PLANE:
+        return intersect_plane(o, d, size, cull)
+    interval = no_interval()
+    if kind == SPHERE:
+        interval = sphere_interval(o, d, size[0])
+    elif kind == CAPSULE:
+        interval = capsule_interval(o, d, size[0], size[1])
+    elif kind == ELLIPSOID:
+        interval = ellipsoid_interval(o, d, size)
+    elif kind == CYLINDER:
+        interval = cylinder_interval(o, d, size[0], size[1])
+    elif kind == BOX:
+        interval = box_interval(o, d, size)
+    return first_hit(interval, cull)
+
+
+@wp.func
+def cylinder_normal(p: wp.vec3, radius: float, half: float) -> wp.vec3:
+    """Of the side and the caps, the surface that p lies nearer to."""
+    across = wp.vec3(p[0], p[1], 0.0)
+    if wp.abs(p[2]) - half > wp.length(across) - radius:
+        return wp.vec3(0.0, 0.0, wp.sign(p[2]))
+    return wp.normalize(across)
+
+
+@wp.func
+def box_normal(p: wp.vec3, half: wp.vec3) -> wp.vec3:
+    """Of the six faces, the one that p lies nearest to."""
+    gap = wp.abs(p) - half
+    if gap[0] >= gap[1] and gap[0] >= gap[2]:
+        return wp.vec3(wp.sign(p[0]), 0.0, 0.0)
+    if gap[1] >= gap[2]:
+        return wp.vec3(0.0, wp.sign(p[1]), 0.0)
+    return wp.vec3(0.0, 0.0, wp.sign(p[2]))
+
+
+@wp.func
+def closed_form_normal(kind: int, size: wp.vec3, p: wp.vec3) -> wp.vec3:
+    """Unit outward normal of a closed-form geom at the point p of its surface."""
+    if kind == SPHERE:
+        return wp.normalize(p)
+    if kind == CAPSULE:
+        return wp.normalize(p - wp.vec3(0.0, 0.0, wp.clamp(p[2], -size[1], size[1])))
+    if kind == ELLIPSOID:
+        # the gradient of (x / a)^2 + (y / b)^2 + (z / c)^2, scaled against overflow
+        return wp.normalize(wp.cw_div(wp.cw_div(p, size), size / wp.max(size)))
+    if kind == CYLINDER:
+        return cylinder_normal(p, size[0], size[1])
+    if kind == BOX:
+        return box_normal(p, size)
+    return wp.vec3(0.0, 0.0, 1.0)

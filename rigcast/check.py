@@ -1,0 +1,181 @@
+"""A rig against MuJoCo: every sensor's rays in several states of the simulation, judged by mj_ray."""
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from rigcast import oracle
+from rigcast.oracle import Comparison, RayHits, Verdict
+from rigcast.sensors.rig import Rig
+
+NO_GEOM = "none"  # rays that miss, and are expected to
+WRONG_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class Row:
+    """The rays of one sensor at one type of geom.
+
+    Errors are |t - t_ref| [m] of rays that agree on a hit, and the same over the bound that agreeing allows;
+    0 where there are none.
+    """
+
+    sensor: str
+    geom_type: str
+    rays: int
+    agree: int
+    edge: int
+    wrong: int
+    worst_error: float
+    p999_error: float
+    worst_of_bound: float
+    p999_of_bound: float
+
+
+@dataclass(frozen=True)
+class Hit:
+    """What a ray met: distance [m], geom, outward normal. A miss has no distance, geom -1 and normal 0."""
+
+    distance: float | None
+    geom_id: int
+    geom: str | None
+    normal: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class WrongRay:
+    """All that replays a wrong ray: the state, by steps and time [s], and the ray in the world frame.
+
+    ray is its index in the sensor's reading, for instance (row, column).
+    """
+
+    sensor: str
+    step: int
+    time: float
+    ray: tuple[int, ...]
+    origin: tuple[float, ...]
+    direction: tuple[float, ...]
+    got: Hit
+    expected: Hit
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a check found: rows by sensor and geom type, the first few wrong rays, the times checked [s]."""
+
+    rows: tuple[Row, ...]
+    wrong_rays: tuple[WrongRay, ...]
+    times: tuple[float, ...]
+
+    def total(self, field: str) -> int:
+        """Return the sum over all rows of `rays`, `agree`, `edge` or `wrong`."""
+        return sum(getattr(row, field) for row in self.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The judged rays of one sensor in one state; index (n,) is the place of each in the flat reading."""
+
+    sensor: str
+    step: int
+    time: float
+    shape: tuple[int, ...]
+    index: npt.NDArray[np.intp]
+    origins: npt.NDArray[np.float64]
+    directions: npt.NDArray[np.float64]
+    found: Comparison
+
+
+def check(
+    rig: Rig,
+    data: mujoco.MjData,
+    *,
+    rays: int = 20_000,
+    states: int = 5,
+    duration: float = 1.0,
+    seed: int = 0,
+) -> Report:
+    """Cast a rig's rays in states from `data` on, which is stepped, and judge each by mj_ray.
+
+    rays: about how many in all, shared evenly among sensors and states and drawn at random from each reading;
+    a sensor that has fewer is checked whole. states: how many, evenly over `duration` [s].
+    """
+    parts: list[_Part] = []
+    rng = np.random.default_rng(seed)
+    quota = max(1, rays // (states * len(rig.sensors)))
+    for step in _states(rig.model, data, states, duration):
+        parts += [_judge(rig, data, spec.name, step, quota, rng) for spec in rig.sensors]
+    rows = [row for spec in rig.sensors for row in _rows(rig.model, [p for p in parts if p.sensor == spec.name])]
+    wrong = [_wrong_ray(rig.model, part, ray) for part in parts for ray in part.found.where(Verdict.WRONG)]
+    return Report(tuple(rows), tuple(wrong[:WRONG_SHOWN]), tuple(dict.fromkeys(part.time for part in parts)))
+
+
+def _states(model: mujoco.MjModel, data: mujoco.MjData, states: int, duration: float) -> Iterator[int]:
+    """Step the data from state to state, yielding the number of steps made so far."""
+    previous = 0
+    for step in np.rint(np.linspace(0, duration, states) / model.opt.timestep).astype(int).tolist():
+        for _ in range(step - previous):
+            mujoco.mj_step(model, data)
+        previous = step
+        yield step
+
+
+def _judge(rig: Rig, data: mujoco.MjData, sensor: str, step: int, quota: int, rng: np.random.Generator) -> _Part:
+    """Cast all of a sensor's rays, judge at most `quota` of them."""
+    rays, hits = rig.rays(data, [sensor])[sensor], rig.cast(data, [sensor])[sensor].numpy()
+    shape = hits.distance.shape
+    count = hits.distance.size
+    index = np.sort(rng.choice(count, min(quota, count), replace=False))
+    directions = rays.directions.reshape(-1, 3)[index]
+    origins = np.broadcast_to(rays.origins, rays.directions.shape).reshape(-1, 3)[index]
+    got = RayHits.of(hits).take(index)
+    spec = next(spec for spec in rig.sensors if spec.name == sensor)
+    found = oracle.compare(rig.model, _posed(rig.model, data), origins, directions, got, spec.filter)
+    return _Part(sensor, step, data.time, shape, index, origins, directions, found)
+
+
+def _posed(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    """Return a copy whose poses are those of `data.time`: mj_step leaves them one step behind."""
+    posed = copy.copy(data)
+    mujoco.mj_kinematics(model, posed)
+    return posed
+
+
+def _rows(model: mujoco.MjModel, parts: list[_Part]) -> Iterator[Row]:
+    """Yield one sensor's rows, by geom type."""
+    geom = np.concatenate([part.found.geom_ids() for part in parts])
+    verdict = np.concatenate([part.found.verdict for part in parts])
+    error = np.concatenate([part.found.error for part in parts])
+    scaled = np.concatenate([part.found.scaled for part in parts])
+    kind = np.where(geom >= 0, model.geom_type[geom], -1)
+    for one in np.unique(kind):
+        of, good = kind == one, (kind == one) & (verdict == Verdict.AGREE)
+        counts = [int((verdict[of] == each).sum()) for each in Verdict]
+        errors = [*_worst_and_p999(error[good]), *_worst_and_p999(scaled[good])]
+        yield Row(parts[0].sensor, geom_type_name(int(one)), int(of.sum()), *counts, *errors)
+
+
+def _worst_and_p999(values: npt.NDArray[np.float64]) -> tuple[float, float]:
+    return (float(values.max()), float(np.quantile(values, 0.999))) if values.size else (0.0, 0.0)
+
+
+def geom_type_name(kind: int) -> str:
+    """Return MuJoCo's name of a geom type as MJCF writes it, "none" for -1."""
+    return NO_GEOM if kind < 0 else mujoco.mjtGeom(kind).name.removeprefix("mjGEOM_").lower()
+
+
+def _wrong_ray(model: mujoco.MjModel, part: _Part, ray: int) -> WrongRay:
+    place = tuple(int(i) for i in np.unravel_index(part.index[ray], part.shape))
+    start, towards = tuple(part.origins[ray].tolist()), tuple(part.directions[ray].tolist())
+    got, expected = (_hit(model, hits, ray) for hits in (part.found.got, part.found.expected))
+    return WrongRay(part.sensor, part.step, part.time, place, start, towards, got, expected)
+
+
+def _hit(model: mujoco.MjModel, hits: RayHits, ray: int) -> Hit:
+    distance, geom = float(hits.distance[ray]), int(hits.geom_id[ray])
+    name = (model.geom(geom).name or None) if 0 <= geom < model.ngeom else None
+    return Hit(distance if np.isfinite(distance) else None, geom, name, tuple(hits.normal[ray].tolist()))

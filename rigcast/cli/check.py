@@ -1,0 +1,97 @@
+"""`rigcast check`: cast a rig's rays and compare each with MuJoCo's own."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from rigcast.check import Hit, Report, Row, WrongRay
+from rigcast.check import check as check_rig
+from rigcast.cli.kernels import ready_rig
+from rigcast.cli.run import initial_data
+from rigcast.config import open_rig
+from rigcast.export.files import replacing
+
+COUNTS = ("rays", "agree", "edge", "wrong")
+
+
+def check(
+    rig: Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)],
+    model: Annotated[Path | None, typer.Option(help="MJCF model in place of the rig's own")] = None,
+    rays: Annotated[int, typer.Option(min=1, help="rays in all, over sensors and states")] = 20_000,
+    json_file: Annotated[Path | None, typer.Option("--json", help="file to write the result to")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+) -> None:
+    """Compare every sensor's rays with mj_ray. Exits with 1 when a ray is wrong."""
+    console = Console(highlight=False)
+    config, compiled = open_rig(rig, model)
+    data = initial_data(compiled, config.keyframe)
+    loaded = ready_rig(console, config, compiled, data, device)
+    report = check_rig(loaded, data, rays=rays)
+    console.print(_table(report))
+    for wrong in report.wrong_rays:
+        console.print(escape(_sentence(wrong)), soft_wrap=True)
+    console.print(escape(_verdict(rig, report)), soft_wrap=True)
+    if json_file is not None:
+        with replacing(json_file) as temporary:
+            temporary.write_text(as_json(rig, report))
+    if report.total("wrong"):
+        raise typer.Exit(1)
+
+
+def as_json(rig: Path, report: Report) -> str:
+    """Return the report as JSON: totals, rows, wrong rays. A distance of null is a miss."""
+    totals = {name: report.total(name) for name in COUNTS}
+    return json.dumps({"rig": str(rig), **totals, **asdict(report)}, indent=1, allow_nan=False) + "\n"
+
+
+def _table(report: Report) -> Table:
+    table = Table("sensor", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.caption = "worst, 99.9 %: |t - t_ref| [µm] of rays that agree"
+    table.add_column("geom", no_wrap=True)
+    for column in ("rays", "agree", "edge band", "wrong", "worst", "99.9 %", "of allowed"):
+        table.add_column(column, justify="right", no_wrap=True)
+    previous = None
+    for row in report.rows:
+        if previous not in (None, row.sensor):
+            table.add_section()
+        table.add_row("" if row.sensor == previous else escape(row.sensor), row.geom_type, *_cells(row))
+        previous = row.sensor
+    return table
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    counts = [f"{getattr(row, name)}" for name in COUNTS]
+    if row.wrong:
+        counts[-1] = f"[bold red]{counts[-1]}[/]"
+    return (*counts, f"{row.worst_error * 1e6:.2f}", f"{row.p999_error * 1e6:.2f}", f"{row.worst_of_bound:.1%}")
+
+
+def _sentence(wrong: WrongRay) -> str:
+    """Return a wrong ray in full, so that it can be cast again."""
+    return (
+        f"wrong: {wrong.sensor}, ray {list(wrong.ray)}, after {wrong.step} steps, t = {wrong.time:.17g} s\n"
+        f"  from {list(wrong.origin)} along {list(wrong.direction)}\n"
+        f"  got      {_hit(wrong.got)}\n"
+        f"  expected {_hit(wrong.expected)}"
+    )
+
+
+def _hit(hit: Hit) -> str:
+    if hit.geom_id < 0 and hit.distance is None:
+        return "no hit"
+    name = f" {hit.geom!r}" if hit.geom else ""
+    distance = "no distance" if hit.distance is None else f"{hit.distance:.9g} m"
+    return f"{distance}, geom {hit.geom_id}{name}, normal {[round(x, 6) for x in hit.normal]}"
+
+
+def _verdict(rig: Path, report: Report) -> str:
+    rays, edge, wrong = (report.total(name) for name in ("rays", "edge", "wrong"))
+    band = f"{edge} in the edge band ({edge / rays:.3%})"
+    return f"{rig}: {wrong or 'no'} wrong of {rays} rays in {len(report.times)} states, {band}"

@@ -1,0 +1,43 @@
+"""Building a rig for a command: Warp kept quiet, and a word where its kernels must be compiled first."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Timer
+
+import mujoco
+import warp as wp
+from rich.console import Console
+
+from rigcast.config import RigConfig
+from rigcast.sensors.rig import Rig
+
+_PATIENCE = 1.5  # s; cached kernels load in less
+
+
+def ready_rig(
+    console: Console,
+    config: RigConfig,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    device: str | None,
+    seed: int | None = None,
+) -> Rig:
+    """The rig of a file with its kernels compiled: it has cast once, into the state of `data`."""
+    if hasattr(wp.config, "log_level"):
+        wp.config.log_level = wp.LOG_WARNING
+    else:
+        wp.config.quiet = True
+    with _word_if_slow(console, "compiling kernels, on first use only: about 20 s"):
+        rig = config.build(model, device, seed)
+        rig.sense(data)
+    return rig
+
+
+@contextmanager
+def _word_if_slow(console: Console, word: str) -> Iterator[None]:
+    timer = Timer(_PATIENCE, console.print, [word])
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

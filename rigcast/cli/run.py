@@ -1,0 +1,201 @@
+"""`rigcast run`: step the simulation, write every frame that falls due, say what was written."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated
+
+import mujoco
+import numpy as np
+import typer
+from rich.console import Console
+from rich.filesize import decimal
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from rigcast.cli.kernels import ready_rig
+from rigcast.config import open_rig
+from rigcast.export.recorder import INDEX_NAME, Recorder
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.rig import Rig
+from rigcast.sensors.sensor_spec import SensorSpec
+
+_DIVERGED = {
+    mujoco.mjtWarning.mjWARN_BADQPOS: "position",
+    mujoco.mjtWarning.mjWARN_BADQVEL: "velocity",
+    mujoco.mjtWarning.mjWARN_BADQACC: "acceleration",
+}
+
+
+def run(
+    rig: Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)],
+    model: Annotated[Path | None, typer.Option(help="MJCF model in place of the rig's own")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<rig>]")] = None,
+    duration: Annotated[float, typer.Option(help="time to simulate, s")] = 3.0,
+    formats: Annotated[
+        str | None,
+        typer.Option("--format", help="of exr,ply,npz  [default: exr for cameras, ply for the others]"),
+    ] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")] = None,
+) -> None:
+    """Run a rig on its model and write what its sensors see."""
+    console = Console(highlight=False)
+    began = perf_counter()
+    config, compiled = open_rig(rig, model)
+    steps = step_count(compiled, duration)
+    folder = Path("out") / rig.stem if out is None else out
+    data = initial_data(compiled, config.keyframe)
+    loaded = ready_rig(console, config, compiled, data, device, seed)
+    recorder = Recorder(folder, compiled, config.sensors, None if formats is None else split_formats(formats))
+    names = ", ".join(spec.name for spec in config.sensors)
+    _say(console, f"{rig}: {names}; {duration:g} s on {loaded.scene.device}, to {folder}")
+    spent = Spent(loading=perf_counter() - began)
+    try:
+        with progress(console, steps * compiled.opt.timestep) as report:
+            simulate(loaded, data, steps, recorder, spent, report)
+    finally:
+        finishing = perf_counter()
+        recorder.finish()
+        spent.writing += perf_counter() - finishing
+    console.print(summary(config.sensors, recorder))
+    _say(console, f"{folder / INDEX_NAME}: index of all {recorder.frames} frames")
+    _say(console, f"{spent.sentence()}, {perf_counter() - began:.1f} s in all")
+
+
+@dataclass
+class Spent:
+    """Wall-clock seconds of a run, by what they were spent on."""
+
+    loading: float = 0.0
+    stepping: float = 0.0
+    sensing: float = 0.0
+    writing: float = 0.0
+
+    def sentence(self) -> str:
+        return (
+            f"loading {self.loading:.1f} s, physics {self.stepping:.1f} s, "
+            f"casting {self.sensing:.1f} s, writing {self.writing:.1f} s"
+        )
+
+
+def split_formats(text: str) -> list[str]:
+    """`"exr, ply"` as `["exr", "ply"]`."""
+    return [name.strip().lower() for name in text.split(",") if name.strip()]
+
+
+def step_count(model: mujoco.MjModel, duration: float) -> int:
+    """Steps of the model's timestep that make up `duration` [s], at least one."""
+    if not (np.isfinite(duration) and duration > 0.0):
+        raise InputError(f"--duration: got {duration}, expected a positive number of seconds")
+    return max(1, round(duration / float(model.opt.timestep)))
+
+
+def initial_data(model: mujoco.MjModel, keyframe: str | None) -> mujoco.MjData:
+    """Fresh data at the named keyframe, or at the model's own initial state."""
+    data = mujoco.MjData(model)
+    if keyframe is not None:
+        mujoco.mj_resetDataKeyframe(model, data, model.key(keyframe).id)
+    return data
+
+
+def simulate(
+    rig: Rig,
+    data: mujoco.MjData,
+    steps: int,
+    recorder: Recorder,
+    spent: Spent,
+    report: Callable[[float, int], None],
+) -> None:
+    """Step the model, sense after every step and write the frames that fell due.
+
+    `report` is called after every step with the time simulated [s] and the frames written so far.
+
+    Raises:
+        InputError: the simulation diverged, or a file cannot be written. Earlier frames are whole.
+    """
+    for step in range(1, steps + 1):
+        start = perf_counter()
+        time = data.time
+        mujoco.mj_step(rig.model, data)
+        _refuse_divergence(rig.model, data, time, recorder)
+        stepped = perf_counter()
+        frames = rig.step(data)
+        sensed = perf_counter()
+        for frame in frames:
+            recorder.write(frame)
+        spent.stepping += stepped - start
+        spent.sensing += sensed - stepped
+        spent.writing += perf_counter() - sensed
+        report(step * rig.model.opt.timestep, recorder.frames)
+
+
+def _refuse_divergence(model: mujoco.MjModel, data: mujoco.MjData, time: float, recorder: Recorder) -> None:
+    """MuJoCo answers NaN and huge values with a warning, and by starting over from its initial state."""
+    for warning, quantity in _DIVERGED.items():
+        if data.warning[warning].number:
+            index = data.warning[warning].lastinfo
+            joints = model.jnt_qposadr if warning == mujoco.mjtWarning.mjWARN_BADQPOS else model.jnt_dofadr
+            joint = int(np.searchsorted(joints, index, side="right")) - 1
+            name = model.joint(joint).name or f"joint_{joint}"
+            raise InputError(
+                f"the simulation diverged at t = {time:.6g} s: NaN, infinite or huge {quantity} "
+                f"of joint {name!r}; {recorder.frames} frames from before are in {recorder.folder}"
+            )
+
+
+@contextmanager
+def progress(console: Console, duration: float) -> Iterator[Callable[[float, int], None]]:
+    """Yield what to call with the time simulated [s] and the frames written.
+
+    On a terminal that moves a bar; elsewhere it prints a line at every quarter of the way.
+    """
+    if console.is_terminal:
+        with _bar(console) as bar:
+            task = bar.add_task("simulating", total=duration, frames=0)
+            yield lambda time, frames: bar.update(task, completed=time, frames=frames)
+    else:
+        yield _quarterly(console, duration)
+
+
+def _bar(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.2f} of {task.total:.2f} s  {task.fields[frames]} frames  remaining"),
+        TimeRemainingColumn(),
+        console=console,
+    )
+
+
+def _quarterly(console: Console, duration: float) -> Callable[[float, int], None]:
+    quarters = 0
+
+    def report(time: float, frames: int) -> None:
+        nonlocal quarters
+        if int(4.0 * time / duration + 1e-9) > quarters:
+            quarters = int(4.0 * time / duration + 1e-9)
+            console.print(f"simulated {time:.2f} of {duration:.2f} s, {frames} frames")
+
+    return report
+
+
+def summary(sensors: Sequence[SensorSpec], recorder: Recorder) -> Table:
+    """What has been written of every sensor, as a table; a sensor that was never due says so."""
+    table = Table("sensor", "type")
+    for column in ("frames", "files", "size"):
+        table.add_column(column, justify="right")
+    table.add_column("in", overflow="fold")
+    for spec in sensors:
+        output = recorder.outputs[spec.name]
+        folder = str(output.folder) if output.frames else "(no frame fell due)"
+        counts = (str(output.frames), str(output.files), decimal(output.size))
+        table.add_row(spec.name, spec.type, *counts, escape(folder))
+    return table
+
+
+def _say(console: Console, line: str) -> None:
+    console.print(escape(line), soft_wrap=True)

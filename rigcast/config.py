@@ -1,0 +1,191 @@
+"""Rig files: from YAML to a rig on a MuJoCo model, with every mistake shown where it is in the file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import mujoco
+from pydantic import Field, TypeAdapter, ValidationError, field_validator
+
+from rigcast.sensors.depth_camera import DepthCamera
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.faults import Fault, faults_of
+from rigcast.sensors.height_scan import HeightScan
+from rigcast.sensors.lidar import Lidar
+from rigcast.sensors.names import expected_one_of, model_names
+from rigcast.sensors.sensor_spec import SensorSpec
+from rigcast.sensors.spec import Spec
+
+from .yaml_positions import YamlFile, read_yaml
+
+if TYPE_CHECKING:
+    from rigcast.sensors.rig import Rig
+
+AnySensor = Annotated[Lidar | DepthCamera | HeightScan, Field(discriminator="type")]
+_SENSOR: TypeAdapter[AnySensor] = TypeAdapter(AnySensor)
+
+
+class RigFile(Spec):
+    """A rig: the sensors that are mounted on one MuJoCo model."""
+
+    model: str | None = Field(
+        default=None, description="the MuJoCo model, MJCF, URDF or MJB; a path relative to this file"
+    )
+    seed: int = Field(default=0, ge=0, lt=2**63, description="seed of all random numbers")
+    keyframe: str | None = Field(default=None, description="name of the keyframe at which a run begins")
+    on_unsupported: Literal["error", "warn"] = Field(
+        default="error", description="what to do about geometry that rays cannot hit: refuse it, or leave it out"
+    )
+    sensors: tuple[AnySensor, ...] = Field(
+        description="the sensors, each with a name of its own", json_schema_extra={"minItems": 1}
+    )
+
+    @field_validator("sensors")
+    @classmethod
+    def _some(cls, sensors: tuple[SensorSpec, ...]) -> tuple[SensorSpec, ...]:
+        if not sensors:
+            raise ValueError("must have at least 1 sensor, got none")
+        return sensors
+
+
+@dataclass(frozen=True)
+class RigConfig:
+    """What a rig file says. `model` is resolved against the file's folder; None where the file names none."""
+
+    path: Path
+    model: Path | None
+    seed: int
+    keyframe: str | None
+    on_unsupported: Literal["error", "warn"]
+    sensors: tuple[AnySensor, ...]
+
+    def build(self, model: mujoco.MjModel, device: str | None = None, seed: int | None = None) -> "Rig":
+        """The rig on its compiled model. seed: in place of the file's."""
+        from rigcast.sensors.rig import Rig  # here, as reading and checking files needs no Warp
+
+        own_seed = self.seed if seed is None else seed
+        return Rig(model, self.sensors, device, own_seed, on_unsupported=self.on_unsupported)
+
+
+def read_rig(path: str | Path) -> RigConfig:
+    """Read and check a rig file by itself, without its model.
+
+    Raises InputError with every fault of the file, each as `path:line:col: sensors[0].mount.bdy: what is
+    wrong` with the line below it.
+    """
+    document = read_yaml(Path(path))
+    faults = _faults(document.content)
+    if faults:
+        raise document.error(faults)
+    return _config(document)
+
+
+def open_rig(path: str | Path, model: mujoco.MjModel | str | Path | None = None) -> tuple[RigConfig, mujoco.MjModel]:
+    """Read a rig file, compile its model (or take `model` instead) and check one against the other.
+
+    Raises InputError with every fault of the file, as `read_rig` does, among them the names that the model
+    does not have, even where other parts of the file are at fault.
+    """
+    given = compile_model(Path(model)) if isinstance(model, str | Path) else model
+    document = read_yaml(Path(path))
+    faults = _faults(document.content)
+    compiled, model_faults = (given, []) if given is not None else _own_model(document, faults)
+    if compiled is not None:
+        faults += _binding_faults(document.content, faults, compiled)
+    if compiled is None or faults:
+        raise document.error(faults + model_faults)
+    return _config(document), compiled
+
+
+def load_rig(
+    path: str | Path,
+    model: mujoco.MjModel | str | Path | None = None,
+    device: str | None = None,
+    seed: int | None = None,
+) -> "Rig":
+    """The rig of a YAML file, ready to sense.
+
+    model: an MjModel, or the path of one, in place of the file's own `model:`. device: "cpu", "cuda:0", ...;
+    None picks CUDA if present. seed: in place of the file's. Raises InputError as `open_rig` does.
+
+    >>> rig = load_rig("rig.yaml")
+    >>> frames = rig.sense(data)
+    """
+    config, compiled = open_rig(path, model)
+    return config.build(compiled, device, seed)
+
+
+def compile_model(path: Path) -> mujoco.MjModel:
+    """The MuJoCo model in an MJCF, URDF or MJB file. Raises InputError for a missing or faulty one."""
+    if not path.is_file():
+        raise InputError(f"model {path} is not a file")
+    load = mujoco.MjModel.from_binary_path if path.suffix == ".mjb" else mujoco.MjModel.from_xml_path
+    try:
+        return load(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        reason = "; ".join(str(error).splitlines())
+        raise InputError(f"model {path} does not compile: {reason}") from None
+
+
+def _faults(content: Any) -> list[Fault]:
+    """What is wrong with the content of a rig file in itself."""
+    try:
+        RigFile.model_validate(content)
+    except ValidationError as error:
+        return faults_of(error, RigFile) + _repeated_names(content)
+    return _repeated_names(content)
+
+
+def _repeated_names(content: Any) -> list[Fault]:
+    first: dict[str, int] = {}
+    faults = []
+    for i, sensor in enumerate(_raw_sensors(content)):
+        name = sensor.get("name") if isinstance(sensor, dict) else None
+        if isinstance(name, str) and first.setdefault(name, i) != i:
+            message = f"{name!r} is the name of sensors[{first[name]}] already, expected another"
+            faults.append(Fault(("sensors", i, "name"), message))
+    return faults
+
+
+def _raw_sensors(content: Any) -> Sequence[Any]:
+    sensors = content.get("sensors") if isinstance(content, dict) else None
+    return sensors if isinstance(sensors, list) else []
+
+
+def _own_model(document: YamlFile, faults: list[Fault]) -> tuple[mujoco.MjModel | None, list[Fault]]:
+    """The model that the file names, or what is wrong with it beyond the known `faults`."""
+    if any(fault.where[:1] in ((), ("model",)) for fault in faults):
+        return None, []
+    name = document.content.get("model")
+    if name is None:
+        return None, [Fault((), "model: required, as no model was given otherwise")]
+    try:
+        return compile_model(document.path.parent / name), []
+    except InputError as error:
+        return None, [Fault(("model",), str(error))]
+
+
+def _binding_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> list[Fault]:
+    """What the model lacks, for the sensors that have no `faults` in themselves."""
+    unsound = {fault.where[1] for fault in faults if fault.where[:1] == ("sensors",) and len(fault.where) > 1}
+    unbound = _keyframe_faults(content, model)
+    for i, raw in enumerate(_raw_sensors(content)):
+        if i not in unsound:
+            sensor = _SENSOR.validate_python(raw)
+            unbound += [fault.under("sensors", i) for fault in sensor.faults(model)]
+    return unbound
+
+
+def _keyframe_faults(content: Any, model: mujoco.MjModel) -> list[Fault]:
+    name = content.get("keyframe") if isinstance(content, dict) else None
+    if not isinstance(name, str) or mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, name) >= 0:
+        return []
+    names = model_names(model, mujoco.mjtObj.mjOBJ_KEY, model.nkey)
+    return [Fault(("keyframe",), f"no keyframe {name!r} in the model, {expected_one_of(name, names)}")]
+
+
+def _config(document: YamlFile) -> RigConfig:
+    file = RigFile.model_validate(document.content)
+    model = None if file.model is None else document.path.parent / file.model
+    return RigConfig(document.path, model, file.seed, file.keyframe, file.on_unsupported, file.sensors)

@@ -1,0 +1,6 @@
+"""The judge of every cast: MuJoCo's `mj_ray`, and the one definition of a wrong ray (see `judge`)."""
+
+from rigcast.oracle.judge import Comparison, Verdict, compare
+from rigcast.oracle.ray import Oracle, RayHits, cast
+
+__all__ = ["Comparison", "Oracle", "RayHits", "Verdict", "cast", "compare"]

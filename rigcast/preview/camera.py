@@ -1,0 +1,55 @@
+"""A depth camera's frame as a picture: its depth with a scale, and small its normals and geoms."""
+
+import numpy as np
+from PIL import Image
+
+from rigcast.preview.colour import FAINT, Scale, id_colours, normal_colours
+from rigcast.preview.page import (
+    BAR_SPACE,
+    CAPTION_HEIGHT,
+    LEGEND_HEIGHT,
+    MARGIN,
+    TITLE_HEIGHT,
+    WIDTH,
+    Page,
+    seconds,
+)
+from rigcast.sensors.frame import CameraFrame
+
+_MAIN = (720, 640)  # the box that the depth picture is fitted into, pixels
+_SMALL_WIDTH = WIDTH - 2 * MARGIN - _MAIN[0] - BAR_SPACE - MARGIN
+
+
+def draw_camera(frame: CameraFrame) -> Image.Image:
+    """Draw z-depth over the 1st to 96th percentile; beside it normals (optical frame) and geom ids."""
+    depth = frame.depth.numpy()
+    rows, columns = depth.shape
+    width, height = _fit(columns, rows, _MAIN)
+    small = _fit(columns, rows, (_SMALL_WIDTH, (height - CAPTION_HEIGHT) // 2))
+    top = TITLE_HEIGHT + CAPTION_HEIGHT
+    title = f"{frame.sensor} · depth camera {columns} x {rows} · {seconds(frame.time)}"
+    page = Page(
+        top + height + LEGEND_HEIGHT,
+        title,
+        "last frame of the run · z-depth in metres, near is warm, the farthest 4 % are of one colour",
+    )
+
+    scale = Scale.of(depth, reverse=True)
+    page.picture(MARGIN, top, scale.colours(depth), (width, height))
+    page.colour_bar(MARGIN + width + 14, top, height, scale, "depth [m]")
+    page.legend(MARGIN, top + height + LEGEND_HEIGHT // 2, depth)
+
+    left, below = WIDTH - MARGIN - small[0], top + height - small[1]
+    page.text(left, top - 8, "normals", size=16, colour=FAINT, anchor="ls")
+    page.picture(left, top, normal_colours(frame.normal.numpy()), small)
+    geoms = frame.geom_id.numpy()
+    seen = np.unique(geoms[geoms >= 0]).size
+    page.text(left, below - 8, f"geoms, {seen} in view", size=16, colour=FAINT, anchor="ls")
+    page.picture(left, below, id_colours(geoms), small)
+    return page.image
+
+
+def _fit(columns: int, rows: int, box: tuple[int, int]) -> tuple[int, int]:
+    """The largest (width, height) within `box` that keeps the pixels square, at least one pixel each way."""
+    factor = min(box[0] / columns, box[1] / rows)
+    return max(1, round(columns * factor)), max(1, round(rows * factor))

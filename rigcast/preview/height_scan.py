@@ -1,0 +1,49 @@
+"""A height scan's frame as a picture: the grid from above, coloured by height."""
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from rigcast.preview.colour import FAINT, Scale
+from rigcast.preview.page import CAPTION_HEIGHT, LEGEND_HEIGHT, MARGIN, TITLE_HEIGHT, Page, seconds
+from rigcast.sensors.frame import Frame
+from rigcast.sensors.pattern import Pattern
+
+_BOX = (940, 640)  # what the grid is fitted into, pixels
+
+
+def draw_height_scan(frame: Frame, pattern: Pattern) -> Image.Image:
+    """Draw the height of the hits in the sensor's frame, x forward up, y to the left."""
+    distance = frame.range.numpy().ravel()
+    height = np.where(np.isfinite(distance), frame.points.numpy().reshape(-1, 3)[:, 2], distance)
+    grid, extent = _grid(pattern, height)
+    rows, columns = grid.shape
+    cell = max(1, min(_BOX[0] // columns, _BOX[1] // rows))
+    size = (columns * cell, rows * cell)
+    top = TITLE_HEIGHT + CAPTION_HEIGHT
+    page_height = top + max(size[1], 200) + CAPTION_HEIGHT + LEGEND_HEIGHT
+    title = f"{frame.sensor} · height scan {rows} x {columns} · {seconds(frame.time)}"
+    subtitle = "last frame of the run · height of the ground in the sensor's frame"
+    page = Page(page_height, title, subtitle)
+    scale = Scale.of(height)
+    page.picture(MARGIN, top, scale.colours(grid), size)
+    page.colour_bar(MARGIN + size[0] + 14, top, max(size[1], 200), scale, "height [m]")
+    caption = f"from above: x forward is up ({extent[0]:.2f} m), y to the left ({extent[1]:.2f} m)"
+    page.text(MARGIN, top - 8, caption, size=16, colour=FAINT, anchor="ls")
+    page.legend(MARGIN, page_height - LEGEND_HEIGHT // 2, distance)
+    return page.image
+
+
+def _grid(pattern: Pattern, values: NDArray[np.floating]) -> tuple[NDArray[np.floating], tuple[float, float]]:
+    """`values` of the rays by where the rays start: rows from front to back, columns from left to right.
+
+    Also how far the grid reaches along x and y [m]. Positions are compared to a micrometre.
+    """
+    if pattern.origins is None:
+        raise ValueError("a height scan needs a pattern with origins")
+    start = pattern.origins.reshape(-1, 3).round(6)
+    x, row = np.unique(-start[:, 0], return_inverse=True)
+    y, column = np.unique(-start[:, 1], return_inverse=True)
+    grid = np.full((x.size, y.size), np.nan)
+    grid[row, column] = values
+    return grid, (float(np.ptp(x)), float(np.ptp(y)))

@@ -1,0 +1,134 @@
+"""Depth cameras: one ray through the centre of each pixel of a pinhole camera."""
+
+from typing import Annotated, ClassVar, Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from .faults import Fault, refuse
+from .mount import BoundMount
+from .pattern import Pattern
+from .sensor_spec import SensorSpec
+
+Pixels = Annotated[int, Field(ge=1)]
+_FOCAL = ("fx", "fy", "cx", "cy")
+
+# Columns: the optical frame's right, down and forward in the mount's axes (x forward, y left, z up).
+_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_OPTICAL.setflags(write=False)
+
+
+class DepthCamera(SensorSpec):
+    """A pinhole depth camera. Readings have shape (height, width).
+
+    The optics are `fov_y_deg`, or `fx`, `fy`, `cx` and `cy`, or, on an MJCF camera and with neither given,
+    those of that camera as MuJoCo renders it. Pixel (u, v) looks along
+    ((u + 0.5 - cx) / fx, (v + 0.5 - cy) / fy, 1) in the ROS optical frame: z forward, x right, y down.
+    `min_range` and `max_range` bound the distance along the ray, not the depth.
+
+    >>> DepthCamera(name="front", mount=Mount(camera="head"), resolution=(640, 480), fov_y_deg=58)
+    """
+
+    frame_rotation: ClassVar[NDArray[np.float64]] = _OPTICAL
+    _alternatives: ClassVar[tuple[frozenset[str], ...]] = (frozenset({"fov_y_deg"}), frozenset(_FOCAL))
+
+    type: Literal["depth_camera"] = "depth_camera"
+    resolution: tuple[Pixels, Pixels] | None = Field(
+        default=None, description="width and height [pixels]; null: that of the MJCF camera it is mounted on"
+    )
+    fov_y_deg: float | None = Field(
+        default=None, gt=0, lt=180, description="vertical field of view [deg]; pixels square, image centred"
+    )
+    fx: float | None = Field(default=None, gt=0, description="horizontal focal length [pixels]")
+    fy: float | None = Field(default=None, gt=0, description="vertical focal length [pixels]")
+    cx: float | None = Field(default=None, description="principal point from the image's left edge [pixels]")
+    cy: float | None = Field(default=None, description="principal point from the image's top edge [pixels]")
+
+    @model_validator(mode="after")
+    def _one_kind_of_optics(self) -> "DepthCamera":
+        given = [key for key in _FOCAL if getattr(self, key) is not None]
+        if given and self.fov_y_deg is not None:
+            raise ValueError(f"give fov_y_deg or fx, fy, cx and cy, got fov_y_deg and {', '.join(given)}")
+        if given and len(given) < len(_FOCAL):
+            raise ValueError(f"give all of fx, fy, cx and cy, got only {', '.join(given)}")
+        if self.mount.camera is None and not given and self.fov_y_deg is None:
+            raise ValueError("fov_y_deg, or fx, fy, cx and cy, required unless mounted on an MJCF camera")
+        if self.mount.camera is None and self.resolution is None:
+            raise ValueError("resolution required unless mounted on an MJCF camera")
+        return self
+
+    def faults(self, model: mujoco.MjModel) -> list[Fault]:
+        """As for every sensor; and an MJCF camera that does not have the resolution or optics asked of it."""
+        faults = super().faults(model)
+        if faults or self.mount.camera is None:
+            return faults
+        camera = self.mount.bind(model).id
+        if self.resolution is None and model.cam_resolution[camera].min() <= 1:
+            faults.append(Fault((), f"resolution required: camera {self.mount.camera!r} of the model has none"))
+        takes_optics = self.fov_y_deg is None and self.fx is None
+        if takes_optics and model.cam_projection[camera] == mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC:
+            faults.append(
+                Fault(
+                    ("mount", "camera"),
+                    f"camera {self.mount.camera!r} of the model is orthographic, expected a perspective one, "
+                    "or fov_y_deg, or fx, fy, cx and cy",
+                )
+            )
+        return faults
+
+    def pattern(self, model: mujoco.MjModel) -> Pattern:
+        """Unit directions (height, width, 3) in the optical frame, with the intrinsics.
+
+        Raises InputError where the optics are the MJCF camera's and it has no resolution or is orthographic.
+        """
+        refuse(f"DepthCamera {self.name!r}", self.faults(model))
+        width, height = self._resolution(self.mount.bind(model), model)
+        intrinsics = self._intrinsics(self.mount.bind(model), model, width, height)
+        across = (np.arange(width) + 0.5 - intrinsics[0, 2]) / intrinsics[0, 0]
+        down = (np.arange(height) + 0.5 - intrinsics[1, 2]) / intrinsics[1, 1]
+        directions = np.ones((height, width, 3))
+        directions[..., 0], directions[..., 1] = across, down[:, None]
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        return Pattern(directions, intrinsics=intrinsics)
+
+    def _resolution(self, mount: BoundMount, model: mujoco.MjModel) -> tuple[int, int]:
+        if self.resolution is not None:
+            return self.resolution
+        width, height = model.cam_resolution[mount.id]
+        return int(width), int(height)
+
+    def _intrinsics(self, mount: BoundMount, model: mujoco.MjModel, width: int, height: int) -> NDArray[np.float64]:
+        if self.fov_y_deg is not None:
+            return _from_fov(self.fov_y_deg, width, height)
+        if self.fx is not None:
+            return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
+        if model.cam_sensorsize[mount.id].all():
+            return _from_sensor(model, mount.id, width, height)
+        return _from_fov(float(model.cam_fovy[mount.id]), width, height)
+
+
+def _from_fov(fov_y_deg: float, width: int, height: int) -> NDArray[np.float64]:
+    """Square pixels and a centred principal point: f = (height / 2) / tan(fov_y / 2)."""
+    focal = 0.5 * height / np.tan(np.deg2rad(fov_y_deg) / 2)
+    return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+
+
+def _from_sensor(model: mujoco.MjModel, camera: int, width: int, height: int) -> NDArray[np.float64]:
+    """The intrinsics of an MJCF camera with a sensor size, spread over width x height pixels.
+
+    Read from the frustum with which MuJoCo renders that camera, not from `cam_intrinsic`: MuJoCo 3.6
+    turned the sign with which the vertical principal point enters. The frustum bounds the image on the plane
+    at distance `near`; `frustum_width` is half of its width.
+    """
+    view = mujoco.MjvCamera()
+    view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, camera
+    scene = mujoco.MjvScene(model, 1)
+    mujoco.mjv_updateCamera(model, mujoco.MjData(model), view, scene)
+    frustum = scene.camera[0]
+    per_width = width / (2 * frustum.frustum_width)
+    per_height = height / (frustum.frustum_top - frustum.frustum_bottom)
+    fx, fy = frustum.frustum_near * per_width, frustum.frustum_near * per_height
+    cx, cy = (frustum.frustum_width - frustum.frustum_center) * per_width, frustum.frustum_top * per_height
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])

@@ -1,0 +1,150 @@
+"""What is wrong with a specification, as places and sentences: one `Fault` per mistake.
+
+pydantic finds the mistakes; here its reports are put into the words of this project. The same faults serve
+Python, where they are lines of an `InputError`, and YAML, where each is given its line and column.
+"""
+
+import math
+import reprlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from .errors import InputError
+from .names import expected_one_of
+
+Where = tuple[str | int, ...]
+
+_NUMBER_KINDS = ("float_type", "int_type", "int_from_float")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One mistake: `where` it is (keys and indices, outermost first) and what is wrong.
+
+    `at_key` says that the key itself is at fault, not its value.
+    """
+
+    where: Where
+    message: str
+    at_key: bool = False
+
+    def __str__(self) -> str:
+        place = path_text(self.where)
+        return f"{place}: {self.message}" if place else self.message
+
+    def under(self, *prefix: str | int) -> "Fault":
+        """The same fault as seen from outside: `prefix` is the way to the thing that has it."""
+        return Fault((*prefix, *self.where), self.message, self.at_key)
+
+
+def path_text(where: Where) -> str:
+    """`("sensors", 0, "mount")` as `sensors[0].mount`."""
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in where).lstrip(".")
+
+
+def refuse(owner: str, faults: Iterable[Fault]) -> None:
+    """Raise one InputError with a line per fault, each opened by `owner`; without faults do nothing."""
+    lines = [f"{owner}: {fault}" for fault in faults]
+    if lines:
+        raise InputError("\n".join(lines))
+
+
+def faults_of(error: ValidationError, spec: type[BaseModel]) -> list[Fault]:
+    """The faults that pydantic found in data for `spec`."""
+    return [_fault(detail, spec) for detail in error.errors(include_url=False)]
+
+
+def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
+    where, owner, annotation = _resolve(spec, detail["loc"])
+    kind, given = detail["type"], detail["input"]
+    if kind == "extra_forbidden" and owner is not None:
+        key = str(where[-1])
+        return Fault(where, f"unknown key {key!r}, {expected_one_of(key, list(owner.model_fields))}", True)
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        return _tag_fault(where, given, list(_union_members(annotation)))
+    if kind in ("too_long", "too_short"):
+        return Fault(where, _length_message(detail))
+    if kind == "missing" and isinstance(where[-1], int):
+        return Fault(where[:-1], f"must have value {where[-1] + 1} too, got {len(given)} value(s)")
+    if kind == "missing":
+        return Fault(where, "required, but not given")
+    if kind == "value_error":
+        return Fault(where, str(detail["ctx"]["error"]))
+    return Fault(where, f"{_sentence(detail)}, got {_shown(given)}{_meaning(kind, where, owner)}")
+
+
+def _resolve(spec: type[BaseModel], loc: Where) -> tuple[Where, type[BaseModel] | None, Any]:
+    """Follow pydantic's `loc` through the annotations of `spec`.
+
+    pydantic puts the tag of a discriminated union into `loc` although no such key is in the data. It is told
+    from a key by its position, right below the union, because a key may well have the same name. Returns the
+    place without tags, the model that has its last key, and the annotation found there.
+    """
+    where: list[str | int] = []
+    owner: type[BaseModel] | None = None
+    annotation: Any = spec
+    for step in loc:
+        members = _union_members(annotation)
+        if members:
+            annotation = members.get(str(step))
+            continue
+        where.append(step)
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            owner, field = annotation, annotation.model_fields.get(str(step))
+            annotation = field.annotation if field else None
+        else:
+            annotation = next(iter(get_args(annotation)), None)
+    return tuple(where), owner, annotation
+
+
+def _union_members(annotation: Any) -> dict[str, type[BaseModel]]:
+    """tag -> model of a union discriminated on `type`; empty for any other annotation."""
+    if get_origin(annotation) is not Annotated:
+        return {}
+    models = get_args(get_args(annotation)[0])
+    return {get_args(model.model_fields["type"].annotation)[0]: model for model in models}
+
+
+def _tag_fault(where: Where, given: Any, tags: Sequence[str]) -> Fault:
+    if "type" not in given:
+        return Fault((*where, "type"), f"required, one of {', '.join(tags)}")
+    return Fault((*where, "type"), f"unknown type {given['type']!r}, {expected_one_of(str(given['type']), tags)}")
+
+
+def _length_message(detail: ErrorDetails) -> str:
+    context = detail["ctx"]
+    if "max_length" in context:
+        return f"must have at most {context['max_length']} values, got {len(detail['input'])}"
+    return f"must have at least {context['min_length']} value(s), got {len(detail['input'])}"
+
+
+def _sentence(detail: ErrorDetails) -> str:
+    kind = detail["type"]
+    if kind in ("model_type", "model_attributes_type"):
+        return "must be a mapping"
+    if kind in ("tuple_type", "sequence_str", "is_instance_of"):
+        return "must be a list"
+    if kind == "string_pattern_mismatch":
+        return f"must match {detail['ctx']['pattern']}"
+    return detail["msg"].replace("Input should be", "must be").replace("a valid ", "a ").replace("a int", "an int")
+
+
+def _meaning(kind: str, where: Where, owner: type[BaseModel] | None) -> str:
+    """What a number that is not one should have been, with its unit, as its field says."""
+    key = next((step for step in reversed(where) if isinstance(step, str)), None)
+    if kind not in _NUMBER_KINDS or owner is None or key not in owner.model_fields:
+        return ""
+    return f" ({owner.model_fields[key].description})"
+
+
+def _shown(value: Any) -> str:
+    """A value as the message shows it: short, and telling text from numbers."""
+    if value is None:
+        return "nothing (null)"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return reprlib.repr(value)

@@ -1,0 +1,86 @@
+"""Which geoms a sensor's rays may hit."""
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from .faults import Fault, refuse
+from .names import expected_one_of, model_names
+from .spec import Spec
+
+_BODY = mujoco.mjtObj.mjOBJ_BODY
+
+
+class Filter(Spec):
+    """Which geoms rays may hit, on top of MuJoCo's rule that a fully transparent geom is never hit."""
+
+    geom_groups: Sequence[Annotated[int, Field(ge=0, le=5)]] | None = Field(
+        default=None, description="geom groups that may be hit, each 0 to 5; null: all of them"
+    )
+    static: bool = Field(default=True, description="whether geoms that cannot move may be hit")
+    exclude_bodies: Sequence[str] = Field(default=(), description="bodies whose geoms are never hit")
+    exclude_subtree: bool = Field(
+        default=False, description="whether the descendants of exclude_bodies are never hit either"
+    )
+    geometry: Literal["all", "visual", "collision"] = Field(
+        default="all",
+        description="visual: geoms with contype and conaffinity 0; collision: the others",
+    )
+
+    @model_validator(mode="after")
+    def _subtree_of_something(self) -> "Filter":
+        if self.exclude_subtree and not self.exclude_bodies:
+            raise ValueError("exclude_subtree needs exclude_bodies, got no body")
+        return self
+
+    def faults(self, model: mujoco.MjModel) -> list[Fault]:
+        """What keeps this filter from being used on `model`: names of bodies that the model does not have."""
+        unknown = [(i, body) for i, body in enumerate(self.exclude_bodies) if _body_id(model, body) < 0]
+        if not unknown:
+            return []
+        names = model_names(model, _BODY, model.nbody)
+        return [
+            Fault(("exclude_bodies", i), f"no body {body!r} in the model, {expected_one_of(body, names)}")
+            for i, body in unknown
+        ]
+
+    def visible(self, model: mujoco.MjModel) -> NDArray[np.bool_]:
+        """(ngeom,) bool: True for geoms that rays may hit. Raises InputError for an unknown body."""
+        refuse("Filter", self.faults(model))
+        seen = _opaque(model) & ~self._excluded(model)[model.geom_bodyid]
+        if self.geom_groups is not None:
+            # MuJoCo clamps groups in the same way (mj_ray, engine_ray.c).
+            seen &= np.isin(np.clip(model.geom_group, 0, 5), list(self.geom_groups))
+        if not self.static:
+            seen &= model.body_weldid[model.geom_bodyid] != 0
+        if self.geometry != "all":
+            collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+            seen &= collides if self.geometry == "collision" else ~collides
+        return seen
+
+    def _excluded(self, model: mujoco.MjModel) -> NDArray[np.bool_]:
+        """(nbody,) bool: bodies that are not hit."""
+        excluded = np.zeros(model.nbody, bool)
+        excluded[[_body_id(model, body) for body in self.exclude_bodies]] = True
+        while self.exclude_subtree:
+            grown = excluded | excluded[model.body_parentid]
+            if (grown == excluded).all():
+                break
+            excluded = grown
+        return excluded
+
+
+def _opaque(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """(ngeom,) bool: the alpha that counts is not 0; the material's where there is one, as in mj_ray."""
+    alpha = model.geom_rgba[:, 3].copy()
+    has_material = model.geom_matid >= 0
+    alpha[has_material] = model.mat_rgba[model.geom_matid[has_material], 3]
+    return np.asarray(alpha != 0)
+
+
+def _body_id(model: mujoco.MjModel, name: str) -> int:
+    return int(mujoco.mj_name2id(model, _BODY, name))

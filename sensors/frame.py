@@ -1,0 +1,92 @@
+"""What a sensor reads: one frame per reading, on the device, as numpy on demand."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels import reading
+from rigcast.kernels.cast import HitArrays, Rays
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One reading of one sensor.
+
+    sensor: its name. time: when the reading fell due [s]. pose: (4, 4) float64, the sensor's frame in the world.
+
+    Per-ray fields are Warp arrays on the device, `frame.range.numpy()` on the host, of the sensor's `shape`:
+    (beams, columns) for a spinning lidar, (height, width) for a camera, (rays,) for others. They belong to the
+    frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out when asked for.
+
+    Where `range` is not finite: points are NaN, ids -1, normals 0.
+    """
+
+    sensor: str
+    time: float
+    pose: NDArray[np.float64]
+    shape: tuple[int, ...]
+    _hits: HitArrays
+    _rays: Rays
+    _geom_body: wp.array
+
+    @cached_property
+    def range(self) -> wp.array:
+        """(...) float32 [m]: distance along the ray; +inf nothing in range, -inf too near, NaN invalid (REP-117)."""
+        return self._hits.distance.reshape(self.shape)
+
+    @cached_property
+    def normal(self) -> wp.array:
+        """(..., 3) float32: unit outward normal of what was hit, in the sensor's frame; 0 where nothing was."""
+        return self._vectors(self._hits.normal, wp.float32)
+
+    @cached_property
+    def geom_id(self) -> wp.array:
+        """(...) int32: MuJoCo's id of the geom, -1 where nothing was hit."""
+        return self._hits.shape.reshape(self.shape)
+
+    @cached_property
+    def body_id(self) -> wp.array:
+        """(...) int32: MuJoCo's id of the geom's body, -1 where nothing was hit."""
+        return reading.take(self._geom_body, self._hits.shape).reshape(self.shape)
+
+    @cached_property
+    def points(self) -> wp.array:
+        """(..., 3) float32 [m], in the sensor's frame; NaN where the range is not finite."""
+        return self._vectors(reading.points(self._hits.distance, self._rays), wp.float32)
+
+    @cached_property
+    def points_world(self) -> wp.array:
+        """(..., 3) float64 [m], in the world; NaN where the range is not finite."""
+        return self._vectors(reading.world_points(self._hits.distance, self._rays), wp.float64)
+
+    @cached_property
+    def stamp(self) -> wp.array:
+        """(...) float64 [s]: when each ray was fired."""
+        return wp.full(self.shape, self.time, dtype=wp.float64, device=self._hits.distance.device)
+
+    def _vectors(self, array: wp.array, scalar: type) -> wp.array:
+        """n vectors as scalars of shape (..., 3), without a copy."""
+        return array.view(scalar).reshape((*self.shape, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class LidarFrame(Frame):
+    """A reading of a lidar. ring, column: (beams, columns) int32, the row and column of each ray."""
+
+    ring: wp.array
+    column: wp.array
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFrame(Frame):
+    """A reading of a depth camera. intrinsics: (3, 3) float64 [pixels], the camera matrix."""
+
+    intrinsics: NDArray[np.float64]
+
+    @cached_property
+    def depth(self) -> wp.array:
+        """(height, width) float32 [m]: z-depth in the optical frame; +-inf and NaN where the range is."""
+        return reading.z_depth(self._hits.distance, self._rays).reshape(self.shape)

@@ -1,0 +1,152 @@
+"""MuJoCo's geoms as shapes and triangle trees."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.kernels import solids
+from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
+
+_GEOM = mujoco.mjtGeom
+
+_KIND = {
+    int(_GEOM.mjGEOM_PLANE): solids.PLANE,
+    int(_GEOM.mjGEOM_SPHERE): solids.SPHERE,
+    int(_GEOM.mjGEOM_CAPSULE): solids.CAPSULE,
+    int(_GEOM.mjGEOM_ELLIPSOID): solids.ELLIPSOID,
+    int(_GEOM.mjGEOM_CYLINDER): solids.CYLINDER,
+    int(_GEOM.mjGEOM_BOX): solids.BOX,
+    int(_GEOM.mjGEOM_MESH): solids.TRIANGLES,
+    int(_GEOM.mjGEOM_HFIELD): solids.TRIANGLES,
+}
+
+
+@dataclass(frozen=True)
+class ModelGeometry:
+    """Shape k is geom k of the model. `supported`: (ngeom,) False for geoms that rays cannot hit."""
+
+    trees: list[TriangleTree]
+    shapes: Shapes
+    supported: NDArray[np.bool_]
+
+
+def read_model(model: mujoco.MjModel) -> ModelGeometry:
+    """The geometry of a model: one triangle tree for each mesh and height field in use."""
+    geom_type = model.geom_type
+    assets = sorted(
+        {
+            (int(kind), int(asset))
+            for kind, asset in zip(geom_type, model.geom_dataid, strict=True)
+            if _KIND.get(int(kind)) == solids.TRIANGLES
+        }
+    )
+    trees = [build_triangle_tree(*_triangles(model, kind, asset)) for kind, asset in assets]
+    tree_of = {asset: k for k, asset in enumerate(assets)}
+    tree = np.array(
+        [tree_of.get((int(k), int(a)), -1) for k, a in zip(geom_type, model.geom_dataid, strict=True)],
+        np.int32,
+    ).reshape(-1)
+    supported = np.isin(geom_type, list(_KIND))
+    center, half = _local_boxes(model, tree, trees)
+    kind = np.array([_KIND.get(int(k), solids.SPHERE) for k in geom_type], np.int32)
+    shapes = Shapes(kind, model.geom_size.astype(np.float32), tree, center, half)
+    return ModelGeometry(trees, shapes, supported)
+
+
+def unsupported_parts(model: mujoco.MjModel) -> list[str]:
+    """What the model has that rays cannot hit, each with its kind and name."""
+    geoms = [
+        f"{_GEOM(int(kind)).name.removeprefix('mjGEOM_').lower()} geom {_name(model, mujoco.mjtObj.mjOBJ_GEOM, g)}"
+        for g, kind in enumerate(model.geom_type)
+        if int(kind) not in _KIND
+    ]
+    flexes = [f"flex {_name(model, mujoco.mjtObj.mjOBJ_FLEX, f)}" for f in range(model.nflex)]
+    skins = [f"skin {_name(model, mujoco.mjtObj.mjOBJ_SKIN, s)}" for s in range(model.nskin)]
+    return geoms + flexes + skins
+
+
+def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
+    name = mujoco.mj_id2name(model, kind, index)
+    return f"'{name}'" if name else f"{index} (unnamed)"
+
+
+def _triangles(model: mujoco.MjModel, kind: int, asset: int) -> tuple[NDArray[np.floating], NDArray[np.int32]]:
+    """Vertices and faces of a mesh or height field, in the frame of its geoms."""
+    if kind == _GEOM.mjGEOM_HFIELD:
+        return hfield_triangles(
+            model.hfield_size[asset],
+            model.hfield_data[model.hfield_adr[asset] :][: model.hfield_nrow[asset] * model.hfield_ncol[asset]].reshape(
+                model.hfield_nrow[asset], model.hfield_ncol[asset]
+            ),
+        )
+    first, count = model.mesh_vertadr[asset], model.mesh_vertnum[asset]
+    first_face, faces = model.mesh_faceadr[asset], model.mesh_facenum[asset]
+    return model.mesh_vert[first : first + count], model.mesh_face[first_face : first_face + faces]
+
+
+def hfield_triangles(
+    size: NDArray[np.float64], data: NDArray[np.float32]
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """A height field as mj_ray sees it: the surface, four sides down to z = 0, and a whole box below.
+
+    Args:
+        size: half size along x, half size along y, height of data 1, depth of the base [m].
+        data: (rows along y, columns along x), 0 to 1.
+
+    Returns:
+        Vertices (n, 3) [m] and faces (m, 3), counter-clockwise from outside. Faces 2 k and 2 k + 1 are cell k,
+        row by row, split along v(r, c) - v(r + 1, c + 1); the sides and the box follow.
+    """
+    rows, columns = data.shape
+    x = np.linspace(-size[0], size[0], columns)
+    y = np.linspace(-size[1], size[1], rows)
+    surface = np.stack([*np.meshgrid(x, y), size[2] * data.astype(np.float64)], axis=-1)
+    index = np.arange(rows * columns).reshape(rows, columns)
+    v00, v01, v10, v11 = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    cells = np.stack([v00, v01, v11, v00, v11, v10], axis=-1).reshape(-1, 3)
+    border = np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
+    foot = surface.reshape(-1, 3)[border] * [1.0, 1.0, 0.0]
+    box, box_faces = _box_triangles(size)
+    first_foot = rows * columns
+    low = first_foot + np.arange(len(border))
+    next_low, next_border = np.roll(low, -1), np.roll(border, -1)
+    sides = np.stack([low, next_low, next_border, low, next_border, border], axis=-1).reshape(-1, 3)
+    vertices = np.concatenate([surface.reshape(-1, 3), foot, box])
+    faces = np.concatenate([cells, sides, box_faces + first_foot + len(border)])
+    return vertices, faces.astype(np.int32)
+
+
+def _box_triangles(size: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The base of a height field: |x| <= size 0, |y| <= size 1, -size 3 <= z <= 0."""
+    low, high = np.array([-size[0], -size[1], -size[3]]), np.array([size[0], size[1], 0.0])
+    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)])
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (3, 2, 6, 7), (2, 0, 4, 6), (1, 3, 7, 5)]
+    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+    return np.where(corners == 1, high, low), faces
+
+
+def _local_boxes(
+    model: mujoco.MjModel, tree: NDArray[np.int32], trees: list[TriangleTree]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Centre and half size (ngeom, 3) of each geom's box in its own frame; half +inf where it has none."""
+    size = model.geom_size
+    zero = np.zeros(len(size))
+    by_type = {
+        _GEOM.mjGEOM_PLANE: np.stack([*np.where(size[:, :2] > 0, size[:, :2], np.inf).T, zero], axis=-1),
+        _GEOM.mjGEOM_SPHERE: size[:, [0, 0, 0]],
+        _GEOM.mjGEOM_CAPSULE: np.stack([size[:, 0], size[:, 0], size[:, 0] + size[:, 1]], axis=-1),
+        _GEOM.mjGEOM_ELLIPSOID: size,
+        _GEOM.mjGEOM_CYLINDER: size[:, [0, 0, 1]],
+        _GEOM.mjGEOM_BOX: size,
+    }
+    center, half = np.zeros((2, len(size), 3))
+    for kind, extent in by_type.items():
+        half = np.where((model.geom_type == kind)[:, None], extent, half)
+    for geom in np.flatnonzero(tree >= 0):
+        lower, upper = trees[tree[geom]].lower.astype(float), trees[tree[geom]].upper.astype(float)
+        center[geom], half[geom] = (lower + upper) / 2, (upper - lower) / 2
+    rounded = center.astype(np.float32)
+    # float64 to float32 may round a half size down
+    return rounded, ((half + np.abs(center - rounded)) * (1 + 1e-6)).astype(np.float32)

@@ -1,0 +1,150 @@
+"""Where a sensor is: fixed to a body, a site, a camera or the world, with an offset."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from .faults import Fault, refuse
+from .names import expected_one_of, model_names
+from .spec import Spec
+
+Parent = Literal["world", "body", "site", "camera"]
+
+# A MuJoCo camera looks along its -z with +y up. Columns: the mount's forward, left and up in camera axes.
+_CAMERA_FORWARD_LEFT_UP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+
+
+class Mount(Spec):
+    """Where a sensor is mounted. It looks along the mount's +x with +z up (REP-103).
+
+    With none of `body`, `site` and `camera` the sensor is fixed to the world. On an MJCF camera the mount's
+    +x is where that camera looks and its +z is the camera's up, and the offset is applied in these axes.
+    """
+
+    body: str | None = Field(default=None, description="name of the MuJoCo body that carries the sensor")
+    site: str | None = Field(default=None, description="name of the MuJoCo site that carries the sensor")
+    camera: str | None = Field(default=None, description="name of the MJCF camera from which the sensor looks")
+    pos: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="offset x, y, z from the carrier [m]")
+    quat: tuple[float, float, float, float] | None = Field(
+        default=None, description="orientation relative to the carrier, w, x, y, z; any length but zero"
+    )
+    euler_deg: tuple[float, float, float] | None = Field(
+        default=None, description="orientation: roll, pitch, yaw about the fixed x, y, z axes [deg]"
+    )
+
+    @field_validator("quat")
+    @classmethod
+    def _not_zero(cls, quat: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if quat is not None and not 1e-9 < np.linalg.norm(quat) < np.inf:
+            raise ValueError(f"must have a length (w, x, y, z), got {list(quat)}")
+        return quat
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> "Mount":
+        carriers = [key for key in ("body", "site", "camera") if getattr(self, key) is not None]
+        if len(carriers) > 1:
+            raise ValueError(f"give at most one of body, site and camera, got {' and '.join(carriers)}")
+        if self.quat is not None and self.euler_deg is not None:
+            raise ValueError("give quat or euler_deg, got both")
+        return self
+
+    @property
+    def parent(self) -> Parent:
+        """What kind of thing carries the sensor."""
+        if self.body is not None:
+            return "body"
+        if self.site is not None:
+            return "site"
+        return "camera" if self.camera is not None else "world"
+
+    @property
+    def offset(self) -> NDArray[np.float64]:
+        """(4, 4) float64: the mount's frame in the carrier's."""
+        offset = np.eye(4)
+        offset[:3, 3] = self.pos
+        if self.quat is not None:
+            offset[:3, :3] = _rotation_from_quat(np.array(self.quat))
+        elif self.euler_deg is not None:
+            offset[:3, :3] = _rotation_from_euler(np.deg2rad(self.euler_deg))
+        return offset
+
+    def faults(self, model: mujoco.MjModel) -> list[Fault]:
+        """What keeps this mount from being on `model`: a name that the model does not have."""
+        if self.parent == "world" or self._id(model) >= 0:
+            return []
+        kind, count = _objects(model, self.parent)
+        name = str(getattr(self, self.parent))
+        names = model_names(model, kind, count)
+        return [Fault((self.parent,), f"no {self.parent} {name!r} in the model, {expected_one_of(name, names)}")]
+
+    def bind(self, model: mujoco.MjModel) -> "BoundMount":
+        """This mount on `model`. Raises InputError for a name that the model does not have."""
+        refuse("Mount", self.faults(model))
+        return BoundMount(self.parent, self._id(model), _body_of(model, self.parent, self._id(model)), self.offset)
+
+    def _id(self, model: mujoco.MjModel) -> int:
+        if self.parent == "world":
+            return 0
+        kind, _ = _objects(model, self.parent)
+        return int(mujoco.mj_name2id(model, kind, getattr(self, self.parent)))
+
+
+@dataclass(frozen=True, eq=False)
+class BoundMount:
+    """A mount on one model: `id` is the body's, site's or camera's, `body_id` the body that moves it.
+
+    offset: (4, 4) float64, the mount's frame in the carrier's.
+    """
+
+    parent: Parent
+    id: int
+    body_id: int
+    offset: NDArray[np.float64]
+
+    def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
+        """(4, 4) float64: the mount's frame, x forward and z up, in the world, as `data` has it.
+
+        Bodies and sites need `mj_kinematics` to have run; cameras `mj_comPos` and `mj_camlight` too.
+        """
+        carrier = np.eye(4)
+        if self.parent == "body":
+            carrier[:3, 3], carrier[:3, :3] = data.xpos[self.id], data.xmat[self.id].reshape(3, 3)
+        elif self.parent == "site":
+            carrier[:3, 3], carrier[:3, :3] = data.site_xpos[self.id], data.site_xmat[self.id].reshape(3, 3)
+        elif self.parent == "camera":
+            carrier[:3, 3] = data.cam_xpos[self.id]
+            carrier[:3, :3] = data.cam_xmat[self.id].reshape(3, 3) @ _CAMERA_FORWARD_LEFT_UP
+        return carrier @ self.offset
+
+
+def _objects(model: mujoco.MjModel, parent: Parent) -> tuple[mujoco.mjtObj, int]:
+    if parent == "site":
+        return mujoco.mjtObj.mjOBJ_SITE, model.nsite
+    if parent == "camera":
+        return mujoco.mjtObj.mjOBJ_CAMERA, model.ncam
+    return mujoco.mjtObj.mjOBJ_BODY, model.nbody
+
+
+def _body_of(model: mujoco.MjModel, parent: Parent, index: int) -> int:
+    if parent == "site":
+        return int(model.site_bodyid[index])
+    return int(model.cam_bodyid[index]) if parent == "camera" else index
+
+
+def _rotation_from_quat(quat: NDArray[np.float64]) -> NDArray[np.float64]:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quat / np.linalg.norm(quat))
+    return matrix.reshape(3, 3)
+
+
+def _rotation_from_euler(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Roll, pitch, yaw [rad] about fixed x, y, z: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
+    about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x

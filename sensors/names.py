@@ -1,0 +1,28 @@
+"""Names a user mistyped: which ones there are, and which was probably meant."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+import mujoco
+
+_SHOWN = 12  # names listed in a message before it is cut short
+
+
+def did_you_mean(name: str, names: Iterable[str]) -> str:
+    """The end of a message that proposes the nearest of `names`, or "" when none is near."""
+    candidates = list(names)
+    nearest = difflib.get_close_matches(name, candidates, n=1)
+    nearest += [candidate for candidate in candidates if name and name.lower() in candidate.lower()]
+    return f"; did you mean {nearest[0]!r}?" if nearest else ""
+
+
+def expected_one_of(name: str, names: Sequence[str]) -> str:
+    """The end of a message about an unknown `name`: what was expected, and what was probably meant."""
+    listed = ", ".join(names[:_SHOWN]) + (f", ... ({len(names)} in all)" if len(names) > _SHOWN else "")
+    return f"expected one of {listed or '(there is none)'}{did_you_mean(name, names)}"
+
+
+def model_names(model: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> list[str]:
+    """The names of the `count` objects of one kind in a model; nameless ones are left out."""
+    names = (mujoco.mj_id2name(model, kind, i) for i in range(count))
+    return [name for name in names if name]

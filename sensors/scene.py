@@ -1,0 +1,227 @@
+"""A MuJoCo model as something to cast rays against."""
+
+import warnings
+from dataclasses import replace
+from typing import Literal
+
+import mujoco
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from rigcast.kernels.cast import HitArrays, Rays, as_double, cast, unit_directions
+from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.world import World
+
+from .errors import InputError
+from .filter import Filter
+from .hits import Hits
+from .model_geometry import read_model, unsupported_parts
+from .names import expected_one_of
+
+Cull = Literal["none", "back", "front"]
+
+_CULL: dict[str, int] = {"none": CULL_NONE, "back": CULL_BACK, "front": CULL_FRONT}
+
+
+class Scene:
+    """The geoms of a MuJoCo model, ready for rays.
+
+    Args:
+        model: the model. Its meshes and height fields are read now, its poses at every `update`.
+        device: a Warp device; None takes CUDA if it is present, else "cpu".
+        on_unsupported: what to do about geometry that rays cannot hit yet (SDF geoms, flexes, skins): "error"
+            raises InputError, "warn" warns and leaves it out.
+
+    >>> scene = rigcast.Scene(model)
+    >>> scene.update(data)
+    >>> scene.cast((0, 0, 1), (1, 0, 0)).numpy().distance
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        device: wp.DeviceLike = None,
+        *,
+        on_unsupported: Literal["error", "warn"] = "error",
+    ) -> None:
+        _report(unsupported_parts(model), on_unsupported)
+        self.model = model
+        self.device = _find_device(device)
+        geometry = read_model(model)
+        self._supported = geometry.supported
+        self._world = World(geometry.trees, geometry.shapes, self.device)
+        self._warned: set[int] = set()
+        self._is_updated = False
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Take the geoms' poses as they stand in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
+
+        After `mj_step` these lag `qpos` by one step; run `mj_kinematics` first to see the world at `data.time`.
+        A geom whose pose is not finite is never hit, and is named in one warning.
+
+        Raises:
+            InputError: `data` belongs to another model.
+        """
+        if data.signature != self.model.signature:
+            raise InputError(
+                f"Scene.update: data belongs to another model: got signature {data.signature:#x} with "
+                f"{len(data.geom_xpos)} geoms, expected {self.model.signature:#x} with {self.model.ngeom}"
+            )
+        is_finite = np.isfinite(data.geom_xpos).all(axis=1) & np.isfinite(data.geom_xmat).all(axis=1)
+        self._warn_of_lost_geoms(data.time, is_finite)
+        # an infinite plane would be hit even where one of its in-plane axes is NaN
+        self._world.update(np.where(is_finite[:, None], data.geom_xpos, np.nan), data.geom_xmat)
+        self._is_updated = True
+
+    def cast(
+        self,
+        origins: ArrayLike | wp.array,
+        directions: ArrayLike | wp.array,
+        max_distance: float = np.inf,
+        cull: Cull = "none",
+        filter: Filter | None = None,
+    ) -> Hits:
+        """The first hit of each ray.
+
+        Args:
+            origins: (3,), one for all rays, or like directions [m], in the world.
+            directions: (..., 3), of any length but 0, in the world.
+            max_distance: greatest distance at which something is hit, inclusive [m].
+            cull: "back" drops hits on surfaces that face along the ray (d . n > 0), "front" those that face it.
+            filter: which geoms may be hit; None: all that are not transparent.
+
+        Arrays on the host keep float64 and are checked; Warp arrays (vec3 or vec3d, on the scene's device) are
+        not: a ray in them that is not finite gives NaN.
+
+        Raises:
+            InputError: a shape that does not fit, or a ray that is not finite or has no direction, with its index.
+        """
+        if not self._is_updated:
+            raise InputError("Scene.cast: no poses yet, expected scene.update(data) first")
+        if cull not in _CULL:
+            raise InputError(f"Scene.cast: no cull {cull!r}, {expected_one_of(str(cull), list(_CULL))}")
+        if not max_distance >= 0:
+            raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
+        if isinstance(directions, wp.array):
+            shape = tuple(directions.shape)
+            rays = self._device_rays(origins, directions)
+        else:
+            host_origins, host_directions = _checked_rays(origins, directions)
+            shape = host_directions.shape[:-1]
+            rays = self.rays_in_frame(host_directions, host_origins, np.eye(4))
+        return self.hits(self.cast_rays(rays, self.visible(filter), max_distance, cull), shape)
+
+    def visible(self, filter: Filter | None) -> wp.array:
+        """(ngeom,) bool on the device: which geoms a filter lets rays hit."""
+        seen = (filter or Filter()).visible(self.model) & self._supported
+        return wp.array(seen, dtype=wp.bool, device=self.device)
+
+    def cast_rays(self, rays: Rays, visible: wp.array, max_distance: float, cull: Cull = "none") -> HitArrays:
+        """The first hit of each ray that is on the device already, among the visible geoms."""
+        return cast(self._world.geometry, visible, rays, max_distance, _CULL[cull])
+
+    def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
+        """The arrays of a cast, for rays of this shape."""
+        own_shape = shape or (1,)
+        return Hits(
+            arrays.distance.reshape(own_shape),
+            arrays.shape.reshape(own_shape),
+            arrays.face.reshape(own_shape),
+            arrays.normal.view(wp.float32).reshape((*own_shape, 3)),
+            shape,
+        )
+
+    def rays_in_frame(
+        self, directions: NDArray[np.float64], origins: NDArray[np.float64], pose: NDArray[np.float64]
+    ) -> Rays:
+        """Rays on the device: unit directions (..., 3) and origins (..., 3) or (3,) in a frame with this pose."""
+        return self.in_pose(Rays(self._upload(directions), self._upload(origins), position=None, rotation=None), pose)
+
+    def in_pose(self, rays: Rays, pose: NDArray[np.float64]) -> Rays:
+        """The same rays in a frame with another pose (4, 4)."""
+        rotation = wp.array(pose[None, :3, :3], dtype=wp.mat33d, device=self.device)
+        return replace(rays, position=self._upload(pose[:3, 3]), rotation=rotation)
+
+    def _upload(self, vectors: NDArray[np.float64]) -> wp.array:
+        return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=self.device)
+
+    def _device_rays(self, origins: ArrayLike | wp.array, directions: wp.array) -> Rays:
+        if not isinstance(origins, wp.array):
+            origins = self._upload(_vectors("origins", origins))
+        if origins.size not in (1, directions.size):
+            raise InputError(f"Scene.cast: origins: got {origins.size}, expected 1 or {directions.size}")
+        rays = Rays(unit_directions(directions.flatten()), as_double(origins.flatten()), position=None, rotation=None)
+        return self.in_pose(rays, np.eye(4))
+
+    def _warn_of_lost_geoms(self, time: float, is_finite: NDArray[np.bool_]) -> None:
+        lost = set(np.flatnonzero(~is_finite).tolist())
+        new = sorted(lost - self._warned)
+        self._warned = lost
+        if new:
+            names = ", ".join(self.model.geom(g).name or f"geom {g}" for g in new[:10])
+            more = f" and {len(new) - 10} more" if len(new) > 10 else ""
+            warnings.warn(
+                f"pose not finite at t = {time:g} s, not hit: {names}{more}",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+
+
+def _find_device(device: wp.DeviceLike) -> wp.Device:
+    wp.init()
+    if device is None:
+        return wp.get_preferred_device()
+    try:
+        return wp.get_device(device)
+    except (ValueError, RuntimeError):
+        names = [found.alias for found in wp.get_devices()]
+        raise InputError(f"no device {str(device)!r}, {expected_one_of(str(device), names)}") from None
+
+
+def _report(parts: list[str], on_unsupported: str) -> None:
+    if on_unsupported not in ("error", "warn"):
+        raise InputError(
+            f"Scene: no on_unsupported {on_unsupported!r}, {expected_one_of(str(on_unsupported), ['error', 'warn'])}"
+        )
+    if not parts:
+        return
+    message = f"rays cannot hit {', '.join(parts)}"
+    if on_unsupported == "warn":
+        warnings.warn(f"{message}; left out", UserWarning, stacklevel=3)
+    else:
+        raise InputError(f'Scene: {message}; remove them, or leave them out with on_unsupported="warn"')
+
+
+def _checked_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Origins and unit directions, float64."""
+    d, o = _vectors("directions", directions), _vectors("origins", origins)
+    if o.shape not in ((3,), d.shape):
+        raise InputError(f"Scene.cast: origins: got shape {o.shape}, expected (3,) or {d.shape}")
+    # scaled by the largest component first: squares of 1e-200 would vanish
+    largest = np.abs(d).max(axis=-1, keepdims=True, initial=0.0)
+    for name, bad, expected in (
+        ("origins", ~np.isfinite(o).all(axis=-1), "finite numbers"),
+        ("directions", ~np.isfinite(d).all(axis=-1), "finite numbers"),
+        ("directions", largest[..., 0] == 0.0, "a direction of any length but 0"),
+    ):
+        if bad.any():
+            ray = tuple(int(i) for i in np.argwhere(bad)[0])
+            values = o if name == "origins" else d
+            index = ray[0] if len(ray) == 1 else ray
+            where = f"ray {index}: " if ray else ""
+            raise InputError(f"Scene.cast: {where}{name}: got {values[ray].tolist()}, expected {expected}")
+    scaled = d / largest
+    return o, scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
+
+
+def _vectors(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3): {error}") from None
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3), got {array.dtype} {values!r:.80}")
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise InputError(f"Scene.cast: {name}: got shape {array.shape}, expected (..., 3)")
+    return array.astype(np.float64, copy=False)

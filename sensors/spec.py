@@ -1,0 +1,52 @@
+"""The base of everything a user specifies.
+
+A specification is a frozen record with keyword arguments only. The keys of a YAML rig are these arguments,
+checked by the same rules: unknown keys, text in place of numbers, and NaN are refused.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+from .faults import faults_of, refuse
+
+if TYPE_CHECKING:
+    # Through pydantic's own metaclass type checkers know the arguments of every constructor.
+    from pydantic._internal._model_construction import ModelMetaclass as _RefusesInput
+else:
+
+    class _RefusesInput(type(BaseModel)):
+        """Makes a constructor called from Python raise InputError.
+
+        Only `Lidar(...)` comes by here. pydantic builds the specs nested in a document itself, so that a
+        fault in one of those keeps its place within the whole document.
+        """
+
+        def __call__(cls, **given: Any) -> Any:
+            try:
+                return super().__call__(**given)
+            except ValidationError as error:
+                name = given.get("name")
+                owner = f"{cls.__name__} {name!r}" if isinstance(name, str) else cls.__name__
+                refuse(owner, faults_of(error, cls))
+
+
+class Spec(BaseModel, metaclass=_RefusesInput):
+    """A frozen, strict record. Raises InputError with one line per fault."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_plain_values(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        return {key: _plain(value) for key, value in given.items()}
+
+
+def _plain(value: Any) -> Any:
+    """NumPy values as Python's own, and lists as tuples, which is what the fields hold."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    return tuple(_plain(item) for item in value) if isinstance(value, list | tuple) else value

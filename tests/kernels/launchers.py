@@ -1,0 +1,210 @@
+"""The functions of rigcast.kernels over rows of numpy arrays; a single row is repeated.
+
+All test kernels stand here, in one Warp module, which compiles once.
+"""
+
+# mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from rigcast.kernels.solids import closed_form_normal, intersect_closed_form
+from rigcast.kernels.traverse import to_double
+from rigcast.kernels.triangle import (
+    CULL_NONE,
+    UNDECIDED,
+    decide_triangle,
+    intersect_triangle_reference,
+    is_inside_triangle,
+    plane_distance,
+    tilted,
+    triage_triangle,
+    triangle_normal,
+)
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+Floats = NDArray[np.float32]
+
+
+@wp.kernel
+def _normal(v0: wp.array[wp.vec3], v1: wp.array[wp.vec3], v2: wp.array[wp.vec3], out: wp.array[wp.vec3]) -> None:
+    i = wp.tid()
+    out[i] = triangle_normal(v0[i], v1[i], v2[i])
+
+
+@wp.kernel
+def _plane_distance(
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    v0: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    parallel: float,
+    out: wp.array[float],
+) -> None:
+    i = wp.tid()
+    out[i] = plane_distance(origin[i], direction[i], v0[i], normal[i], parallel)
+
+
+@wp.kernel
+def _is_inside(
+    p: wp.array[wp.vec3],
+    v0: wp.array[wp.vec3],
+    v1: wp.array[wp.vec3],
+    v2: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    out: wp.array[wp.bool],
+) -> None:
+    i = wp.tid()
+    out[i] = is_inside_triangle(p[i], v0[i], v1[i], v2[i], normal[i])
+
+
+@wp.kernel
+def _reference(
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    v0: wp.array[wp.vec3],
+    v1: wp.array[wp.vec3],
+    v2: wp.array[wp.vec3],
+    cull: int,
+    parallel: float,
+    out: wp.array[float],
+) -> None:
+    i = wp.tid()
+    out[i] = intersect_triangle_reference(origin[i], direction[i], v0[i], v1[i], v2[i], cull, parallel)
+
+
+@wp.kernel
+def _triage(
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    v0: wp.array[wp.vec3],
+    v1: wp.array[wp.vec3],
+    v2: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    cull: int,
+    out: wp.array[float],
+) -> None:
+    i = wp.tid()
+    a = v0[i]
+    b = v1[i]
+    c = v2[i]
+    o = origin[i]
+    out[i] = triage_triangle(direction[i], a - b, b - c, c - a, a - o, b - o, c - o, normal[i], cull)
+
+
+@wp.kernel
+def _decide(
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    v0: wp.array[wp.vec3],
+    v1: wp.array[wp.vec3],
+    v2: wp.array[wp.vec3],
+    cull: int,
+    is_tilted: bool,
+    out: wp.array[wp.float64],
+) -> None:
+    i = wp.tid()
+    o = to_double(origin[i])
+    d = to_double(direction[i])
+    if is_tilted:
+        d = tilted(d)
+    out[i] = decide_triangle(d, to_double(v0[i]) - o, to_double(v1[i]) - o, to_double(v2[i]) - o, cull)
+
+
+@wp.kernel
+def _closed_form(
+    size: wp.array[wp.vec3],
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    kind: int,
+    cull: int,
+    out: wp.array[float],
+) -> None:
+    i = wp.tid()
+    out[i] = intersect_closed_form(kind, size[i], origin[i], direction[i], cull)
+
+
+@wp.kernel
+def _closed_form_normal(size: wp.array[wp.vec3], point: wp.array[wp.vec3], kind: int, out: wp.array[wp.vec3]) -> None:
+    i = wp.tid()
+    out[i] = closed_form_normal(kind, size[i], point[i])
+
+
+def _over_rows(kernel: wp.Kernel, dtype: Any, vectors: Sequence[ArrayLike], scalars: Sequence[float] = ()) -> Any:
+    columns = np.broadcast_arrays(*(np.atleast_2d(np.asarray(v, np.float32)) for v in vectors))
+    rows = len(columns[0])
+    out = wp.empty(rows, dtype=dtype, device="cpu")
+    arrays = [wp.array(np.ascontiguousarray(c), dtype=wp.vec3, device="cpu") for c in columns]
+    wp.launch(kernel, rows, inputs=[*arrays, *scalars], outputs=[out], device="cpu")
+    return out.numpy()
+
+
+def normal(v0: ArrayLike, v1: ArrayLike, v2: ArrayLike) -> Floats:
+    return _over_rows(_normal, wp.vec3, [v0, v1, v2])
+
+
+def distance_to_plane(
+    origin: ArrayLike, direction: ArrayLike, v0: ArrayLike, unit_normal: ArrayLike, parallel: float = 0.0
+) -> Floats:
+    return _over_rows(_plane_distance, wp.float32, [origin, direction, v0, unit_normal], [parallel])
+
+
+def is_inside(p: ArrayLike, v0: ArrayLike, v1: ArrayLike, v2: ArrayLike, unit_normal: ArrayLike) -> NDArray[np.bool_]:
+    return _over_rows(_is_inside, wp.bool, [p, v0, v1, v2, unit_normal])
+
+
+def reference(
+    origin: ArrayLike,
+    direction: ArrayLike,
+    v0: ArrayLike,
+    v1: ArrayLike,
+    v2: ArrayLike,
+    cull: int = CULL_NONE,
+    parallel: float = 0.0,
+) -> Floats:
+    return _over_rows(_reference, wp.float32, [origin, direction, v0, v1, v2], [cull, parallel])
+
+
+def triage(
+    origin: ArrayLike, direction: ArrayLike, v0: ArrayLike, v1: ArrayLike, v2: ArrayLike, cull: int = CULL_NONE
+) -> Floats:
+    """The cast's first look, in float32, with the normal that a triangle block has."""
+    a, b, c = (np.asarray(v, np.float32).astype(np.float64) for v in (v0, v1, v2))
+    n = np.cross(b - a, c - a)
+    with np.errstate(invalid="ignore"):
+        unit_normal = n / np.linalg.norm(n, axis=-1, keepdims=True)
+    return _over_rows(_triage, wp.float32, [origin, direction, v0, v1, v2, unit_normal], [cull])
+
+
+def decide(
+    origin: ArrayLike,
+    direction: ArrayLike,
+    v0: ArrayLike,
+    v1: ArrayLike,
+    v2: ArrayLike,
+    cull: int = CULL_NONE,
+    is_tilted: bool = False,
+) -> NDArray[np.float64]:
+    """The cast's second look, in float64."""
+    return _over_rows(_decide, wp.float64, [origin, direction, v0, v1, v2], [cull, is_tilted])
+
+
+def intersect(
+    origin: ArrayLike, direction: ArrayLike, v0: ArrayLike, v1: ArrayLike, v2: ArrayLike, cull: int = CULL_NONE
+) -> NDArray[np.float64]:
+    """Both looks, as the cast takes them."""
+    first = triage(origin, direction, v0, v1, v2, cull)
+    return np.where(first == UNDECIDED, decide(origin, direction, v0, v1, v2, cull, is_tilted=True), first)
+
+
+def closed_form(kind: int, size: ArrayLike, origin: ArrayLike, direction: ArrayLike, cull: int = CULL_NONE) -> Floats:
+    return _over_rows(_closed_form, wp.float32, [size, origin, direction], [kind, cull])
+
+
+def normal_at(kind: int, size: ArrayLike, point: ArrayLike) -> Floats:
+    return _over_rows(_closed_form_normal, wp.vec3, [size, point], [kind])

@@ -1,0 +1,230 @@
+"""Worlds made of meshes and solids, rays cast through them, and the results as numpy arrays."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from rigcast.kernels import solids
+from rigcast.kernels.cast import Rays, cast
+from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
+from rigcast.kernels.triangle import CULL_NONE
+from rigcast.kernels.world import World
+
+Doubles = NDArray[np.float64]
+KINDS = (solids.PLANE, solids.SPHERE, solids.CAPSULE, solids.ELLIPSOID, solids.CYLINDER, solids.BOX)
+NAME = dict(zip(KINDS, ("plane", "sphere", "capsule", "ellipsoid", "cylinder", "box"), strict=True))
+
+
+class Mesh(NamedTuple):
+    """vertices (n, 3) float32, faces (m, 3), counter-clockwise from outside."""
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int64]
+
+    @property
+    def corners(self) -> NDArray[np.float32]:
+        """(m, 3 vertices, 3)"""
+        return self.vertices[self.faces]
+
+
+def mesh(vertices: ArrayLike, faces: ArrayLike) -> Mesh:
+    return Mesh(np.asarray(vertices, np.float32), np.asarray(faces, np.int64))
+
+
+def cube() -> Mesh:
+    box = trimesh.creation.box((2, 2, 2))
+    return mesh(box.vertices, box.faces)
+
+
+def icosphere(subdivisions: int = 3) -> Mesh:
+    sphere = trimesh.creation.icosphere(subdivisions)
+    return mesh(sphere.vertices, sphere.faces)
+
+
+def torus() -> Mesh:
+    ring = trimesh.creation.torus(1.0, 0.4, major_sections=24, minor_sections=12)
+    return mesh(ring.vertices, ring.faces)
+
+
+def grid(cells: int, bumps: float = 0.0, seed: int = 0) -> Mesh:
+    """|x|, |y| <= 1, z up, with vertices up to `bumps` above and below 0."""
+    x = np.linspace(-1, 1, cells + 1)
+    z = np.random.default_rng(seed).uniform(-bumps, bumps, (cells + 1, cells + 1))
+    index = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    return mesh(np.stack([*np.meshgrid(x, x), z], axis=-1).reshape(-1, 3), faces)
+
+
+def turned(shape: Mesh, seed: int) -> Mesh:
+    """The mesh, turned at random before it is rounded to float32."""
+    return mesh(shape.vertices @ random_rotations(np.random.default_rng(seed), 1)[0].T, shape.faces)
+
+
+def random_rotations(rng: np.random.Generator, count: int) -> Doubles:
+    """(count, 3, 3)"""
+    q, r = np.linalg.qr(rng.normal(size=(count, 3, 3)))
+    q *= np.sign(np.diagonal(r, axis1=1, axis2=2))[:, None]
+    return np.asarray(q * np.sign(np.linalg.det(q))[:, None, None])
+
+
+def unit(a: Doubles) -> Doubles:
+    return np.asarray(a / np.linalg.norm(a, axis=-1, keepdims=True))
+
+
+def half_size(kind: int, size: ArrayLike) -> Doubles:
+    """Half sizes of a closed form's box."""
+    x, y, z = np.asarray(size, np.float64)
+    boxes = {
+        solids.PLANE: (x or np.inf, y or np.inf, 0),
+        solids.SPHERE: (x, x, x),
+        solids.CAPSULE: (x, x, x + y),
+        solids.CYLINDER: (x, x, y),
+    }
+    return np.array(boxes.get(kind, (x, y, z)))
+
+
+@dataclass
+class Plan:
+    """Shapes to be, with their poses."""
+
+    trees: list[TriangleTree] = field(default_factory=list)
+    kind: list[int] = field(default_factory=list)
+    size: list[Doubles] = field(default_factory=list)
+    tree: list[int] = field(default_factory=list)
+    center: list[Doubles] = field(default_factory=list)
+    half: list[Doubles] = field(default_factory=list)
+    position: list[Doubles] = field(default_factory=list)
+    rotation: list[Doubles] = field(default_factory=list)
+
+    def add(
+        self, kind: int, size: ArrayLike, position: ArrayLike = (0, 0, 0), rotation: ArrayLike | None = None
+    ) -> None:
+        self._add(kind, np.asarray(size, np.float64), -1, np.zeros(3), half_size(kind, size), position, rotation)
+
+    def add_mesh(self, shape: Mesh | int, position: ArrayLike = (0, 0, 0), rotation: ArrayLike | None = None) -> None:
+        """A mesh, or another instance of mesh number `shape`."""
+        if isinstance(shape, Mesh):
+            self.trees.append(build_triangle_tree(shape.vertices, shape.faces))
+        index = shape if isinstance(shape, int) else len(self.trees) - 1
+        lower, upper = self.trees[index].lower.astype(np.float64), self.trees[index].upper.astype(np.float64)
+        middle, half = (lower + upper) / 2, (upper - lower) / 2
+        self._add(solids.TRIANGLES, np.zeros(3), index, middle, half, position, rotation)
+
+    def _add(
+        self,
+        kind: int,
+        size: Doubles,
+        tree: int,
+        center: Doubles,
+        half: Doubles,
+        position: ArrayLike,
+        rotation: ArrayLike | None,
+    ) -> None:
+        self.kind.append(kind)
+        self.size.append(size)
+        self.tree.append(tree)
+        self.center.append(center)
+        self.half.append(half * (1 + 1e-6))
+        self.position.append(np.asarray(position, np.float64))
+        self.rotation.append(np.eye(3) if rotation is None else np.asarray(rotation, np.float64))
+
+    @property
+    def shapes(self) -> Shapes:
+        vectors = (np.array(a, np.float32).reshape(-1, 3) for a in (self.size, self.center, self.half))
+        size, center, half = vectors
+        return Shapes(np.array(self.kind, np.int32), size, np.array(self.tree, np.int32), center, half)
+
+    def poses(self) -> tuple[Doubles, Doubles]:
+        """Position (n, 3) and rotation (n, 9), as World.update takes them."""
+        return np.array(self.position).reshape(-1, 3), np.array(self.rotation).reshape(-1, 9)
+
+    def world(self, device: str = "cpu") -> World:
+        """The world, updated."""
+        world = World(self.trees, self.shapes, device)
+        world.update(*self.poses())
+        return world
+
+
+def world_of(*meshes: Mesh) -> World:
+    """Meshes as they are."""
+    plan = Plan()
+    for shape in meshes:
+        plan.add_mesh(shape)
+    return plan.world()
+
+
+def random_plan(seed: int, count: int = 40, spread: float = 4.0) -> Plan:
+    """Solids of every kind, planes finite and infinite, and instances of two meshes."""
+    rng = np.random.default_rng(seed)
+    plan = Plan()
+    plan.add_mesh(icosphere(2), rng.uniform(-spread, spread, 3), random_rotations(rng, 1)[0])
+    plan.add_mesh(turned(grid(12, 0.1, seed), seed), rng.uniform(-spread, spread, 3))
+    plan.add(solids.PLANE, (0, 0, 0), (0, 0, -spread))
+    for _ in range(count - 3):
+        where = rng.uniform(-spread, spread, 3), random_rotations(rng, 1)[0]
+        kind = int(rng.integers(0, 8))
+        if kind in KINDS:
+            plan.add(kind, rng.uniform(0.1, 0.8, 3), *where)
+        else:
+            plan.add_mesh(kind - 6, *where)
+    return plan
+
+
+class Hits(NamedTuple):
+    """What cast returns, as numpy arrays (n, ...)."""
+
+    distance: NDArray[np.float32]
+    shape: NDArray[np.int32]
+    face: NDArray[np.int32]
+    normal: NDArray[np.float32]
+
+
+def rays_of(origins: ArrayLike, directions: ArrayLike, device: str = "cpu") -> Rays:
+    """Rays in the world's own frame: origins (n, 3) or (3,), unit directions (n, 3) or (3,)."""
+    o, d = (np.ascontiguousarray(np.asarray(a, np.float64).reshape(-1, 3)) for a in (origins, directions))
+    d = np.ascontiguousarray(np.broadcast_to(d, (max(len(o), len(d)), 3)))
+    return Rays(
+        wp.array(d, dtype=wp.vec3d, device=device),
+        wp.array(o, dtype=wp.vec3d, device=device),
+        wp.zeros(1, dtype=wp.vec3d, device=device),
+        wp.array(np.eye(3)[None], dtype=wp.mat33d, device=device),
+    )
+
+
+def cast_through(
+    world: World,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    limit: float = np.inf,
+    cull: int = CULL_NONE,
+    visible: ArrayLike = True,
+) -> Hits:
+    device = str(world.device)
+    seen = np.ascontiguousarray(np.broadcast_to(np.asarray(visible, bool), len(world.geometry.kind)))
+    rays = rays_of(origins, directions, device)
+    hits = cast(world.geometry, wp.array(seen, dtype=wp.bool, device=device), rays, limit, cull)
+    return Hits(hits.distance.numpy(), hits.shape.numpy(), hits.face.numpy(), hits.normal.numpy())
+
+
+def assert_same(got: Hits, expected: Hits, message: str = "") -> None:
+    """Bit for bit, but that NaN equals NaN."""
+    for name, a, b in zip(Hits._fields, got, expected, strict=True):
+        differ = np.flatnonzero(~((a == b) | ((a != a) & (b != b))).reshape(len(a), -1).all(axis=1))
+        assert not len(differ), (
+            f"{message}: {name} of {len(differ)} rays, ray {differ[0]}: got {a[differ[0]]}, expected {b[differ[0]]}"
+        )
+
+
+def random_rays(seed: int, count: int, spread: float = 6.0) -> tuple[Doubles, Doubles]:
+    """Origins and unit directions; one in ten along an axis."""
+    rng = np.random.default_rng(seed)
+    directions = unit(rng.normal(size=(count, 3)))
+    directions[::10] = np.eye(3)[rng.integers(0, 3, len(directions[::10]))] * rng.choice(
+        [-1, 1], (len(directions[::10]), 1)
+    )
+    return rng.uniform(-spread, spread, (count, 3)), directions

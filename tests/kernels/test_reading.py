@@ -1,0 +1,69 @@
+"""From hits to readings: range limits, points and depths in the sensor's frame, and ids."""
+
+import numpy as np
+import pytest
+import warp as wp
+from made_worlds import Doubles, random_rotations, unit
+
+from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.reading import points, read, take, world_points, z_depth
+
+INF, NAN = np.inf, np.nan
+ROTATION = random_rotations(np.random.default_rng(0), 1)
+POSITION = np.array([[1e5, -2e5, 3.0]])
+DIRECTIONS = unit(np.random.default_rng(1).normal(size=(6, 3)))
+RANGES = np.array([0.5, 2.0, 1e4, INF, -INF, NAN], np.float32)
+
+
+def rays(origins: Doubles) -> Rays:
+    arrays = zip((DIRECTIONS, origins, POSITION, ROTATION), (wp.vec3d, wp.vec3d, wp.vec3d, wp.mat33d), strict=True)
+    return Rays(*(wp.array(a, dtype=dtype, device="cpu") for a, dtype in arrays))
+
+
+def device(values: np.ndarray, dtype: type) -> wp.array:
+    return wp.array(values, dtype=dtype, device="cpu")
+
+
+ORIGINS = pytest.mark.parametrize(
+    "origins", [np.zeros((1, 3)), np.random.default_rng(2).normal(size=(6, 3))], ids=["one origin", "an origin each"]
+)
+
+
+@pytest.mark.parametrize("min_range", [0.0, 0.5, 1.0])
+def test_hits_nearer_than_the_least_range_are_minus_inf_and_normals_turn_into_the_frame(min_range: float) -> None:
+    distance = np.array([0.5, 2.0, 1e4, INF, 0.0, NAN], np.float32)
+    shape = np.array([3, 4, 5, -1, 6, -1], np.int32)
+    normal = np.where(shape[:, None] >= 0, unit(np.random.default_rng(3).normal(size=(6, 3))), 0)
+    face = device(np.arange(6), wp.int32)
+    hits = HitArrays(device(distance, wp.float32), device(shape, wp.int32), face, device(normal, wp.vec3))
+    read(hits, rays(np.zeros((1, 3))), min_range)
+    is_near = distance < min_range
+    np.testing.assert_array_equal(hits.distance.numpy(), np.where(is_near, -INF, distance))
+    np.testing.assert_array_equal(hits.shape.numpy(), np.where(is_near, -1, shape))
+    np.testing.assert_allclose(
+        hits.normal.numpy(), np.where(is_near[:, None], 0, normal @ ROTATION[0]), atol=1e-6, rtol=0
+    )
+
+
+@ORIGINS
+def test_points_are_where_the_ranges_end_and_nan_where_there_is_none(origins: Doubles) -> None:
+    in_frame = points(device(RANGES, wp.float32), rays(origins)).numpy()
+    in_world = world_points(device(RANGES, wp.float32), rays(origins)).numpy()
+    expected = (np.broadcast_to(origins, (6, 3)) + RANGES[:, None].astype(float) * DIRECTIONS)[:3]
+    assert (in_frame.dtype, in_world.dtype) == (np.float32, np.float64)
+    np.testing.assert_allclose(in_frame[:3], expected, rtol=1e-6)
+    np.testing.assert_allclose(in_world[:3], expected @ ROTATION[0].T + POSITION, rtol=1e-14)
+    assert np.isnan(in_frame[3:]).all()
+    assert np.isnan(in_world[3:]).all()
+
+
+def test_depth_is_the_range_along_z_and_infinite_where_it_is() -> None:
+    forward = Rays(wp.array(np.abs(DIRECTIONS), dtype=wp.vec3d, device="cpu"), wp.empty(0), wp.empty(0), wp.empty(0))
+    got = z_depth(device(RANGES, wp.float32), forward).numpy()
+    np.testing.assert_allclose(got[:3], RANGES[:3] * np.abs(DIRECTIONS[:3, 2]), rtol=1e-6)
+    np.testing.assert_array_equal(got[3:], [INF, -INF, NAN])
+
+
+def test_taken_is_what_the_table_holds_and_minus_1_of_minus_1() -> None:
+    got = take(device(np.array([10, 20, 30]), wp.int32), device(np.array([2, -1, 0, 0, 1, -1]), wp.int32)).numpy()
+    np.testing.assert_array_equal(got, [30, -1, 10, 10, 20, -1])

@@ -1,0 +1,181 @@
+"""Trees hold every box once, enclose what they hold, and never ask for a deeper stack than there is."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rigcast.kernels import tree
+from rigcast.kernels.tree import NO_CHILD, STACK, Tree, build_tree
+
+Boxes = tuple[NDArray[np.float32], NDArray[np.float32]]
+
+
+def boxes_around(centers: NDArray[np.float64], half: NDArray[np.float64] | float) -> Boxes:
+    return (centers - half).astype(np.float32), (centers + half).astype(np.float32)
+
+
+def scattered(count: int, seed: int = 0) -> Boxes:
+    rng = np.random.default_rng(seed)
+    return boxes_around(rng.uniform(-5, 5, (count, 3)), rng.uniform(0, 0.5, (count, 3)))
+
+
+def clustered(count: int, seed: int = 0) -> Boxes:
+    """Small boxes in a few tight clusters, listed in no order."""
+    rng = np.random.default_rng(seed)
+    clusters = rng.uniform(-50, 50, (12, 3))
+    return boxes_around(clusters[rng.integers(0, 12, count)] + rng.normal(size=(count, 3)), 0.05)
+
+
+def flat_grid() -> Boxes:
+    x, y = np.meshgrid(np.arange(20.0), np.arange(30.0))
+    return boxes_around(np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3), np.array([0.5, 0.5, 0.0]))
+
+
+def log_scaled(count: int) -> Boxes:
+    """Points that crowd towards the origin: every split leaves most of them on one side."""
+    return boxes_around(np.exp(np.random.default_rng(0).uniform(-30, 30, (count, 3))), 0.0)
+
+
+def nested(count: int) -> Boxes:
+    corner = np.exp(np.linspace(-80, 42, count))[:, None] * np.ones(3)
+    return np.zeros((count, 3), np.float32), corner.astype(np.float32)
+
+
+ADVERSARIAL = {
+    "log-scaled points": log_scaled(5000),
+    "boxes nested at a corner": nested(1000),
+    "powers of two along the diagonal": boxes_around(2.0 ** (np.arange(4800) / 20 - 120)[:, None] * np.ones(3), 0.0),
+}
+PLAIN = {
+    **{f"{n} scattered": scattered(n) for n in (1, 2, 7, 8, 9, 16, 17, 65, 1000)},
+    "clustered": clustered(3000),
+    "a flat grid": flat_grid(),
+    "100 in one place": boxes_around(np.ones((100, 3)), 0.5),
+    "100 points at the origin": boxes_around(np.zeros((100, 3)), 0.0),
+    "along a line": boxes_around(np.linspace(0, 1, 300)[:, None] * [1, 0, 0], 0.001),
+    "far from the origin": boxes_around(1e6 + np.random.default_rng(0).uniform(size=(500, 3)), 0.01),
+}
+ALL = {**PLAIN, **ADVERSARIAL}
+
+
+def present(node: np.void) -> NDArray[np.int32]:
+    """Which of a node's eight children there are."""
+    return np.flatnonzero(node["child"] != NO_CHILD).astype(np.int32)
+
+
+def stack_needed(built: Tree) -> int:
+    """Entries that a traversal holds at most: a node is taken off, all of its children are put on."""
+    room, most = np.ones(len(built.nodes), int), 1
+    for k, node in enumerate(built.nodes):
+        children = node["child"][present(node)]
+        full = room[k] - 1 + len(children)
+        room[children[children >= 0]] = full
+        most = max(most, full)
+    return most
+
+
+def extent(built: Tree, boxes: Boxes, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Exact bounds of leaf ~k (k < 0) or of node k, children first."""
+    if k < 0:
+        first, count = built.leaf_first[~k], built.leaf_count[~k]
+        held = built.order[first : first + count]
+        return boxes[0][held].min(axis=0).astype(np.float64), boxes[1][held].max(axis=0).astype(np.float64)
+    children = [extent(built, boxes, int(c)) for c in built.nodes[k]["child"][present(built.nodes[k])]]
+    return np.min([c[0] for c in children], axis=0), np.max([c[1] for c in children], axis=0)
+
+
+@pytest.mark.parametrize("leaf_size", [1, 4, 8])
+@pytest.mark.parametrize("name", ALL)
+def test_every_box_is_in_exactly_one_leaf_and_every_leaf_and_node_in_one_parent(name: str, leaf_size: int) -> None:
+    lower, upper = ALL[name]
+    built = build_tree(lower, upper, leaf_size)
+    leaves = [built.order[f : f + c] for f, c in zip(built.leaf_first, built.leaf_count, strict=True)]
+    np.testing.assert_array_equal(np.sort(np.concatenate(leaves)), np.arange(len(lower)))
+    assert built.leaf_count.min() >= 1
+    assert built.leaf_count.max() <= leaf_size
+    children = built.nodes["child"][built.nodes["child"] != NO_CHILD]
+    np.testing.assert_array_equal(np.sort(children[children >= 0]), np.arange(1, len(built.nodes)))
+    np.testing.assert_array_equal(np.sort(~children[children < 0]), np.arange(len(leaves)))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_children_come_after_their_parents(name: str) -> None:
+    built = build_tree(*ALL[name], leaf_size=1)
+    child = built.nodes["child"]
+    parent = np.broadcast_to(np.arange(len(child))[:, None], child.shape)
+    assert (child > parent)[child >= 0].all()
+
+
+@pytest.mark.parametrize("leaf_size", [1, 8])
+@pytest.mark.parametrize("name", ALL)
+def test_boxes_enclose_what_is_under_them_and_little_more(name: str, leaf_size: int) -> None:
+    boxes = ALL[name]
+    built = build_tree(*boxes, leaf_size)
+    for node in built.nodes:
+        for j in present(node):
+            low, high = extent(built, boxes, int(node["child"][j]))
+            middle, half = (np.array([node[f"{part}_{a}"][j] for a in "xyz"], float) for part in ("center", "half"))
+            # by as much as the two roundings of middle +- half in float32 take, and no more
+            size = np.maximum(np.abs(low), np.abs(high))
+            assert (middle - half <= low).all(), f"{name}: {middle} - {half} > {low}"
+            assert (middle + half >= high).all(), f"{name}: {middle} + {half} < {high}"
+            assert (half - (high - low) / 2 <= 2e-6 * size).all(), f"{name}: {half} is more than {(high - low) / 2}"
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_absent_children_have_a_box_that_no_ray_meets(name: str) -> None:
+    built = build_tree(*ALL[name], leaf_size=1)
+    absent = built.nodes["child"] == NO_CHILD
+    for axis in "xyz":
+        assert (built.nodes[f"half_{axis}"][absent] == -np.inf).all()
+        assert np.isfinite(built.nodes[f"half_{axis}"][~absent]).all()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_no_tree_needs_a_deeper_stack_than_there_is(name: str) -> None:
+    assert stack_needed(build_tree(*ALL[name], leaf_size=1)) <= STACK
+
+
+@pytest.mark.parametrize("name", ADVERSARIAL)
+def test_the_heuristic_alone_would_need_a_deeper_stack(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise the test above would not see that such trees are balanced instead."""
+    monkeypatch.setattr(tree, "STACK", 10**6)
+    assert stack_needed(build_tree(*ALL[name], leaf_size=1)) > STACK
+
+
+def test_no_boxes_give_a_root_without_children() -> None:
+    built = build_tree(*scattered(0), leaf_size=8)
+    assert len(built.nodes) == 1
+    assert (built.nodes["child"] == NO_CHILD).all()
+    assert (built.nodes["half_x"] == -np.inf).all()
+    assert len(built.order) == len(built.leaf_first) == len(built.leaf_count) == 0
+
+
+@pytest.mark.parametrize(("count", "leaves"), [(1, 1), (8, 1), (9, 2)])
+def test_a_leaf_is_split_only_when_it_is_too_full(count: int, leaves: int) -> None:
+    built = build_tree(*scattered(count), leaf_size=8)
+    assert (len(built.nodes), len(built.leaf_count)) == (1, leaves)
+
+
+def test_boxes_are_not_changed_by_the_build() -> None:
+    lower, upper = scattered(100)
+    before = lower.copy(), upper.copy()
+    build_tree(lower, upper, leaf_size=1)
+    np.testing.assert_array_equal((lower, upper), before)
+
+
+def cost(built: Tree) -> float:
+    """The surface-area heuristic: expected nodes and boxes that a random line through the root's box is tested with."""
+    x, y, z = (2 * built.nodes[f"half_{axis}"].astype(np.float64) for axis in "xyz")
+    area = np.where(built.nodes["child"] != NO_CHILD, x * y + y * z + z * x, 0.0)
+    child = built.nodes["child"]
+    leaf_size = np.where(child < 0, built.leaf_count[np.where(child < 0, ~child, 0) % len(built.leaf_count)], 1)
+    return float((area * leaf_size).sum())
+
+
+@pytest.mark.parametrize(("name", "gain"), [("clustered", 5), ("1000 scattered", 2)])
+def test_the_heuristic_beats_halving_by_count(name: str, gain: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    by_area = cost(build_tree(*ALL[name], leaf_size=4))
+    monkeypatch.setattr(tree, "STACK", 0)
+    by_count = cost(build_tree(*ALL[name], leaf_size=4))
+    assert gain * by_area < by_count, f"got a cost of {by_area:.4g}, halving by count costs {by_count:.4g}"

@@ -1,0 +1,83 @@
+"""Frames with chosen readings, and a small model for the ids in them."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.sensors.frame import CameraFrame, Frame, LidarFrame
+
+MODEL_XML = """
+<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 0.1"/>
+    <body name="crate" pos="2 0 0.5"><geom type="box" size="0.5 0.5 0.5"/></body>
+    <body pos="0 3 1"><geom name="ball" size="0.4"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+# A rotation about no axis in particular: no entry of it is a float32.
+POSE = np.eye(4)
+POSE[:3, :3] = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+POSE[:3, 3] = (1e4 + 1 / 3, -np.pi, 0.1)
+
+INTRINSICS = np.array([[525.3, 0.0, 319.7], [0.0, 524.9, 239.1], [0.0, 0.0, 1.0]])
+
+
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(MODEL_XML)
+
+
+def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -> Any:
+    """A frame of `kind` whose range is `distance`; other readings are random, and misses where that is none.
+
+    Fields can be `given` by name. A frame works out its fields when asked; here they are there already.
+    """
+    frame = kind(
+        sensor=given.pop("sensor", "eye"),
+        time=given.pop("time", 0.1),
+        pose=POSE,
+        shape=distance.shape,
+        **_own_fields(kind, distance.shape),
+    )
+    arrays = _random_fields(distance) | {"range": distance} | given
+    vars(frame).update({name: wp.array(array, device="cpu") for name, array in arrays.items()})
+    return frame
+
+
+def random_range(shape: tuple[int, ...], seed: int) -> NDArray[np.float32]:
+    """Ranges between 0.1 and 50 m, among them no return, too near and invalid, each about once in eight."""
+    rng = np.random.default_rng(seed)
+    distance = rng.uniform(0.1, 50.0, shape).astype(np.float32)
+    for value in (np.inf, -np.inf, np.nan):
+        distance[rng.random(shape) < 0.125] = value
+    return distance
+
+
+def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
+    """What the kind is made with, and nothing in place of the hits that readings are worked out from."""
+    fields: dict[str, Any] = {"_hits": None, "_rays": None, "_geom_body": None}
+    if kind is CameraFrame:
+        fields |= {"intrinsics": INTRINSICS}
+    if kind is LidarFrame:
+        ring, column = np.indices(shape, dtype=np.int32)
+        fields |= {"ring": wp.array(ring, device="cpu"), "column": wp.array(column, device="cpu")}
+    return fields
+
+
+def _random_fields(distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+    rng = np.random.default_rng(distance.size)
+    shape, hit = distance.shape, np.isfinite(distance)
+    normal = rng.normal(size=(*shape, 3))
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    return {
+        "points": np.where(hit[..., None], rng.normal(size=(*shape, 3)), np.nan).astype(np.float32),
+        "normal": np.where(hit[..., None], normal, 0.0).astype(np.float32),
+        "depth": (0.8 * distance).astype(np.float32),
+        "geom_id": np.where(hit, rng.integers(0, 3, shape), -1).astype(np.int32),
+        "body_id": np.where(hit, rng.integers(0, 3, shape), -1).astype(np.int32),
+        "stamp": 1700000000.123 + rng.random(shape),
+    }

@@ -1,0 +1,161 @@
+"""`rigcast check`: right rigs pass, broken casters fail, and what is wrong can be replayed."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from rigcast import DepthCamera, Filter, HeightScan, Lidar, Mount, Rig, oracle
+from rigcast.check import Report, check, geom_type_name
+from rigcast.cli.check import as_json
+from rigcast.cli.check import check as command
+from rigcast.oracle import RayHits
+from rigcast.sensors.rig import Sensor
+
+WORLD = """<mujoco>
+  <option timestep="0.01"/>
+  <asset><hfield name="hill" nrow="3" ncol="3" elevation="0 0 0 0 1 0 0 0 0" size="1 1 .5 .25"/></asset>
+  <worldbody>
+    <geom name="floor" type="plane" size="0 0 1"/>
+    <geom name="hill" type="hfield" hfield="hill" pos="3 0 .1"/>
+    <geom name="post" type="cylinder" size=".2 1" pos="-2 1 1" contype="0" conaffinity="0"/>
+    <body name="falling" pos="2 2 2"><freejoint/><geom name="falling" type="box" size=".3 .4 .5"/></body>
+    <body name="robot" pos="0 0 1"><joint type="slide" axis="1 0 0"/><geom name="robot" type="sphere"
+    size=".2"/></body>
+  </worldbody>
+  <keyframe><key name="start" qvel="0 0 0 1 2 0 .5"/></keyframe>
+</mujoco>"""
+MODEL = mujoco.MjModel.from_xml_string(WORLD)
+OUTSIDE = Filter(exclude_bodies=("robot",))
+SENSORS: list[Sensor] = [
+    Lidar(name="lidar", mount=Mount(body="robot"), elevation_deg=[-30, -10, 0, 10], columns=60, filter=OUTSIDE),
+    DepthCamera(name="eye", mount=Mount(body="robot"), resolution=(16, 12), fov_y_deg=60.0, max_range=2.0),
+    HeightScan(name="feet", mount=Mount(body="robot"), size=(2.0, 2.0), spacing=0.5, filter=OUTSIDE),
+]
+
+
+def checked(rig: Rig, **given: Any) -> Report:
+    data = mujoco.MjData(rig.model)
+    mujoco.mj_resetDataKeyframe(rig.model, data, 0)
+    return check(rig, data, **{"rays": 1500, "states": 3, "duration": 0.5, **given})
+
+
+def test_a_rig_agrees_with_mj_ray_in_every_state() -> None:
+    report = checked(Rig(MODEL, SENSORS))
+    assert report.total("wrong") == 0
+    assert report.times == pytest.approx((0, 0.25, 0.5))
+    counts = {spec.name: sum(row.rays for row in report.rows if row.sensor == spec.name) for spec in SENSORS}
+    assert counts == {"lidar": 3 * 166, "eye": 3 * 166, "feet": 3 * 25}
+    assert {row.geom_type for row in report.rows if row.sensor == "lidar"} >= {"plane", "hfield", "none"}
+    for row in report.rows:
+        assert row.rays == row.agree + row.edge + row.wrong
+        assert row.p999_error <= row.worst_error < 1e-4
+        assert 0 <= row.worst_of_bound <= 1
+    assert max(row.worst_error for row in report.rows) > 0
+
+
+def test_the_same_seed_checks_the_same_rays() -> None:
+    first, second, other = (checked(Rig(MODEL, SENSORS), rays=90, seed=seed) for seed in (0, 0, 1))
+    assert first == second
+    assert first != other
+
+
+class Broken(Rig):
+    """A rig whose every hit on the cylinder is 1 % too far."""
+
+    def cast(self, data: mujoco.MjData, names: Any = None) -> Any:
+        post = self.model.geom("post").id
+        return {name: _Stretched(hits.numpy(), post) for name, hits in super().cast(data, names).items()}
+
+
+class _Stretched:
+    def __init__(self, hits: Any, geom: int) -> None:
+        distance = np.where(hits.geom_id == geom, hits.distance * np.float32(1.01), hits.distance)
+        self._hits = RayHits(distance, hits.geom_id, hits.normal)
+
+    def numpy(self) -> RayHits:
+        return self._hits
+
+
+def test_wrong_rays_are_counted_where_they_are_and_can_be_replayed() -> None:
+    report = checked(Broken(MODEL, SENSORS), rays=6000)
+    assert {row.geom_type for row in report.rows if row.wrong} == {"cylinder"}
+    assert 0 < len(report.wrong_rays) <= 5
+    for wrong in report.wrong_rays:
+        data = mujoco.MjData(MODEL)
+        mujoco.mj_resetDataKeyframe(MODEL, data, 0)
+        for _ in range(wrong.step):
+            mujoco.mj_step(MODEL, data)
+        assert data.time == wrong.time
+        mujoco.mj_kinematics(MODEL, data)
+        spec = next(spec for spec in SENSORS if spec.name == wrong.sensor)
+        again = oracle.cast(MODEL, data, wrong.origin, [wrong.direction], spec.filter)
+        assert again.distance[0] == wrong.expected.distance
+        assert again.geom_id[0] == wrong.expected.geom_id
+        assert wrong.expected.geom == "post"
+        assert wrong.got.distance == pytest.approx(1.01 * again.distance[0], rel=1e-5)
+        rays = Rig(MODEL, [spec]).rays(data)[spec.name]
+        np.testing.assert_allclose(rays.directions[wrong.ray], wrong.direction, atol=1e-12)
+
+
+def test_json_is_strict_and_whole() -> None:
+    report = checked(Broken(MODEL, SENSORS), rays=900)
+    missed = replace(report.wrong_rays[0], got=replace(report.wrong_rays[0].got, distance=None, geom_id=-1))
+    read = json.loads(as_json(Path("rig.yaml"), replace(report, wrong_rays=(missed,))))
+    assert set(read) == {"rig", "rays", "agree", "edge", "wrong", "rows", "wrong_rays", "times"}
+    assert read["rays"] == sum(row["rays"] for row in read["rows"])
+    assert read["wrong_rays"][0]["got"]["distance"] is None
+    assert read["wrong_rays"][0]["expected"]["geom"] == "post"
+    assert set(read["rows"][0]) >= {"sensor", "geom_type", "worst_error", "p999_error", "worst_of_bound"}
+
+
+@pytest.mark.parametrize(("kind", "name"), [(-1, "none"), (0, "plane"), (1, "hfield"), (6, "box"), (7, "mesh")])
+def test_geom_types_are_named_as_in_mjcf(kind: int, name: str) -> None:
+    assert geom_type_name(kind) == name
+
+
+RIG = """model: world.xml
+keyframe: start
+sensors:
+  - name: lidar
+    type: lidar
+    mount: {body: robot}
+    filter: {exclude_bodies: [robot]}
+    elevation_deg: [-30, 0]
+    columns: 90
+"""
+
+
+@pytest.fixture
+def rig_file(tmp_path: Path) -> Path:
+    (tmp_path / "world.xml").write_text(WORLD)
+    (tmp_path / "rig.yaml").write_text(RIG)
+    return tmp_path / "rig.yaml"
+
+
+def invoke(*arguments: str) -> Any:
+    app = typer.Typer()
+    app.command()(command)
+    return CliRunner().invoke(app, list(arguments))
+
+
+def test_the_command_prints_a_table_writes_json_and_succeeds(rig_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "check.json"
+    result = invoke(str(rig_file), "--rays", "500", "--json", str(out))
+    assert result.exit_code == 0, result.output
+    assert "no wrong of 500 rays in 5 states" in " ".join(result.output.split())
+    assert json.loads(out.read_text())["wrong"] == 0
+
+
+def test_the_command_names_wrong_rays_and_exits_with_1(rig_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rigcast.sensors.rig.Rig", Broken)
+    result = invoke(str(rig_file), "--rays", "3000")
+    assert result.exit_code == 1, result.output
+    for word in ("wrong: ", "post", "expected", "got", "along", "after"):
+        assert word in result.output

@@ -1,0 +1,175 @@
+"""The shell gets tables, or one message and exit code 2, never a traceback."""
+
+import json
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+from typer.testing import CliRunner
+
+import rigcast.cli.presets
+from rigcast.cli import app
+from rigcast.config import RigFile
+from rigcast.sensors.presets import load_preset, preset_names
+
+COMMANDS = ("run", "check", "validate", "presets", "schema", "bench")
+MODEL = '<mujoco><worldbody><body name="torso"><geom size="0.1"/></body></worldbody></mujoco>'
+RIG = """\
+model: robot.xml
+sensors:
+  - {name: top, type: lidar, preset: velodyne_vlp16, mount: {body: torso}}
+  - {name: front, type: depth_camera, mount: {}, resolution: [64, 48], fov_y_deg: 58}
+"""
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    (tmp_path / "robot.xml").write_text(MODEL)
+    (tmp_path / "rig.yaml").write_text(RIG)
+    return tmp_path / "rig.yaml"
+
+
+def call(*arguments: str | Path) -> tuple[int, str]:
+    """Exit code and what was printed, on one line: tables wrap at the width of the terminal."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, " ".join(result.output.split())
+
+
+def test_version() -> None:
+    assert call("--version") == (0, f"rigcast {version('rigcast')}")
+
+
+def test_help_lists_the_commands() -> None:
+    code, output = call("--help")
+    assert code == 0
+    assert [command for command in COMMANDS if f" {command} " in output] == list(COMMANDS)
+
+
+def test_help_loads_no_command() -> None:
+    shown = "from rigcast.cli import app; app(['--help'], standalone_mode=False)"
+    program = f"import sys; {shown}; print('modules:', *sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    modules = done.stdout.partition("modules:")[2].split()
+    assert "rigcast.cli" in modules
+    assert not {f"rigcast.cli.{command}" for command in COMMANDS} & set(modules)
+
+
+def test_validate_shows_the_sensors(rig: Path) -> None:
+    code, output = call("validate", rig)
+    assert code == 0, output
+    assert "│ top │ lidar │ 16 x 1808 │ 10 Hz │ body torso │" in output
+    assert "│ front │ depth_camera │ 48 x 64 │ every step │ world │" in output
+
+
+def test_validate_takes_another_model(rig: Path) -> None:
+    (rig.parent / "other.xml").write_text(MODEL.replace("torso", "trunk"))
+    code, output = call("validate", rig, "--model", rig.parent / "other.xml")
+    assert code == 2
+    assert f"{rig}:3:68: sensors[0].mount.body: no body 'torso' in the model, expected one of world, trunk" in output
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("model:", "modl:", ":1:1: modl: unknown key 'modl'"),
+        ("robot.xml", "rig.yaml", "does not compile"),
+        ("torso", "torsoo", ":3:68: sensors[0].mount.body: no body 'torsoo'"),
+        ("[64, 48]", "[0, 48]", ":4:63: sensors[1].resolution[0]: must be greater than or equal to 1, got 0"),
+        ("58", "!!float 58", ":4:83: got a tag"),
+        ("front", "top", ":4:12: sensors[1].name: 'top' is the name of sensors[0] already"),
+        ("sensors:", "sensors: [", "not valid YAML"),
+        ("58", ".nan", "sensors[1].fov_y_deg: must be"),
+    ],
+)
+def test_bad_rigs_exit_with_2(rig: Path, old: str, new: str, message: str) -> None:
+    rig.write_text(RIG.replace(old, new))
+    code, output = call("validate", rig)
+    assert code == 2
+    assert message in output
+
+
+def test_bad_input_goes_to_stderr_without_a_traceback(tmp_path: Path) -> None:
+    arguments = ["validate", str(tmp_path / "no.yaml")]
+    main = "import sys; from rigcast.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", main, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == f"{tmp_path / 'no.yaml'}: cannot be read: No such file or directory\n"
+
+
+@pytest.mark.parametrize("arguments", [["validat"], ["validate"], ["presets", "--bogus"]])
+def test_bad_usage_exits_with_2(arguments: list[str]) -> None:
+    assert call(*arguments)[0] == 2
+
+
+def test_ctrl_c_exits_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted() -> NoReturn:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rigcast.cli.presets, "presets", interrupted)
+    assert call("presets") == (130, "interrupted")
+
+
+def test_presets_are_listed() -> None:
+    code, output = call("presets")
+    assert code == 0
+    assert all(name in output for name in preset_names())
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_a_preset_is_shown_with_its_sources(name: str) -> None:
+    code, output = call("presets", name)
+    preset = load_preset(name)
+    assert code == 0
+    assert " ".join(preset.source.split()) in output
+    assert all(f"assumed: {remark}" in output for remark in preset.assumed)
+    assert all(f"{key}: " in output for key in preset.sensor)
+
+
+def test_unknown_preset_names_the_nearest() -> None:
+    code, output = call("presets", "velodyne_vlp61")
+    assert code == 2
+    assert "unknown preset 'velodyne_vlp61'" in output
+    assert "did you mean 'velodyne_vlp16'?" in output
+
+
+def schema() -> dict[str, Any]:
+    code, output = call("schema")
+    assert code == 0
+
+    def refuse(constant: str) -> NoReturn:
+        raise ValueError(f"{constant} is not JSON")
+
+    return dict(json.loads(output, parse_constant=refuse))
+
+
+def test_schema_knows_the_keys_and_explains_them() -> None:
+    document = schema()
+    definitions = document["$defs"]
+    assert set(document["properties"]) == set(RigFile.model_fields)
+    assert set(definitions) == {"Lidar", "DepthCamera", "HeightScan", "Mount", "Filter"}
+    for name, definition in {"RigFile": document, **definitions}.items():
+        assert definition["additionalProperties"] is False
+        unexplained = [key for key, field in definition["properties"].items() if "description" not in field]
+        assert unexplained in ([], ["type"]), name
+
+
+@pytest.mark.parametrize(
+    ("sensor", "required"),
+    [
+        ("Lidar", {"type", "name", "mount"}),
+        ("DepthCamera", {"type", "name", "mount"}),
+        ("HeightScan", {"type", "name", "mount", "size", "spacing"}),
+    ],
+)
+def test_schema_requires_what_no_preset_gives(sensor: str, required: set[str]) -> None:
+    assert set(schema()["$defs"][sensor]["required"]) == required
+
+
+@pytest.mark.parametrize("key", ["max_range", "columns", "elevation_deg"])
+def test_schema_gives_no_default_that_a_file_could_not_hold(key: str) -> None:
+    assert "default" not in schema()["$defs"]["Lidar"]["properties"][key]

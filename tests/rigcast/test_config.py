@@ -1,0 +1,280 @@
+"""A rig file becomes a rig, or one error that shows every mistake where it is."""
+
+import re
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from rigcast.config import load_rig, open_rig, read_rig
+from rigcast.sensors.depth_camera import DepthCamera
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.filter import Filter
+from rigcast.sensors.height_scan import HeightScan
+from rigcast.sensors.lidar import Lidar
+from rigcast.sensors.mount import Mount
+
+MODEL = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="0 0 1"/>
+    <body name="torso" pos="0 0 1">
+      <freejoint/>
+      <geom size="0.1"/>
+      <site name="mast"/>
+      <camera name="head" resolution="64 48"/>
+      <camera name="bare"/>
+    </body>
+  </worldbody>
+  <keyframe><key name="home" qpos="0 0 1 1 0 0 0"/></keyframe>
+</mujoco>
+"""
+
+GOOD = """\
+# A comment, and an anchor that is used again.
+model: models/robot.xml
+seed: 7
+keyframe: home
+sensors:
+  - name: top
+    type: lidar
+    preset: velodyne_vlp16
+    mount: {body: torso, pos: [0, 0, 0.3], euler_deg: [0, 0, 90]}
+    rate_hz: 10
+    max_range: 5e1
+    filter: &own {exclude_bodies: [torso], exclude_subtree: true}
+  - name: front
+    type: depth_camera
+    mount: {camera: head}
+    filter: *own
+  - {name: feet, type: height_scan, mount: {site: mast}, size: [1.6, 1.0], spacing: 0.1, max_range: .inf}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "robot.xml").write_text(MODEL)
+    return tmp_path
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "rig.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def error_of(path: Path, model: Path | None = None) -> str:
+    with pytest.raises(InputError) as caught:
+        load_rig(path, model)
+    return str(caught.value)
+
+
+def test_yaml_says_what_python_says(folder: Path) -> None:
+    config = read_rig(write(folder, GOOD))
+    own = Filter(exclude_bodies=["torso"], exclude_subtree=True)
+    torso = Mount(body="torso", pos=(0, 0, 0.3), euler_deg=(0, 0, 90))
+    assert config.model == folder / "models" / "robot.xml"
+    assert (config.seed, config.keyframe) == (7, "home")
+    assert config.sensors == (
+        Lidar(name="top", preset="velodyne_vlp16", mount=torso, rate_hz=10, max_range=50, filter=own),
+        DepthCamera(name="front", mount=Mount(camera="head"), filter=own),
+        HeightScan(name="feet", mount=Mount(site="mast"), size=(1.6, 1.0), spacing=0.1),
+    )
+
+
+def test_only_sensors_are_required(folder: Path) -> None:
+    config = read_rig(write(folder, "sensors: [{name: a, type: lidar, preset: velodyne_vlp16, mount: {}}]"))
+    assert (config.model, config.seed, config.keyframe) == (None, 0, None)
+
+
+def test_the_model_is_found_beside_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(folder, GOOD)
+    monkeypatch.chdir(folder.parent)
+    _, model = open_rig(Path(folder.name) / "rig.yaml")
+    assert model.body("torso").id == 1
+
+
+@pytest.mark.parametrize("kind", ["model", "xml", "mjb"])
+def test_a_model_given_takes_the_place_of_the_files(folder: Path, kind: str) -> None:
+    model = mujoco.MjModel.from_xml_string(MODEL.replace('size="0.1"', 'size="0.25"'))
+    binary, xml = folder / "other.mjb", folder / "other.xml"
+    mujoco.mj_saveModel(model, str(binary))
+    xml.write_text(MODEL.replace('size="0.1"', 'size="0.25"'))
+    given = {"model": model, "xml": str(xml), "mjb": binary}[kind]
+    _, opened = open_rig(write(folder, GOOD.replace("models/robot.xml", "missing.xml")), given)
+    assert opened.geom_size[1, 0] == 0.25
+
+
+@pytest.mark.parametrize("text", ["\ufeff" + GOOD, GOOD.replace("\n", "\r\n"), "%YAML 1.2\n---\n" + GOOD])
+def test_ways_to_write_a_file(folder: Path, text: str) -> None:
+    path = folder / "rig.yaml"
+    path.write_bytes(text.encode("utf-8"))
+    assert [sensor.name for sensor in read_rig(path).sensors] == ["top", "front", "feet"]
+
+
+HEAD = "model: models/robot.xml\n"
+LIDAR = "type: lidar, preset: velodyne_vlp16"
+ONE = HEAD + "sensors:\n  - {name: a, " + LIDAR + ", mount: {body: torso}"
+CAMERA = HEAD + "sensors:\n  - §{name: a, type: depth_camera, mount: {camera: bare}}"
+
+# (what is in the file, with § before what is at fault, and what is said about it)
+FAULTS = [
+    # the file as YAML
+    ("", "the file is empty"),
+    ("# nothing\n", "the file is empty"),
+    ("a: [1, 2\nb§: 3\n", "not valid YAML: expected ',' or ']', but got ':'"),
+    ("a: 'x\n§", "not valid YAML: found unexpected end of stream"),
+    ("a: 1\n§---\nb: 2\n", "not valid YAML: but found another document"),
+    ("a: §*x\n", "not valid YAML: found undefined alias 'x'"),
+    ("a: \x01\n", "not valid YAML: .*special characters are not allowed"),
+    ("seed: 1\n§seed: 2\n", "seed: duplicate key 'seed'"),
+    (ONE + ", min_range: 1, §min_range: 2}", r"sensors\[0\].min_range: duplicate key 'min_range'"),
+    ("seed: §!!int 3\n", "got a tag, expected a plain value"),
+    ("a: §!!python/object/apply:os.system [ls]\n", "got a tag, expected a plain value"),
+    ("? §[a, b]\n: c\n", "a key must be text"),
+    # the file as a rig
+    ("§3\n", "must be a mapping, got 3"),
+    ("§- a\n", "must be a mapping, got"),
+    ("§sed: 3\n" + ONE + "}", "sed: unknown key 'sed', expected one of .*; did you mean 'seed'?"),
+    ("§3: 3\n" + ONE + "}", "3: unknown key '3'"),
+    ("§<<: {seed: 3}\n" + ONE + "}", "<<: unknown key '<<'"),
+    ("§model: models/robot.xml\n", "sensors: required, but not given"),
+    (HEAD + "sensors: §[]\n", "sensors: must have at least 1 sensor, got none"),
+    (HEAD + "sensors: §{a: 1}\n", "sensors: must be a list, got"),
+    (HEAD + "§sensors:\n", r"sensors: must be a list, got nothing \(null\)"),
+    (HEAD + "sensors: [§3]\n", r"sensors\[0\]: must be a mapping, got 3"),
+    ("seed: §-1\n" + ONE + "}", "seed: must be greater than or equal to 0, got -1"),
+    ("seed: §1.5\n" + ONE + "}", "seed: must be an integer, got 1.5"),
+    ("seed: §yes\n" + ONE + "}", "seed: must be an integer, got 'yes'"),
+    ("seed: §true\n" + ONE + "}", "seed: must be an integer, got True"),
+    ("keyframe: §3\n" + ONE + "}", "keyframe: must be a string, got 3"),
+    (ONE.replace("models/robot.xml", "§3") + "}", "model: must be a string, got 3"),
+    # a sensor
+    (HEAD + "sensors:\n  - §{name: a, mount: {}}\n", r"sensors\[0\].type: required, one of lidar, depth_cam"),
+    (HEAD + "sensors:\n  - type: §ldar\n", r"sensors\[0\].type: unknown type 'ldar', .*'lidar'?"),
+    (HEAD + "sensors:\n  - type: §[a]\n", r"sensors\[0\].type: unknown type \['a'\]"),
+    (ONE + ", §max_rnge: 3}", r"sensors\[0\].max_rnge: unknown key .*did you mean 'max_range'?"),
+    (ONE + ", §lidar: 3}", r"sensors\[0\].lidar: unknown key 'lidar'"),
+    (ONE + ", §preset: x}", r"sensors\[0\].preset: duplicate key"),
+    (ONE + ", max_range: §100 m}", r"max_range: must be a number, got '100 m' \(.*\[m\]"),
+    (ONE + ", max_range: §.nan}", "max_range: must be .*, got nan"),
+    (ONE + ", min_range: §.inf}", "min_range: must be a finite number, got inf"),
+    (ONE + ", min_range: 5, max_range: §2}", "max_range: must be above min_range, 5 m, got 2 m"),
+    (ONE.replace("{n", "§{n") + ", min_range: 200}", "max_range: must be above min_range, 200 m, got 100 m"),
+    (ONE + ", rate_hz: §10Hz}", r"rate_hz: must be a number, got '10Hz' \(.*\[Hz\]"),
+    (ONE + ", rate_hz: §1:30}", "rate_hz: must be a number, got '1:30'"),
+    (ONE + ", columns: §0}", "columns: must be greater than or equal to 1, got 0"),
+    (ONE + ", elevation_deg: [1, §x]}", r"sensors\[0\].elevation_deg\[1\]: must be a number, got 'x'"),
+    (ONE + ", §filter: }", r"sensors\[0\].filter: must be a mapping, got nothing \(null\)"),
+    (ONE + ", filter: {static: §2020-01-01}}", "filter.static: must be a boolean, got '2020-01-01'"),
+    (ONE + "}\n  - {name: §a, " + LIDAR + ", mount: {}}", "'a' is the name of sensors.0. already"),
+    (ONE.replace("torso", "torso, pos: §[1, 2]") + "}", "mount.pos: must have value 3 too, got 2"),
+    (ONE.replace("body", "§bdy") + "}", r"sensors\[0\].mount.bdy: unknown key 'bdy', .*'body'?"),
+    (ONE.replace("velodyne_vlp16", "§velodyne_vlp61") + "}", "preset: unknown preset .*'velodyne_vlp16'?"),
+    (ONE.replace("name: a", "name: §a/b") + "}", r"sensors\[0\].name: must match .* got 'a/b'"),
+    (ONE.replace("{name: a, ", "§{") + "}", r"sensors\[0\].name: required, but not given"),
+    # the rig on its model
+    (ONE.replace("torso", "§torzo") + "}", "mount.body: no body 'torzo' in the model, .*'torso'?"),
+    (ONE.replace("body: torso", "site: §tip") + "}", "mount.site: no site 'tip' .* expected one of mast"),
+    (ONE.replace("body: torso", "camera: §hed") + "}", "no camera 'hed' in the model, .*'head'?"),
+    (ONE + ", filter: {exclude_bodies: [world, §leg]}}", r"exclude_bodies\[1\]: no body 'leg' in"),
+    ("keyframe: §hom\n" + ONE + "}", "keyframe: no keyframe 'hom' in the model, .*'home'?"),
+    (CAMERA, r"sensors\[0\]: resolution required: camera 'bare' of the model has none"),
+    (ONE.replace("models/robot.xml", "§root.xml") + "}", "model: model .*root.xml is not a file"),
+    (ONE.replace("models/robot.xml", "§models") + "}", "model: model .*models is not a file"),
+    (ONE.replace("models/robot.xml", "§rig.yaml") + "}", "model: model .*rig.yaml does not compile"),
+    ("§" + ONE.removeprefix(HEAD) + "}", "model: required, as no model was given otherwise"),
+]
+
+
+def place_of(text: str) -> str | None:
+    """line:column of the §."""
+    before = text.partition("§")[0].split("\n")
+    return f"{len(before)}:{len(before[-1]) + 1}" if "§" in text else None
+
+
+@pytest.mark.parametrize(("text", "message"), FAULTS)
+def test_fault_is_named_at_its_place(folder: Path, text: str, message: str) -> None:
+    path, place = write(folder, text.replace("§", "")), place_of(text)
+    error = error_of(path)
+    first = error.splitlines()[0]
+    assert first.startswith(f"{path}:{place}: " if place else f"{path}: "), error
+    assert re.search(message.replace("?", r"\?"), first), error
+    assert len(re.findall(re.escape(str(path)) + r":\d", error)) == (1 if place else 0), error
+
+
+def test_the_line_is_shown_with_a_caret(folder: Path) -> None:
+    path = write(folder, ONE.replace("body", "bdy") + "}")
+    line, caret = error_of(path).splitlines()[1:]
+    assert line == "      - {name: a, type: lidar, preset: velodyne_vlp16, mount: {bdy: torso}}"
+    assert caret == " " * line.index("bdy") + "^"
+
+
+def test_all_faults_are_told_at_once_in_the_files_order(folder: Path) -> None:
+    """Faults of the file, of names that the model does not have, and of sensors side by side."""
+    path = write(
+        folder,
+        """\
+model: models/robot.xml
+sed: 3
+keyframe: nowhere
+sensors:
+  - {name: a, type: lidar, preset: velodyne_vlp16, mount: {body: leg}, filter: {exclude_bodies: [x, y]}}
+  - name: a
+    type: depth_camera
+    mount: {camera: head}
+    fov_y_deg: 200
+    resolution: [0, 0]
+  - {name: b, type: height_scan, mount: {site: nose}, size: [1, 1], spacing: 0.1}
+""",
+    )
+    places = re.findall(re.escape(str(path)) + r":(\d+:\d+): ([^:]+):", error_of(path))
+    assert places == [
+        ("2:1", "sed"),
+        ("3:11", "keyframe"),
+        ("5:66", "sensors[0].mount.body"),
+        ("5:98", "sensors[0].filter.exclude_bodies[0]"),
+        ("5:101", "sensors[0].filter.exclude_bodies[1]"),
+        ("6:11", "sensors[1].name"),
+        ("9:16", "sensors[1].fov_y_deg"),
+        ("10:18", "sensors[1].resolution[0]"),
+        ("10:21", "sensors[1].resolution[1]"),
+        ("11:48", "sensors[2].mount.site"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: &a [*a]\n", "unknown key 'a'"),
+        ("[" * 1000, "nested too deeply|not valid YAML"),
+        ("a: " + "&x [1]\n", "unknown key"),
+        ("a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nd: &d [*c, *c]\n", "unknown key 'd'"),
+    ],
+)
+def test_odd_yaml_is_refused_like_any_other(folder: Path, text: str, message: str) -> None:
+    assert re.search(message, error_of(write(folder, text)))
+
+
+def test_unreadable_files_are_named(tmp_path: Path) -> None:
+    assert error_of(tmp_path / "rig.yaml") == f"{tmp_path / 'rig.yaml'}: cannot be read: No such file or directory"
+    assert error_of(tmp_path) == f"{tmp_path}: cannot be read: Is a directory"
+    (tmp_path / "latin.yaml").write_bytes(b"a: caf\xe9\n")
+    assert error_of(tmp_path / "latin.yaml") == f"{tmp_path / 'latin.yaml'}: not UTF-8 text: byte 6"
+
+
+@pytest.mark.parametrize("name", ["missing.xml", "broken.xml", "broken.mjb"])
+def test_a_given_model_that_cannot_be_used_is_named(folder: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)  # MuJoCo writes its log into the working directory
+    for broken in ("broken.xml", "broken.mjb"):
+        (folder / broken).write_text("<mujoco><worldbody><geom/></worldbody></mujoco>")
+    path = folder / name
+    expected = "is not a file" if name == "missing.xml" else "does not compile: "
+    assert error_of(write(folder, GOOD), path).startswith(f"model {path} {expected}")
+
+
+def test_load_rig_gives_a_rig(folder: Path) -> None:
+    rig = load_rig(write(folder, GOOD), device="cpu")
+    assert [sensor.name for sensor in rig.sensors] == ["top", "front", "feet"]
+    assert rig.model.nkey == 1

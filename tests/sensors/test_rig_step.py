@@ -1,0 +1,133 @@
+"""Stepping a rig beside a simulation gives every frame once, in order, however the timestep falls."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from rigcast import Filter, Frame, Lidar, Mount, Rig
+
+XML = """
+<mujoco>
+  <option timestep="{}"/>
+  <worldbody>
+    <geom type="plane" size="0 0 1"/>
+    <body name="robot" pos="0 0 1000"><freejoint/><geom size="0.1"/></body>
+  </worldbody>
+</mujoco>
+"""
+RATES = {"slow": 10.0, "odd": 30.0, "third": 100 / 3, "fast": 1000.0, "every": None}
+
+
+def rig_and_data(timestep: float = 0.0037, order: tuple[str, ...] = tuple(RATES)) -> tuple[Rig, mujoco.MjData]:
+    """Return a falling robot whose sensors measure its height above the floor, from 1000 m down."""
+    model = mujoco.MjModel.from_xml_string(XML.format(timestep))
+    ground = Filter(exclude_bodies=["robot"])
+    down = Lidar(name="down", mount=Mount(body="robot"), filter=ground, elevation_deg=[-90.0], columns=1)
+    lidars = [down.model_copy(update={"name": name, "rate_hz": RATES[name]}) for name in order]
+    return Rig(model, lidars), mujoco.MjData(model)
+
+
+def drive(rig: Rig, data: mujoco.MjData, duration: float) -> list[tuple[float, Frame]]:
+    """Step simulation and rig; return the frames, each with the time of the step that gave it."""
+    frames = []
+    while data.time < duration:
+        mujoco.mj_step(rig.model, data)
+        frames += [(data.time, frame) for frame in rig.step(data)]
+    return frames
+
+
+def times(frames: list[tuple[float, Frame]], name: str) -> list[float]:
+    return [frame.time for _, frame in frames if frame.sensor == name]
+
+
+@pytest.mark.parametrize("timestep", [0.0037, 0.002, 0.001, 1 / 240, 0.01, 0.15])
+def test_each_frame_comes_once(timestep: float) -> None:
+    rig, data = rig_and_data(timestep)
+    frames = drive(rig, data, 1.0)
+    for name, rate in RATES.items():
+        if rate is not None:
+            assert times(frames, name) == [k / rate for k in range(1, int(data.time * rate + 1e-6) + 1)], name
+    assert times(frames, "every") == sorted({time for time, _ in frames})
+    assert len(times(frames, "every")) == round(data.time / timestep)
+
+
+def test_frames_come_in_the_order_of_their_times() -> None:
+    rig, data = rig_and_data()
+    in_order = [frame.time for _, frame in drive(rig, data, 1.0)]
+    assert in_order == sorted(in_order)
+
+
+def test_a_frame_shows_the_world_of_the_step_that_reaches_its_time() -> None:
+    rig, data = rig_and_data()
+    seen = {}
+    while data.time < 0.5:
+        mujoco.mj_step(rig.model, data)
+        for frame in rig.step(data):
+            assert -1e-9 <= data.time - frame.time < rig.model.opt.timestep, (frame.sensor, frame.time)
+            assert frame.range.numpy().item() == pytest.approx(data.qpos[2], rel=1e-6)
+            np.testing.assert_array_equal(frame.pose[:3, 3], data.qpos[:3])
+            np.testing.assert_array_equal(frame.stamp.numpy(), frame.time)
+            seen[frame.sensor] = frame
+    assert seen.keys() == RATES.keys()
+
+
+def test_frames_are_of_the_step_even_if_they_are_taken_later() -> None:
+    rig, data = rig_and_data()
+    data.qpos[2] = 5
+    frames = rig.step(data)
+    data.qpos[2] = 7
+    mujoco.mj_forward(rig.model, data)
+    assert {frame.range.numpy().item() for frame in frames} == {5.0}
+
+
+def test_before_the_first_step_all_sensors_are_due_once() -> None:
+    rig, data = rig_and_data()
+    assert [(frame.sensor, frame.time) for frame in rig.step(data) if frame.sensor != "fast"] == [
+        (name, 0.0) for name in RATES if name != "fast"
+    ]
+    assert list(rig.step(data)) == []
+
+
+@pytest.mark.parametrize("stop", [0.05, 0.0999, 0.4])
+def test_a_reset_starts_over(stop: float) -> None:
+    rig, data = rig_and_data()
+    drive(rig, data, stop)
+    mujoco.mj_resetData(rig.model, data)
+    again = drive(rig, data, 0.3)
+    fresh_rig, fresh_data = rig_and_data()
+    fresh = drive(fresh_rig, fresh_data, 0.3)
+    assert [(f.sensor, f.time, f.range.numpy().item()) for _, f in again] == [
+        (f.sensor, f.time, f.range.numpy().item()) for _, f in fresh
+    ]
+
+
+def test_a_reset_to_the_middle_goes_on_from_there() -> None:
+    rig, data = rig_and_data(0.002)
+    drive(rig, data, 0.5)
+    data.time = 0.25
+    assert times(drive(rig, data, 0.45), "slow") == [0.3, 0.4]
+
+
+def test_sense_between_steps_changes_no_schedule() -> None:
+    rig, data = rig_and_data()
+    plain_rig, plain_data = rig_and_data()
+    stepped: list[tuple[str, float]] = []
+    while data.time < 0.2:
+        mujoco.mj_step(rig.model, data)
+        assert {frame.time for frame in rig.sense(data).values()} == {data.time}
+        stepped += [(frame.sensor, frame.time) for frame in rig.step(data)]
+        rig.cast(data)
+    assert stepped == [(frame.sensor, frame.time) for _, frame in drive(plain_rig, plain_data, 0.2)]
+
+
+def test_the_order_of_the_sensors_changes_no_times() -> None:
+    (rig, data), (turned_rig, turned_data) = rig_and_data(), rig_and_data(order=tuple(RATES)[::-1])
+    frames, turned = drive(rig, data, 0.3), drive(turned_rig, turned_data, 0.3)
+    for name in RATES:
+        assert times(frames, name) == times(turned, name)
+
+
+def test_a_rig_without_sensors_gives_nothing() -> None:
+    rig, data = rig_and_data(order=())
+    assert drive(rig, data, 0.1) == []
+    assert rig.sense(data) == {}
