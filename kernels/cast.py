@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from .geometry import Geometry
+from .geometry import FARTHEST, Geometry
 from .launch import launch_over_rays
 from .traverse import NO_SHAPE, cast_ray, hit_face, hit_normal, to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
-
-FARTHEST = wp.constant(wp.float64(1.0e30))  # coordinates [m] beyond this overflow float32 on the way to a box
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Rays:
 class HitArrays:
     """What a cast writes, one entry per ray.
 
-    distance: float32 [m], +inf on a miss, NaN for a ray that is not finite or starts beyond 1e30 m.
+    distance: float32 [m], +inf on a miss, NaN for a ray that is not finite or starts beyond FARTHEST.
     shape, face: int32, -1 on a miss. normal: vec3, unit, outward, in the world; 0 on a miss.
     """
 
@@ -76,7 +74,7 @@ def cast_rays(
     shape[i] = -1
     face[i] = -1
     normal[i] = wp.vec3(0.0, 0.0, 0.0)
-    if not (wp.isfinite(origin) and wp.isfinite(direction) and wp.max(wp.abs(origin)) <= FARTHEST):
+    if not (wp.isfinite(origin) and wp.isfinite(direction) and wp.max(wp.abs(origin)) <= wp.float64(FARTHEST)):
         distance[i] = wp.nan
         return
     hit = cast_ray(g, visible, origin, direction, limit, cull)
@@ -115,7 +113,9 @@ def widen(narrow: wp.array[wp.vec3], wide: wp.array[wp.vec3d]) -> None:
 @wp.kernel
 def normalize(vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]) -> None:
     i = wp.tid()
-    unit[i] = vectors[i] / wp.length(vectors[i])
+    # scaled by the largest component first: squares of 1e-200 would vanish, those of 1e200 overflow
+    scaled = vectors[i] / wp.max(wp.abs(vectors[i]))
+    unit[i] = scaled / wp.length(scaled)
 
 
 def as_double(vectors: wp.array) -> wp.array:

@@ -11,9 +11,12 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .tree import WIDTH, Node, build_tree, struct_zeros, vec8, vec8i
+from .tree import NO_CHILD, WIDTH, Node, build_tree, struct_zeros, vec8, vec8i
 
 NO_FACE = wp.constant(-1)
+FARTHEST = wp.constant(1.0e18)
+"""Origins, positions, vertices and sizes [m] beyond this, in any coordinate, could overflow float32 where they are
+multiplied: geometry there is refused or never hit, and rays from there give NaN."""
 
 
 @wp.struct
@@ -76,10 +79,13 @@ def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triang
     """Build a tree over triangles.
 
     Args:
-        vertices: (n, 3) float32 [m], finite.
+        vertices: (n, 3) float32 [m], up to FARTHEST in size.
         faces: (m, 3) indices into vertices, counter-clockwise seen from outside. Faces without area are dropped.
+
+    Raises:
+        ValueError: a face with an index out of range or a vertex that is not finite or too large.
     """
-    corners = np.asarray(vertices, np.float32)[np.asarray(faces)].reshape(-1, 3, 3)
+    corners = _corners(np.asarray(vertices, np.float64), np.asarray(faces))
     edges = corners[:, 1:].astype(np.float64) - corners[:, :1]
     normals = np.cross(edges[:, 0], edges[:, 1])
     areas = np.linalg.norm(normals, axis=1)
@@ -101,19 +107,40 @@ def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triang
     return TriangleTree(tree.nodes, blocks, points.min(axis=0), points.max(axis=0), len(edges) - len(face))
 
 
+def _corners(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.integer]) -> npt.NDArray[np.float32]:
+    """(m, 3, 3) float32: the vertices of each face."""
+    out_of_range = (faces < 0) | (faces >= len(vertices))
+    if out_of_range.any():
+        face, corner = np.argwhere(out_of_range)[0]
+        raise ValueError(f"face {face}: got vertex {faces[face, corner]}, expected 0 to {len(vertices) - 1}")
+    corners = vertices[faces].reshape(-1, 3, 3)
+    bad = ~(np.abs(corners) <= FARTHEST).all(axis=-1)
+    if bad.any():
+        face, corner = np.argwhere(bad)[0]
+        where = f"face {face}: vertex {faces[face, corner]}"
+        raise ValueError(f"{where}: got {corners[face, corner].tolist()}, expected finite numbers up to {FARTHEST:g} m")
+    return corners.astype(np.float32)
+
+
 def join_triangle_trees(
     trees: Sequence[TriangleTree],
 ) -> tuple[npt.NDArray[np.void], npt.NDArray[np.void], npt.NDArray[np.int32]]:
     """All trees in one array of nodes and one of blocks, and the root of each."""
     roots = np.cumsum([0, *(len(t.nodes) for t in trees)])[:-1].astype(np.int32)
     first_blocks = np.cumsum([0, *(len(t.blocks) for t in trees)])[:-1]
-    nodes = np.concatenate([struct_zeros(Node, 0), *(t.nodes for t in trees)])
+    moved = [moved_nodes(t.nodes, int(r), int(b)) for t, r, b in zip(trees, roots, first_blocks, strict=True)]
+    nodes = np.concatenate([struct_zeros(Node, 0), *moved])
     blocks = np.concatenate([struct_zeros(TriangleBlock, 0), *(t.blocks for t in trees)])
-    for tree, root, first_block in zip(trees, roots, first_blocks, strict=True):
-        child = nodes["child"][root : root + len(tree.nodes)]
-        present = np.isfinite(tree.nodes["half_x"])
-        child += np.where(present, np.where(child >= 0, root, -first_block), 0).astype(np.int32)
     return nodes, blocks, roots
+
+
+def moved_nodes(nodes: npt.NDArray[np.void], first_node: int, first_block: int) -> npt.NDArray[np.void]:
+    """The nodes of a tree whose root and first block stand at these places of longer arrays."""
+    moved = nodes.copy()
+    child = moved["child"]
+    offset = np.where(child >= 0, first_node, -first_block)
+    moved["child"] = np.where(child == NO_CHILD, NO_CHILD, child + offset)
+    return moved
 
 
 @dataclass(frozen=True)
@@ -133,3 +160,15 @@ class Shapes:
     def reach(self) -> npt.NDArray[np.float32]:
         """(n,) largest |coordinate| in the shape's own frame."""
         return np.max(np.abs(self.center) + self.half, axis=1, initial=0.0).astype(np.float32)
+
+    @staticmethod
+    def joined(parts: "Sequence[Shapes]", first_tree: npt.NDArray[np.int_]) -> "Shapes":
+        """All shapes in one; the trees of part k are counted from first_tree[k]."""
+        tree = [np.where(p.tree >= 0, p.tree + first, -1) for p, first in zip(parts, first_tree, strict=True)]
+        return Shapes(
+            np.concatenate([p.kind for p in parts]),
+            np.concatenate([p.size for p in parts]),
+            np.concatenate(tree).astype(np.int32),
+            np.concatenate([p.center for p in parts]),
+            np.concatenate([p.half for p in parts]),
+        )

@@ -5,6 +5,7 @@ Everything is relative to an anchor near the shapes, so that boxes stay tight fa
 
 import warp as wp
 
+from .geometry import FARTHEST
 from .traverse import to_float
 from .tree import NO_CHILD, OUTWARDS, WIDTH, Box, Node, empty_box, half_area, join, set_child
 
@@ -23,7 +24,7 @@ def make_box(lower: wp.vec3, upper: wp.vec3) -> Box:
 def shape_box(position: wp.vec3d, rotation: wp.mat33d, center: wp.vec3, half: wp.vec3, anchor: wp.vec3d) -> Box:
     """The box, relative to the anchor, of a local box under a pose.
 
-    It is infinite on all sides where the half size is on any, and empty where the pose is not finite.
+    It is infinite on all sides where the half size is on any, and empty where the pose is not finite or too far away.
     """
     middle = position - anchor
     extent = wp.vec3d()
@@ -32,7 +33,7 @@ def shape_box(position: wp.vec3d, rotation: wp.mat33d, center: wp.vec3, half: wp
             middle[row] += rotation[row, column] * wp.float64(center[column])
             if rotation[row, column] != wp.float64(0.0):
                 extent[row] += wp.abs(rotation[row, column]) * wp.float64(half[column])
-    if not (wp.isfinite(middle) and wp.isfinite(rotation)):
+    if not (wp.max(wp.abs(position)) <= wp.float64(FARTHEST) and wp.isfinite(middle) and wp.isfinite(rotation)):
         return empty_box()
     everywhere = wp.vec3(wp.inf, wp.inf, wp.inf)
     if not wp.isfinite(half):

@@ -121,7 +121,8 @@ def enter_boxes(node: Node, ray: Ray, limit: float) -> Entered:
         enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
         leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, limit))
         distance[j] = enter
-        children = children | wp.where(enter <= leave, 1 << j, 0)
+        # the last condition keeps absent children out whatever rays and boxes are: NaN is lost in larger and smaller
+        children = children | wp.where(enter <= leave and half_x[j] >= 0.0, 1 << j, 0)
     entered = Entered()
     entered.children = children
     entered.distance = distance

@@ -123,7 +123,9 @@ def center(boxes: Boxes, i: int) -> wp.vec3:
 
 @wp.func
 def bin_of(grid: Grid, axis: int, point: wp.vec3) -> int:
-    return wp.clamp(int((point[axis] - grid.base[axis]) * grid.scale[axis]), 0, BINS - 1)
+    at = (point[axis] - grid.base[axis]) * grid.scale[axis]
+    # kept in range as a float, NaN to 0: what int() makes of a float beyond its range is undefined
+    return int(wp.where(at > 0.0, wp.min(at, float(BINS - 1)), 0.0))
 
 
 @wp.func

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .geometry import Geometry, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
+from .geometry import Geometry, Shapes, TriangleBlock, TriangleTree, join_triangle_trees, moved_nodes
 from .top_level import refit, shape_boxes
 from .tree import NO_CHILD, Node, build_tree, empty_nodes, join_trees
 
@@ -25,18 +25,10 @@ class World:
 
     def __init__(self, trees: Sequence[TriangleTree], shapes: Shapes, device: wp.DeviceLike) -> None:
         self.device = wp.get_device(device)
-        nodes, blocks, roots = join_triangle_trees(trees)
-        g = self.geometry = Geometry()
-        g.nodes = wp.array(nodes, dtype=Node, device=device)
-        g.blocks = wp.array(blocks, dtype=TriangleBlock, device=device)
-        g.kind = wp.array(shapes.kind, dtype=int, device=device)
-        g.size = wp.array(shapes.size, dtype=wp.vec3, device=device)
-        g.root = wp.array(np.append(roots, 0)[shapes.tree], dtype=int, device=device)
-        g.reach = wp.array(shapes.reach, dtype=float, device=device)
-
+        self.geometry = Geometry()
+        self._trees = list(trees)
+        self._join_trees()
         count = len(shapes.kind)
-        self._center = wp.array(shapes.center, dtype=wp.vec3, device="cpu")
-        self._half = wp.array(shapes.half, dtype=wp.vec3, device="cpu")
         self._position = wp.zeros(count, dtype=wp.vec3d, device="cpu")
         self._rotation = wp.zeros(count, dtype=wp.mat33d, device="cpu")
         self._anchor = wp.zeros(1, dtype=wp.vec3d, device="cpu")
@@ -46,6 +38,44 @@ class World:
         self._built_area = 0.0
         self._is_in_tree = np.zeros(count, dtype=bool)
         self._set_nodes(empty_nodes(1))
+        self.set_shapes(shapes)
+
+    def set_shapes(self, shapes: Shapes) -> None:
+        """Take other sizes and local boxes; the number of shapes stays. The next update makes them count."""
+        g, device = self.geometry, self.device
+        self._tree_of_shape = shapes.tree
+        g.kind = wp.array(shapes.kind, dtype=int, device=device)
+        g.size = wp.array(shapes.size, dtype=wp.vec3, device=device)
+        g.root = wp.array(self._root_of_shape(), dtype=int, device=device)
+        g.reach = wp.array(shapes.reach, dtype=float, device=device)
+        self._center = wp.array(shapes.center, dtype=wp.vec3, device="cpu")
+        self._half = wp.array(shapes.half, dtype=wp.vec3, device="cpu")
+
+    def set_tree(self, index: int, tree: TriangleTree) -> None:
+        """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
+        old, self._trees[index] = self._trees[index], tree
+        if len(old.nodes) == len(tree.nodes) and len(old.blocks) == len(tree.blocks):
+            self._overwrite_tree(index)
+        else:
+            self._join_trees()
+            self.geometry.root = wp.array(self._root_of_shape(), dtype=int, device=self.device)
+
+    def _join_trees(self) -> None:
+        nodes, blocks, self._roots = join_triangle_trees(self._trees)
+        self.geometry.nodes = wp.array(nodes, dtype=Node, device=self.device)
+        self.geometry.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device)
+
+    def _overwrite_tree(self, index: int) -> None:
+        tree = self._trees[index]
+        first_node = int(self._roots[index])
+        first_block = sum(len(t.blocks) for t in self._trees[:index])
+        nodes = wp.array(moved_nodes(tree.nodes, first_node, first_block), dtype=Node, device=self.device)
+        blocks = wp.array(tree.blocks, dtype=TriangleBlock, device=self.device)
+        wp.copy(self.geometry.nodes, nodes, dest_offset=first_node)
+        wp.copy(self.geometry.blocks, blocks, dest_offset=first_block)
+
+    def _root_of_shape(self) -> npt.NDArray[np.int32]:
+        return np.append(self._roots, np.int32(0))[self._tree_of_shape]
 
     def update(self, position: npt.NDArray[np.float64], rotation: npt.NDArray[np.float64]) -> None:
         """Take the shapes' poses: position (n, 3) [m], rotation (n, 9) row-major. A pose with NaN is never hit."""

@@ -30,7 +30,8 @@ class Frame:
     shape: tuple[int, ...]
     _hits: HitArrays
     _rays: Rays
-    _geom_body: wp.array
+    _geom_of_shape: wp.array
+    _body_of_shape: wp.array
 
     @cached_property
     def range(self) -> wp.array:
@@ -45,12 +46,12 @@ class Frame:
     @cached_property
     def geom_id(self) -> wp.array:
         """(...) int32: MuJoCo's id of the geom, -1 where nothing was hit."""
-        return self._hits.shape.reshape(self.shape)
+        return reading.take(self._geom_of_shape, self._hits.shape).reshape(self.shape)
 
     @cached_property
     def body_id(self) -> wp.array:
         """(...) int32: MuJoCo's id of the geom's body, -1 where nothing was hit."""
-        return reading.take(self._geom_body, self._hits.shape).reshape(self.shape)
+        return reading.take(self._body_of_shape, self._hits.shape).reshape(self.shape)
 
     @cached_property
     def points(self) -> wp.array:

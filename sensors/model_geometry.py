@@ -1,6 +1,7 @@
 """MuJoCo's geoms as shapes and triangle trees."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -8,6 +9,8 @@ from numpy.typing import NDArray
 
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
+
+from .errors import InputError
 
 _GEOM = mujoco.mjtGeom
 
@@ -20,13 +23,35 @@ _KIND = {
     int(_GEOM.mjGEOM_BOX): solids.BOX,
     int(_GEOM.mjGEOM_MESH): solids.TRIANGLES,
     int(_GEOM.mjGEOM_HFIELD): solids.TRIANGLES,
+    int(_GEOM.mjGEOM_SDF): solids.TRIANGLES,
 }
 
 
 @dataclass(frozen=True)
-class ModelGeometry:
-    """Shape k is geom k of the model. `supported`: (ngeom,) False for geoms that rays cannot hit."""
+class Asset:
+    """A mesh or a height field of a model, by its kind and id."""
 
+    kind: Literal["mesh", "hfield"]
+    id: int
+
+    def name(self, model: mujoco.MjModel) -> str:
+        """What a message calls it."""
+        objects = mujoco.mjtObj.mjOBJ_MESH if self.kind == "mesh" else mujoco.mjtObj.mjOBJ_HFIELD
+        return f"{self.kind} {_name(model, objects, self.id)}"
+
+    def tree(self, model: mujoco.MjModel) -> TriangleTree:
+        """Its triangles, in the frame of its geoms. Raises InputError for what is not finite or out of range."""
+        try:
+            return build_triangle_tree(*_triangles(model, self))
+        except ValueError as error:
+            raise InputError(f"{self.name(model)}: {error}") from None
+
+
+@dataclass(frozen=True)
+class ModelGeometry:
+    """Shape k is geom k of the model; tree j that of asset j. `supported`: (ngeom,) False for geoms never hit."""
+
+    assets: list[Asset]
     trees: list[TriangleTree]
     shapes: Shapes
     supported: NDArray[np.bool_]
@@ -34,33 +59,44 @@ class ModelGeometry:
 
 def read_model(model: mujoco.MjModel) -> ModelGeometry:
     """The geometry of a model: one triangle tree for each mesh and height field in use."""
-    geom_type = model.geom_type
-    assets = sorted(
-        {
-            (int(kind), int(asset))
-            for kind, asset in zip(geom_type, model.geom_dataid, strict=True)
-            if _KIND.get(int(kind)) == solids.TRIANGLES
-        }
-    )
-    trees = [build_triangle_tree(*_triangles(model, kind, asset)) for kind, asset in assets]
-    tree_of = {asset: k for k, asset in enumerate(assets)}
-    tree = np.array(
-        [tree_of.get((int(k), int(a)), -1) for k, a in zip(geom_type, model.geom_dataid, strict=True)],
-        np.int32,
-    ).reshape(-1)
-    supported = np.isin(geom_type, list(_KIND))
+    asset_of = _assets(model)
+    assets = sorted({asset for asset in asset_of if asset}, key=lambda asset: (asset.kind, asset.id))
+    trees = [asset.tree(model) for asset in assets]
+    return ModelGeometry(assets, trees, read_shapes(model, assets, trees), _is_supported(model))
+
+
+def read_shapes(model: mujoco.MjModel, assets: list[Asset], trees: list[TriangleTree]) -> Shapes:
+    """The sizes and boxes of the geoms, given the tree of each asset."""
+    index = {asset: k for k, asset in enumerate(assets)}
+    tree = np.array([index[asset] if asset else -1 for asset in _assets(model)], np.int32).reshape(-1)
+    kind = np.array([_KIND.get(int(k), solids.SPHERE) for k in model.geom_type], np.int32)
     center, half = _local_boxes(model, tree, trees)
-    kind = np.array([_KIND.get(int(k), solids.SPHERE) for k in geom_type], np.int32)
-    shapes = Shapes(kind, model.geom_size.astype(np.float32), tree, center, half)
-    return ModelGeometry(trees, shapes, supported)
+    return Shapes(kind, model.geom_size.astype(np.float32), tree, center, half)
+
+
+def _assets(model: mujoco.MjModel) -> list[Asset | None]:
+    """The mesh or height field of each geom, None for those that have none."""
+    return [
+        Asset("hfield" if kind == _GEOM.mjGEOM_HFIELD else "mesh", int(data_id))
+        if is_supported and _KIND[int(kind)] == solids.TRIANGLES
+        else None
+        for kind, data_id, is_supported in zip(model.geom_type, model.geom_dataid, _is_supported(model), strict=True)
+    ]
+
+
+def _is_supported(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """(ngeom,) which geoms rays can hit: an SDF geom by its mesh, if it has one."""
+    has_mesh = (model.geom_type != _GEOM.mjGEOM_SDF) | (model.geom_dataid >= 0)
+    return np.asarray(np.isin(model.geom_type, list(_KIND)) & has_mesh)
 
 
 def unsupported_parts(model: mujoco.MjModel) -> list[str]:
     """What the model has that rays cannot hit, each with its kind and name."""
+    is_supported = _is_supported(model)
     geoms = [
         f"{_GEOM(int(kind)).name.removeprefix('mjGEOM_').lower()} geom {_name(model, mujoco.mjtObj.mjOBJ_GEOM, g)}"
         for g, kind in enumerate(model.geom_type)
-        if int(kind) not in _KIND
+        if not is_supported[g]
     ]
     flexes = [f"flex {_name(model, mujoco.mjtObj.mjOBJ_FLEX, f)}" for f in range(model.nflex)]
     skins = [f"skin {_name(model, mujoco.mjtObj.mjOBJ_SKIN, s)}" for s in range(model.nskin)]
@@ -72,18 +108,21 @@ def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
     return f"'{name}'" if name else f"{index} (unnamed)"
 
 
-def _triangles(model: mujoco.MjModel, kind: int, asset: int) -> tuple[NDArray[np.floating], NDArray[np.int32]]:
-    """Vertices and faces of a mesh or height field, in the frame of its geoms."""
-    if kind == _GEOM.mjGEOM_HFIELD:
-        return hfield_triangles(
-            model.hfield_size[asset],
-            model.hfield_data[model.hfield_adr[asset] :][: model.hfield_nrow[asset] * model.hfield_ncol[asset]].reshape(
-                model.hfield_nrow[asset], model.hfield_ncol[asset]
-            ),
-        )
-    first, count = model.mesh_vertadr[asset], model.mesh_vertnum[asset]
-    first_face, faces = model.mesh_faceadr[asset], model.mesh_facenum[asset]
+def _triangles(model: mujoco.MjModel, asset: Asset) -> tuple[NDArray[np.floating], NDArray[np.int32]]:
+    """Vertices and faces, in the frame of the geoms."""
+    k = asset.id
+    if asset.kind == "hfield":
+        return hfield_triangles(model.hfield_size[k], hfield_data(model, k))
+    first, count = model.mesh_vertadr[k], model.mesh_vertnum[k]
+    first_face, faces = model.mesh_faceadr[k], model.mesh_facenum[k]
     return model.mesh_vert[first : first + count], model.mesh_face[first_face : first_face + faces]
+
+
+def hfield_data(model: mujoco.MjModel, hfield: int) -> NDArray[np.float32]:
+    """(rows, columns), a view of the elevations of a height field."""
+    rows, columns = model.hfield_nrow[hfield], model.hfield_ncol[hfield]
+    first = model.hfield_adr[hfield]
+    return model.hfield_data[first : first + rows * columns].reshape(rows, columns)
 
 
 def hfield_triangles(

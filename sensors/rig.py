@@ -74,7 +74,6 @@ class Rig:
         self.model = model
         self.scene = Scene(model, device, on_unsupported=on_unsupported)
         self._data = mujoco.MjData(model)
-        self._geom_body = wp.array(model.geom_bodyid, dtype=int, device=self.scene.device)
         self._mounted = {s.name: _Mounted.on(self.scene, s) for s in self.sensors}
         self._schedules = {s.name: Schedule(s.rate_hz, model.opt.timestep) for s in self.sensors}
 
@@ -145,7 +144,8 @@ class Rig:
         rays = mounted.rays(self._data)
         hits = self.scene.cast_rays(rays, mounted.visible, spec.max_range)
         read(hits, rays, spec.min_range)
-        common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, self._geom_body)
+        tables = (self.scene.ids["geom"], self.scene.body_of_shape)
+        common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, *tables)
         if mounted.ring is not None and mounted.column is not None:
             return LidarFrame(*common, mounted.ring, mounted.column)
         if pattern.intrinsics is not None:

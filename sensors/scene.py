@@ -10,14 +10,18 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import HitArrays, Rays, as_double, cast, unit_directions
+from rigcast.kernels.geometry import Shapes
+from rigcast.kernels.reading import take
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 
 from .errors import InputError
 from .filter import Filter
+from .geoms import Geoms
 from .hits import Hits
-from .model_geometry import read_model, unsupported_parts
+from .model_geometry import unsupported_parts
 from .names import expected_one_of
+from .part import OWNERS, Part
 
 Cull = Literal["none", "back", "front"]
 
@@ -48,14 +52,19 @@ class Scene:
         _report(unsupported_parts(model), on_unsupported)
         self.model = model
         self.device = _find_device(device)
-        geometry = read_model(model)
-        self._supported = geometry.supported
-        self._world = World(geometry.trees, geometry.shapes, self.device)
-        self._warned: set[int] = set()
+        self._parts: list[Part] = [Geoms(model)]
+        self._world = World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
+        owners = np.concatenate([np.full(len(part.ids), part.owner) for part in self._parts])
+        ids = np.concatenate([part.ids for part in self._parts])
+        self.ids = {
+            owner: wp.array(np.where(owners == owner, ids, -1), dtype=int, device=self.device) for owner in OWNERS
+        }
+        bodies = np.concatenate([part.bodies for part in self._parts])
+        self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._is_updated = False
 
     def update(self, data: mujoco.MjData) -> None:
-        """Take the geoms' poses as they stand in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
+        """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
 
         After `mj_step` these lag `qpos` by one step; run `mj_kinematics` first to see the world at `data.time`.
         A geom whose pose is not finite is never hit, and is named in one warning.
@@ -68,11 +77,26 @@ class Scene:
                 f"Scene.update: data belongs to another model: got signature {data.signature:#x} with "
                 f"{len(data.geom_xpos)} geoms, expected {self.model.signature:#x} with {self.model.ngeom}"
             )
-        is_finite = np.isfinite(data.geom_xpos).all(axis=1) & np.isfinite(data.geom_xmat).all(axis=1)
-        self._warn_of_lost_geoms(data.time, is_finite)
-        # an infinite plane would be hit even where one of its in-plane axes is NaN
-        self._world.update(np.where(is_finite[:, None], data.geom_xpos, np.nan), data.geom_xmat)
+        snapshots = [part.update(data) for part in self._parts]
+        first_tree = 0
+        for part, snapshot in zip(self._parts, snapshots, strict=True):
+            for index, tree in snapshot.trees.items():
+                self._world.set_tree(first_tree + index, tree)
+            if snapshot.shapes is not None:
+                part.shapes = snapshot.shapes
+            first_tree += len(part.trees)
+        if any(snapshot.shapes is not None for snapshot in snapshots):
+            self._world.set_shapes(self._shapes())
+        self._world.update(
+            np.concatenate([snapshot.position for snapshot in snapshots]),
+            np.concatenate([snapshot.rotation for snapshot in snapshots]),
+        )
         self._is_updated = True
+
+    def _shapes(self) -> Shapes:
+        """The shapes of all parts, one after the other."""
+        first_tree = np.cumsum([0, *(len(part.trees) for part in self._parts)])[:-1]
+        return Shapes.joined([part.shapes for part in self._parts], first_tree)
 
     def cast(
         self,
@@ -113,8 +137,8 @@ class Scene:
         return self.hits(self.cast_rays(rays, self.visible(filter), max_distance, cull), shape)
 
     def visible(self, filter: Filter | None) -> wp.array:
-        """(ngeom,) bool on the device: which geoms a filter lets rays hit."""
-        seen = (filter or Filter()).visible(self.model) & self._supported
+        """(shapes,) bool on the device: which shapes a filter lets rays hit."""
+        seen = np.concatenate([part.visible(filter or Filter()) for part in self._parts])
         return wp.array(seen, dtype=wp.bool, device=self.device)
 
     def cast_rays(self, rays: Rays, visible: wp.array, max_distance: float, cull: Cull = "none") -> HitArrays:
@@ -126,7 +150,7 @@ class Scene:
         own_shape = shape or (1,)
         return Hits(
             arrays.distance.reshape(own_shape),
-            arrays.shape.reshape(own_shape),
+            *(take(self.ids[owner], arrays.shape).reshape(own_shape) for owner in OWNERS),
             arrays.face.reshape(own_shape),
             arrays.normal.view(wp.float32).reshape((*own_shape, 3)),
             shape,
@@ -153,19 +177,6 @@ class Scene:
             raise InputError(f"Scene.cast: origins: got {origins.size}, expected 1 or {directions.size}")
         rays = Rays(unit_directions(directions.flatten()), as_double(origins.flatten()), position=None, rotation=None)
         return self.in_pose(rays, np.eye(4))
-
-    def _warn_of_lost_geoms(self, time: float, is_finite: NDArray[np.bool_]) -> None:
-        lost = set(np.flatnonzero(~is_finite).tolist())
-        new = sorted(lost - self._warned)
-        self._warned = lost
-        if new:
-            names = ", ".join(self.model.geom(g).name or f"geom {g}" for g in new[:10])
-            more = f" and {len(new) - 10} more" if len(new) > 10 else ""
-            warnings.warn(
-                f"pose not finite at t = {time:g} s, not hit: {names}{more}",
-                RuntimeWarning,
-                stacklevel=3,
-            )
 
 
 def _find_device(device: wp.DeviceLike) -> wp.Device:

@@ -7,7 +7,8 @@ from small_scenes import KINDS, model_of, posed, ready
 
 from rigcast import Scene
 
-FIELDS = {"distance": wp.float32, "geom_id": wp.int32, "face": wp.int32, "normal": wp.float32}
+IDS = dict.fromkeys(("geom_id", "flex_id", "skin_id", "prop_id"), wp.int32)
+FIELDS = {"distance": wp.float32, **IDS, "face": wp.int32, "normal": wp.float32}
 
 
 @pytest.fixture(scope="module")

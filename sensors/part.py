@@ -1,0 +1,50 @@
+"""What a scene is put together from: geoms, props, flexes and skins, each a part with shapes of its own."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.kernels.geometry import Shapes, TriangleTree
+
+from .filter import Filter
+
+Owner = Literal["geom", "flex", "skin", "prop"]
+OWNERS: tuple[Owner, ...] = ("geom", "flex", "skin", "prop")
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A part as it stands now.
+
+    position: (n, 3) float64 [m], rotation: (n, 9) float64 row-major, of its n shapes; NaN where one is never hit.
+    shapes: given where sizes or boxes have changed since the last snapshot. trees: those that have changed, by index.
+    """
+
+    position: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    shapes: Shapes | None = None
+    trees: Mapping[int, TriangleTree] = field(default_factory=dict)
+
+
+class Part(Protocol):
+    """A kind of thing that rays hit.
+
+    owner: the field of a hit that names it, without `_id`. trees, shapes: as at the start; `shapes.tree` counts from
+    this part's first tree. ids, bodies: (n,) int32, what `owner_id` and `body_id` read for each shape, -1 for no body.
+    """
+
+    owner: Owner
+    trees: list[TriangleTree]
+    shapes: Shapes
+    ids: NDArray[np.int32]
+    bodies: NDArray[np.int32]
+
+    def update(self, data: mujoco.MjData) -> Snapshot:
+        """The part in the state of `data`."""
+
+    def visible(self, filter: Filter) -> NDArray[np.bool_]:
+        """(n,) which of its shapes a filter lets rays hit."""
