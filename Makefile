@@ -1,6 +1,7 @@
 # Every target works by itself on a fresh clone with git and Python >= 3.11; all it downloads is PyPI packages.
 #   make demo [DURATION=seconds] [OUT=folder]    drive the demo robot and write what its sensors see
-#   make test | check | bench | test-oldest | clean
+#   make test | fuzz | check | bench | test-oldest | clean
+#   make accuracy                                compare with mj_ray and with other ray casters: docs/accuracy.md
 
 PYTHON ?= python3
 DURATION ?= 3
@@ -12,7 +13,7 @@ OLDEST := .venv-oldest/bin
 # The oldest dependencies have no wheels for the newest Pythons.
 OLDEST_PYTHON ?= $(firstword $(foreach v,3.11 3.12 3.13,$(shell command -v python$(v))) $(PYTHON))
 
-.PHONY: demo test check bench test-oldest clean
+.PHONY: demo test fuzz check bench accuracy test-oldest clean
 .DELETE_ON_ERROR:
 
 demo: .venv/installed
@@ -21,6 +22,10 @@ demo: .venv/installed
 test: .venv/installed
 	$(BIN)/python -m pytest -n $(JOBS)
 
+# The fuzz tests with 100 times the examples, other ones each time, and the tests that are too long for the suite.
+fuzz: .venv/installed
+	$(BIN)/python -m pytest -n $(JOBS) --hypothesis-profile=fuzz -m "hypothesis or long"
+
 # Type checkers do not follow the editable install to its folders, so they get the package as a user has it.
 check: .venv/installed
 	$(BIN)/ruff format --check .
@@ -28,16 +33,19 @@ check: .venv/installed
 	rm -rf build
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --target build/installed .
 	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p rigcast
-	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml ../../tests ../../examples
+	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml ../../tests ../../examples ../../benchmarks
 
 bench: .venv/installed
 	$(BIN)/rigcast bench
+
+accuracy: .venv/benchmark
+	$(BIN)/python benchmarks/accuracy.py
 
 test-oldest: .venv-oldest/installed
 	$(OLDEST)/python -m pytest -n $(JOBS)
 
 clean:
-	rm -rf .venv .venv-oldest build dist out bench.json *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv .venv-oldest build dist out bench.json *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv/installed: pyproject.toml
@@ -45,10 +53,14 @@ clean:
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	touch $@
 
+.venv/benchmark: .venv/installed
+	$(BIN)/python -m pip install --quiet --editable '.[benchmark]'
+	touch $@
+
 .venv-oldest/installed: pyproject.toml
 	$(OLDEST_PYTHON) -m venv .venv-oldest
 	$(OLDEST)/python -c "import tomllib; \
 	    project = tomllib.load(open('pyproject.toml', 'rb'))['project']; \
 	    print(*(line.replace('>=', '==', 1) for line in project['dependencies']), sep='\n')" > .venv-oldest/oldest.txt
-	$(OLDEST)/python -m pip install --quiet --constraint .venv-oldest/oldest.txt --editable '.[dev]'
+	$(OLDEST)/python -m pip install --quiet --constraint .venv-oldest/oldest.txt --editable '.[test]'
 	touch $@

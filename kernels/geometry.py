@@ -42,7 +42,7 @@ class TriangleBlock:
 class Geometry:
     """All that a cast reads.
 
-    Shapes 0..n-1 have a kind (PLANE..TRIANGLES of rigcast.kernels.solids), a size as there, and a pose in the world.
+    Shapes 0..n-1 have a kind (PLANE..SHEET of rigcast.kernels.solids), a size as there, and a pose in the world.
     """
 
     # triangle trees:

@@ -9,6 +9,25 @@ A plane is not a solid: it has one side and is hit only from above.
 
 Sizes are MuJoCo's `geom_size`: sphere (radius), capsule and cylinder (radius, half length along z), ellipsoid (the
 three radii), box (the three half sizes), plane (half sizes along x and y, 0 where infinite).
+
+How wrong t may be, to first order in u = eps / 2, for o and d that were rounded to float32 and cos = d . normal:
+
+    plane      1.5 eps t: o, d and the quotient have u each
+    box        eps (|o_k| / (2 |cos|) + 1.5 t), k the axis of the face: as above, and one u for half - o
+    sphere     7 eps (|o| + t) / |cos|
+    ellipsoid  eps (7.5 |o'| + 12 t') / |d' . p'|, all divided by the radii: o' = o / r, d' = d / r, p' = p / r, and
+               t' = t |d'|; at most r_max / r_min times eps (7.5 |o| + 12 t) / |cos|
+    cylinder   side: eps (7 |o_xy| + 10 t) / |cos|; caps: as a box
+    capsule    10 eps (|o| + half + t) / |cos|
+
+The sphere: with b = o . d, l = o - b d, h = sqrt(r^2 - l^2), all relative to its size, b has 3u |o|, |l| has u |b| and
+3.5u |l|, and h, as h dh = l dl, 3.64u |o| / |cos| and 2.5u h; c = (|o| - r)(|o| + r) has 5u |o| max(|o|, r) and 3u c,
+of which c / q makes 5u |o| / |cos| and 3u t, because max(|o|, r) |cos| <= |q|. The rounding of o and d adds
+u (|o| + t) / |cos|, that d is not quite of length 1 another u t. Together (12.7 |o| + 9.5 t) u / |cos|; the rest up to
+7 eps = 14u is for second orders, up to cos^2 = 32 eps |o| / r. Nearer to a touch the ray may hit or miss.
+The cylinder adds 3u for the direction in its plane and 4u for the speed there, the capsule u (|o| + half) for
+o - end, the ellipsoid u of each division: 2u for o', 3u for the direction's angle, 5.5u for its length, twice.
+Within such an error of a crease (the edge of a box, the rim of a cylinder) the other face may be the one that is hit.
 """
 
 import warp as wp
@@ -22,8 +41,15 @@ ELLIPSOID = wp.constant(3)
 CYLINDER = wp.constant(4)
 BOX = wp.constant(5)
 TRIANGLES = wp.constant(6)
+SHEET = wp.constant(7)  # triangles with two outer sides: the normal is that of the side that the ray comes from
 
 MINIMUM = wp.constant(1.0e-15)  # MuJoCo's mjMINVAL: a ray less steep than this runs along a plane
+
+
+@wp.func
+def has_triangles(kind: int) -> bool:
+    """Whether a shape of this kind is a tree of triangles, not a closed form."""
+    return kind >= TRIANGLES
 
 
 @wp.func

@@ -10,9 +10,9 @@ from typing import Any
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .solids import PLANE, TRIANGLES, closed_form_normal, intersect_closed_form
+from .solids import PLANE, SHEET, closed_form_normal, has_triangles, intersect_closed_form
 from .tree import STACK, WIDTH, Node, vec8
-from .triangle import UNDECIDED, decide_triangle, larger, smaller, tilted, triage_triangle
+from .triangle import CULL_FRONT, CULL_NONE, UNDECIDED, decide_triangle, larger, smaller, tilted, triage_triangle
 
 NO_SHAPE = wp.constant(2**31 - 1)
 MARGIN = wp.constant(4.0 * 2.0**-23)
@@ -131,8 +131,9 @@ def enter_boxes(node: Node, ray: Ray, limit: float) -> Entered:
 
 @wp.func
 def lowest_bit(mask: int) -> int:
-    """Index of the lowest bit that is set."""
-    return int(wp.bit_count((mask & -mask) - 1))
+    """Index of the lowest bit that is set, of eight."""
+    bit = mask & -mask
+    return wp.where(bit & 170 != 0, 1, 0) + wp.where(bit & 204 != 0, 2, 0) + wp.where(bit & 240 != 0, 4, 0)
 
 
 @wp.func
@@ -265,9 +266,12 @@ def visit_shape(g: Geometry, visible: wp.array[wp.bool], shape: int, ray: Ray, b
     origin = to_local * (ray.world_origin - g.position[shape])
     direction = to_local * ray.world_direction
     kind = g.kind[shape]
-    if kind == TRIANGLES:
+    if kind == SHEET and ray.cull == CULL_FRONT:
+        return best
+    if has_triangles(kind):
         local = in_frame_of_tree(ray, origin, direction, g.reach[shape])
         local.shape = shape
+        local.cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
         return cast_through_triangles(g, visible, g.nodes, g.root[shape], local, best)
     t = intersect_closed_form(kind, g.size[shape], to_float(origin), to_float(direction), ray.cull)
     hit = Hit()
@@ -302,8 +306,10 @@ def hit_normal(g: Geometry, hit: Hit, origin: wp.vec3d, direction: wp.vec3d) -> 
     rotation = g.rotation[hit.shape]
     kind = g.kind[hit.shape]
     normal = wp.vec3(0.0, 0.0, 1.0)
-    if kind == TRIANGLES:
+    if has_triangles(kind):
         normal = lane_normal(g.blocks[hit.triangle / WIDTH], hit.triangle % WIDTH)
+        if kind == SHEET and wp.dot(rotation * to_double(normal), direction) > wp.float64(0.0):
+            normal = -normal
     elif kind != PLANE:
         point = origin + hit.distance * direction - g.position[hit.shape]
         normal = closed_form_normal(kind, g.size[hit.shape], to_float(wp.transpose(rotation) * point))
@@ -313,6 +319,6 @@ def hit_normal(g: Geometry, hit: Hit, origin: wp.vec3d, direction: wp.vec3d) -> 
 @wp.func
 def hit_face(g: Geometry, hit: Hit) -> int:
     """Face of the triangle mesh that was hit, -1 for a closed form."""
-    if g.kind[hit.shape] != TRIANGLES:
+    if not has_triangles(g.kind[hit.shape]):
         return -1
     return g.blocks[hit.triangle / WIDTH].face[hit.triangle % WIDTH]

@@ -399,7 +399,7 @@ def build_tree(lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], l
         return Tree(empty_nodes(1), *(np.zeros(0, np.int32) for _ in range(3)))
     # SAH trees of real meshes need about half of STACK; a balanced tree over 2^31 boxes needs 71
     tree, stack_needed = _build(lower, upper, leaf_size, balanced=False)
-    if stack_needed > STACK:
+    if stack_needed >= STACK:  # one entry is left for the root that join_trees adds
         tree, _ = _build(lower, upper, leaf_size, balanced=True)
     return tree
 

@@ -24,6 +24,14 @@ whatever its neighbours round to and whether or not products are fused. What flo
 what float64 cannot tell is a hit. A closed mesh stays closed, and no triangle is larger than it should be by more than
 1e-14 of its distance.
 
+The distance t = w . n / (d . n), w = V0 - O, that float32 answers with: w has 2u of each component, its dot product
+with n 3u, d . n has 3u and d's own u, n is off by u, which moves t by u |P - V0| / |d . n|, and the quotient has u.
+Together 6u |w| + 6u t, over |d . n| (which is > GRAZING there, so that second orders are nothing):
+
+    |t - t_ref| <= 3 eps (max_i |Vi - O| + t) / |cos|
+
+Float64 is off by its tilt (below), 1.1e-9 t / |cos|, and by u t where the result is stored: less, down to |cos| = 1e-8.
+
 A ray that is aimed at a vertex, or runs within a face, has no one answer. Float64 therefore decides for a ray tilted by
 1e-9 rad in an odd direction, `tilted`, for which things are as they seem: it meets one face first, and that one shows.
 """

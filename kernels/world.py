@@ -104,7 +104,8 @@ class World:
             unbounded = np.flatnonzero(has_box & ~is_bounded)
             nodes = join_trees(nodes, _tree_over(unbounded, np.zeros_like(lower), np.zeros_like(upper)))
         if is_bounded.any():
-            self._anchor.numpy()[0] += 0.5 * (lower[is_bounded].min(axis=0) + upper[is_bounded].max(axis=0))
+            # the median, as one shape that has gone astray must not loosen the boxes of all others
+            self._anchor.numpy()[0] += np.median(0.5 * lower[is_bounded] + 0.5 * upper[is_bounded], axis=0)
         self._set_nodes(nodes)
         self._is_in_tree = has_box
         self._refit()

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .sensors.hits import Hits as Hits
     from .sensors.lidar import Lidar as Lidar
     from .sensors.mount import Mount as Mount
+    from .sensors.prop import Prop as Prop
     from .sensors.rig import Rig as Rig
     from .sensors.scene import Scene as Scene
 
@@ -31,6 +32,7 @@ _HOME = {
     "Lidar": "sensors.lidar",
     "LidarFrame": "sensors.frame",
     "Mount": "sensors.mount",
+    "Prop": "sensors.prop",
     "Rig": "sensors.rig",
     "Scene": "sensors.scene",
     "load_rig": "config",

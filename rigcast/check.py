@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from rigcast import oracle
 from rigcast.oracle import Comparison, RayHits, Verdict
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig import Rig
 
 NO_GEOM = "none"  # rays that miss, and are expected to
@@ -103,7 +104,13 @@ def check(
 
     rays: about how many in all, shared evenly among sensors and states and drawn at random from each reading;
     a sensor that has fewer is checked whole. states: how many, evenly over `duration` [s].
+
+    mj_ray sees neither flexes nor skins: rays that end on one are not judged.
+
+    Raises InputError for a rig with props, which mj_ray does not see either.
     """
+    if rig.props:
+        raise InputError("check: mj_ray does not see props, expected a rig without")
     parts: list[_Part] = []
     rng = np.random.default_rng(seed)
     quota = max(1, rays // (states * len(rig.sensors)))
@@ -125,11 +132,11 @@ def _states(model: mujoco.MjModel, data: mujoco.MjData, states: int, duration: f
 
 
 def _judge(rig: Rig, data: mujoco.MjData, sensor: str, step: int, quota: int, rng: np.random.Generator) -> _Part:
-    """Cast all of a sensor's rays, judge at most `quota` of them."""
+    """Cast all of a sensor's rays, judge at most `quota` of those that end on no flex or skin."""
     rays, hits = rig.rays(data, [sensor])[sensor], rig.cast(data, [sensor])[sensor].numpy()
     shape = hits.distance.shape
-    count = hits.distance.size
-    index = np.sort(rng.choice(count, min(quota, count), replace=False))
+    can_judge = np.flatnonzero((hits.flex_id < 0) & (hits.skin_id < 0))
+    index = np.sort(rng.choice(can_judge, min(quota, can_judge.size), replace=False))
     directions = rays.directions.reshape(-1, 3)[index]
     origins = np.broadcast_to(rays.origins, rays.directions.shape).reshape(-1, 3)[index]
     got = RayHits.of(hits).take(index)

@@ -1,6 +1,6 @@
 """Rig files: from YAML to a rig on a MuJoCo model, with every mistake shown where it is in the file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -13,7 +13,9 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault, faults_of
 from rigcast.sensors.height_scan import HeightScan
 from rigcast.sensors.lidar import Lidar
+from rigcast.sensors.mesh_file import read_mesh
 from rigcast.sensors.names import expected_one_of, model_names
+from rigcast.sensors.prop import Prop
 from rigcast.sensors.sensor_spec import SensorSpec
 from rigcast.sensors.spec import Spec
 
@@ -37,6 +39,9 @@ class RigFile(Spec):
     on_unsupported: Literal["error", "warn"] = Field(
         default="error", description="what to do about geometry that rays cannot hit: refuse it, or leave it out"
     )
+    props: tuple[Prop, ...] = Field(
+        default=(), description="meshes that rays hit and the model does not have, each with a name of its own"
+    )
     sensors: tuple[AnySensor, ...] = Field(
         description="the sensors, each with a name of its own", json_schema_extra={"minItems": 1}
     )
@@ -51,13 +56,17 @@ class RigFile(Spec):
 
 @dataclass(frozen=True)
 class RigConfig:
-    """What a rig file says. `model` is resolved against the file's folder; None where the file names none."""
+    """What a rig file says.
+
+    `model` and the files of props are resolved against the file's folder; `model` is None where the file names none.
+    """
 
     path: Path
     model: Path | None
     seed: int
     keyframe: str | None
     on_unsupported: Literal["error", "warn"]
+    props: tuple[Prop, ...]
     sensors: tuple[AnySensor, ...]
 
     def build(self, model: mujoco.MjModel, device: str | None = None, seed: int | None = None) -> "Rig":
@@ -65,7 +74,7 @@ class RigConfig:
         from rigcast.sensors.rig import Rig  # here, as reading and checking files needs no Warp
 
         own_seed = self.seed if seed is None else seed
-        return Rig(model, self.sensors, device, own_seed, on_unsupported=self.on_unsupported)
+        return Rig(model, self.sensors, device, own_seed, props=self.props, on_unsupported=self.on_unsupported)
 
 
 def read_rig(path: str | Path) -> RigConfig:
@@ -75,7 +84,7 @@ def read_rig(path: str | Path) -> RigConfig:
     wrong` with the line below it.
     """
     document = read_yaml(Path(path))
-    faults = _faults(document.content)
+    faults = _faults(document)
     if faults:
         raise document.error(faults)
     return _config(document)
@@ -89,7 +98,8 @@ def open_rig(path: str | Path, model: mujoco.MjModel | str | Path | None = None)
     """
     given = compile_model(Path(model)) if isinstance(model, str | Path) else model
     document = read_yaml(Path(path))
-    faults = _faults(document.content)
+    faults = _faults(document)
+    faults += _mesh_faults(document, faults)
     compiled, model_faults = (given, []) if given is not None else _own_model(document, faults)
     if compiled is not None:
         faults += _binding_faults(document.content, faults, compiled)
@@ -128,29 +138,34 @@ def compile_model(path: Path) -> mujoco.MjModel:
         raise InputError(f"model {path} does not compile: {reason}") from None
 
 
-def _faults(content: Any) -> list[Fault]:
-    """What is wrong with the content of a rig file in itself."""
+def _faults(document: YamlFile) -> list[Fault]:
+    """What is wrong with a rig file in itself."""
     try:
-        RigFile.model_validate(content)
+        RigFile.model_validate(document.content)
+        faults = []
     except ValidationError as error:
-        return faults_of(error, RigFile) + _repeated_names(content)
-    return _repeated_names(content)
+        faults = faults_of(error, RigFile)
+    return faults + _repeated_names(document.content) + _outside_faults(document, faults)
 
 
 def _repeated_names(content: Any) -> list[Fault]:
+    return [fault for key in ("props", "sensors") for fault in _repeated_in(key, content)]
+
+
+def _repeated_in(key: str, content: Any) -> list[Fault]:
     first: dict[str, int] = {}
     faults = []
-    for i, sensor in enumerate(_raw_sensors(content)):
-        name = sensor.get("name") if isinstance(sensor, dict) else None
+    for i, item in enumerate(_raw_items(key, content)):
+        name = item.get("name") if isinstance(item, dict) else None
         if isinstance(name, str) and first.setdefault(name, i) != i:
-            message = f"{name!r} is the name of sensors[{first[name]}] already, expected another"
-            faults.append(Fault(("sensors", i, "name"), message))
+            message = f"{name!r} is the name of {key}[{first[name]}] already, expected another"
+            faults.append(Fault((key, i, "name"), message))
     return faults
 
 
-def _raw_sensors(content: Any) -> Sequence[Any]:
-    sensors = content.get("sensors") if isinstance(content, dict) else None
-    return sensors if isinstance(sensors, list) else []
+def _raw_items(key: str, content: Any) -> Sequence[Any]:
+    items = content.get(key) if isinstance(content, dict) else None
+    return items if isinstance(items, list) else []
 
 
 def _own_model(document: YamlFile, faults: list[Fault]) -> tuple[mujoco.MjModel | None, list[Fault]]:
@@ -167,14 +182,50 @@ def _own_model(document: YamlFile, faults: list[Fault]) -> tuple[mujoco.MjModel 
 
 
 def _binding_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> list[Fault]:
-    """What the model lacks, for the sensors that have no `faults` in themselves."""
-    unsound = {fault.where[1] for fault in faults if fault.where[:1] == ("sensors",) and len(fault.where) > 1}
+    """What the model lacks, for the sensors and props that have no `faults` in themselves."""
     unbound = _keyframe_faults(content, model)
-    for i, raw in enumerate(_raw_sensors(content)):
-        if i not in unsound:
-            sensor = _SENSOR.validate_python(raw)
-            unbound += [fault.under("sensors", i) for fault in sensor.faults(model)]
+    for i, raw in _sound_items("sensors", content, faults):
+        unbound += [fault.under("sensors", i) for fault in _SENSOR.validate_python(raw).faults(model)]
+    for i, raw in _sound_items("props", content, faults):
+        unbound += [fault.under("props", i) for fault in Prop.model_validate(raw).faults(model)]
     return unbound
+
+
+def _sound_items(key: str, content: Any, faults: list[Fault]) -> Iterator[tuple[int, Any]]:
+    unsound = {fault.where[1] for fault in faults if fault.where[:1] == (key,) and len(fault.where) > 1}
+    return ((i, raw) for i, raw in enumerate(_raw_items(key, content)) if i not in unsound)
+
+
+def _outside_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
+    """Props outside of the file's folder that may not be there."""
+    props = [(i, Prop.model_validate(raw)) for i, raw in _sound_items("props", document.content, faults)]
+    return [
+        Fault(
+            ("props", i, "file"),
+            f"{str(prop.file)!r} is outside of the rig file's folder, expected a file in it or allow_outside: true",
+        )
+        for i, prop in props
+        if not prop.allow_outside and not _is_inside(document.path.parent, prop.file)
+    ]
+
+
+def _is_inside(folder: Path, file: Path) -> bool:
+    """Whether a file is in a folder once all links are followed."""
+    try:
+        return (folder / file).resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):  # links in a circle, a zero byte
+        return False
+
+
+def _mesh_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
+    """Mesh files of props that cannot be read."""
+    broken = []
+    for i, raw in _sound_items("props", document.content, faults):
+        try:
+            read_mesh(document.path.parent / Prop.model_validate(raw).file)
+        except InputError as error:
+            broken.append(Fault(("props", i, "file"), str(error)))
+    return broken
 
 
 def _keyframe_faults(content: Any, model: mujoco.MjModel) -> list[Fault]:
@@ -186,6 +237,7 @@ def _keyframe_faults(content: Any, model: mujoco.MjModel) -> list[Fault]:
 
 
 def _config(document: YamlFile) -> RigConfig:
-    file = RigFile.model_validate(document.content)
-    model = None if file.model is None else document.path.parent / file.model
-    return RigConfig(document.path, model, file.seed, file.keyframe, file.on_unsupported, file.sensors)
+    file, folder = RigFile.model_validate(document.content), document.path.parent
+    model = None if file.model is None else folder / file.model
+    props = tuple(prop.model_copy(update={"file": folder / prop.file}) for prop in file.props)
+    return RigConfig(document.path, model, file.seed, file.keyframe, file.on_unsupported, props, file.sensors)

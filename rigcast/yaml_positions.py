@@ -8,12 +8,27 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
-from ruamel.yaml.tokens import TagToken
+from ruamel.yaml.tokens import (
+    BlockEndToken,
+    BlockMappingStartToken,
+    BlockSequenceStartToken,
+    DirectiveToken,
+    FlowMappingEndToken,
+    FlowMappingStartToken,
+    FlowSequenceEndToken,
+    FlowSequenceStartToken,
+    TagToken,
+    Token,
+)
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault, Where, path_text
 
 _CORE = {f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str")}
+_DEEPEST = 50  # levels of lists and mappings; parsers need time and stack without bound for more
+_MOST_VALUES = 100_000  # with what aliases stand for; nine lines of aliases of aliases can stand for a billion
+_OPENING = (BlockMappingStartToken, BlockSequenceStartToken, FlowMappingStartToken, FlowSequenceStartToken)
+_CLOSING = (BlockEndToken, FlowMappingEndToken, FlowSequenceEndToken)
 
 
 @dataclass(frozen=True)
@@ -45,10 +60,11 @@ def read_yaml(path: Path) -> YamlFile:
         raise _error(path, text, [(mark.line, mark.column, f"not valid YAML: {about}")]) from None
     except YAMLError as error:
         raise InputError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
-    except RecursionError:
-        raise InputError(f"{path}: nested too deeply") from None
     if root is None:
         raise InputError(f"{path}: the file is empty")
+    values, depth = _extent(root, {})
+    if values > _MOST_VALUES or depth > _DEEPEST:
+        raise InputError(f"{path}: its aliases stand for more than {_MOST_VALUES} values or nest over {_DEEPEST} deep")
     reader = _Reader(tags)
     content = reader.value(root, ())
     if reader.faults:
@@ -79,7 +95,14 @@ class _Reader:
             return self._mapping(node, where)
         if isinstance(node, SequenceNode):
             return [self.value(item, (*where, i)) for i, item in enumerate(node.value)]
-        return self._constructor.construct_object(node) if str(node.tag) in _CORE else node.value
+        return self._scalar(node, where) if str(node.tag) in _CORE else node.value
+
+    def _scalar(self, node: Node, where: Where) -> Any:
+        try:
+            return self._constructor.construct_object(node)
+        except (ValueError, YAMLError) as error:
+            self._note(node, where, f"cannot be read: {error}")
+            return None
 
     def _mapping(self, node: MappingNode, where: Where) -> dict[str, Any]:
         values: dict[str, Any] = {}
@@ -112,9 +135,31 @@ def _read_text(path: Path) -> str:
 
 
 def _tags(text: str) -> list[_Placed]:
-    tokens = (token for token in _yaml().scan(text) if isinstance(token, TagToken))
+    tokens = [token for token in _shallow_tokens(text) if isinstance(token, TagToken)]
     message = "got a tag, expected a plain value"
     return [(token.start_mark.line, token.start_mark.column, message) for token in tokens]
+
+
+def _shallow_tokens(text: str) -> Iterator[Token]:
+    """The tokens of a text; an error where it is of another version, and where it is nested too deeply."""
+    depth = 0
+    for token in _yaml().scan(text):
+        if isinstance(token, DirectiveToken) and token.name == "YAML" and token.value != (1, 2):
+            version = ".".join(map(str, token.value))
+            raise MarkedYAMLError(problem=f"got version {version}, expected 1.2", problem_mark=token.start_mark)
+        depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
+        if depth > _DEEPEST:
+            raise MarkedYAMLError(problem=f"nested more than {_DEEPEST} deep", problem_mark=token.start_mark)
+        yield token
+
+
+def _extent(node: Node, known: dict[Node, tuple[int, int]]) -> tuple[int, int]:
+    """How many values a node is and how deep, itself included, if every alias were written out."""
+    if node not in known:
+        known[node] = 1, 1  # what a node that contains itself counts inside
+        inner = [_extent(value, known) for _, _, value in _entries(node)]
+        known[node] = 1 + sum(values for values, _ in inner), 1 + max((depth for _, depth in inner), default=0)
+    return known[node]
 
 
 def _place(root: Node, fault: Fault) -> tuple[int, int]:

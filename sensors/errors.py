@@ -6,3 +6,10 @@ class InputError(ValueError):
 
     The message says what is wrong, where, what was got and what was expected, one line per fault.
     """
+
+
+def require_type(what: str, value: object, *kinds: type) -> None:
+    """Raise InputError where `value`, which a message calls `what`, is of none of these types."""
+    if not isinstance(value, kinds):
+        expected = " or ".join(kind.__name__ for kind in kinds)
+        raise InputError(f"{what}: got {type(value).__name__}, expected {expected}")

@@ -147,4 +147,6 @@ def _shown(value: Any) -> str:
         return "nothing (null)"
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
+    if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to write out far longer ones
+        return f"an integer of {value.bit_length()} bits"
     return reprlib.repr(value)

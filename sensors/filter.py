@@ -16,7 +16,11 @@ _BODY = mujoco.mjtObj.mjOBJ_BODY
 
 
 class Filter(Spec):
-    """Which geoms rays may hit, on top of MuJoCo's rule that a fully transparent geom is never hit."""
+    """Which geoms rays may hit, on top of MuJoCo's rule that a fully transparent geom is never hit.
+
+    Flexes and skins are treated as geoms are, by their own groups; a skin does not collide. One of several bodies is
+    excluded, or static, when all of its bodies are.
+    """
 
     geom_groups: Sequence[Annotated[int, Field(ge=0, le=5)]] | None = Field(
         default=None, description="geom groups that may be hit, each 0 to 5; null: all of them"
@@ -50,20 +54,28 @@ class Filter(Spec):
 
     def visible(self, model: mujoco.MjModel) -> NDArray[np.bool_]:
         """(ngeom,) bool: True for geoms that rays may hit. Raises InputError for an unknown body."""
-        refuse("Filter", self.faults(model))
-        seen = _opaque(model) & ~self._excluded(model)[model.geom_bodyid]
-        if self.geom_groups is not None:
-            # MuJoCo clamps groups in the same way (mj_ray, engine_ray.c).
-            seen &= np.isin(np.clip(model.geom_group, 0, 5), list(self.geom_groups))
-        if not self.static:
-            seen &= model.body_weldid[model.geom_bodyid] != 0
+        collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        opaque = is_opaque(model, model.geom_rgba, model.geom_matid)
+        return opaque & self.admits(model.geom_group, collides) & ~self.hidden_bodies(model)[model.geom_bodyid]
+
+    def admits(self, group: NDArray[np.int32], collides: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(n,) bool: what rays may hit by its group and by whether it collides, each (n,)."""
+        # MuJoCo clamps groups in the same way (mj_ray, engine_ray.c).
+        seen = np.isin(np.clip(group, 0, 5), range(6) if self.geom_groups is None else list(self.geom_groups))
         if self.geometry != "all":
-            collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
             seen &= collides if self.geometry == "collision" else ~collides
         return seen
 
+    def hidden_bodies(self, model: mujoco.MjModel) -> NDArray[np.bool_]:
+        """(nbody,) bool: bodies of which nothing is hit. Raises InputError for an unknown body."""
+        refuse("Filter", self.faults(model))
+        hidden = self._excluded(model)
+        if not self.static:
+            hidden |= model.body_weldid == 0
+        return hidden
+
     def _excluded(self, model: mujoco.MjModel) -> NDArray[np.bool_]:
-        """(nbody,) bool: bodies that are not hit."""
+        """(nbody,) bool: exclude_bodies, and their descendants with exclude_subtree."""
         excluded = np.zeros(model.nbody, bool)
         excluded[[_body_id(model, body) for body in self.exclude_bodies]] = True
         while self.exclude_subtree:
@@ -74,11 +86,11 @@ class Filter(Spec):
         return excluded
 
 
-def _opaque(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """(ngeom,) bool: the alpha that counts is not 0; the material's where there is one, as in mj_ray."""
-    alpha = model.geom_rgba[:, 3].copy()
-    has_material = model.geom_matid >= 0
-    alpha[has_material] = model.mat_rgba[model.geom_matid[has_material], 3]
+def is_opaque(model: mujoco.MjModel, rgba: NDArray[np.float32], material: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(n,) bool: the alpha that counts is not 0; the material's where there is one, as in mj_ray."""
+    alpha = rgba[:, 3].copy()
+    has_material = material >= 0
+    alpha[has_material] = model.mat_rgba[material[has_material], 3]
     return np.asarray(alpha != 0)
 
 

@@ -1,46 +1,97 @@
 """The geoms of a model as a part of a scene."""
 
-import warnings
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from rigcast.kernels.geometry import FARTHEST, TriangleTree
+
+from .errors import InputError
 from .filter import Filter
-from .model_geometry import read_model
+from .lost import Lost
+from .model_geometry import hfield_data, read_model, read_shapes
+from .names import expected_one_of, model_names
 from .part import Owner, Snapshot
 
 
 class Geoms:
-    """Shape k is geom k; poses are taken as they stand in the data, as `mj_ray` does."""
+    """Shape k is geom k; poses are taken as they stand in the data, as `mj_ray` does.
+
+    Sizes and height fields are compared at every update with what they were. Meshes are not: they seldom change,
+    and comparing would cost more than casting. `refresh` says that one has.
+    """
 
     owner: Owner = "geom"
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        geometry = read_model(model)
         self.model = model
+        self._require_finite_sizes()
+        geometry = read_model(model)
         self.trees = geometry.trees
         self.shapes = geometry.shapes
         self.ids = np.arange(model.ngeom, dtype=np.int32)
         self.bodies = model.geom_bodyid.astype(np.int32)
         self._supported = geometry.supported
-        self._lost: set[int] = set()
+        self._lost = Lost(lambda geom: model.geom(geom).name or f"geom {geom}")
+        self._assets = geometry.assets
+        self._fields = [k for k, asset in enumerate(self._assets) if asset.kind == "hfield"]
+        self._kinds, self._sizes = self._read_kinds(), model.geom_size.tobytes()
+        self._elevations = [self._read_elevations(k) for k in self._fields]
+        self._to_refresh: set[int] = set()
 
     def update(self, data: mujoco.MjData) -> Snapshot:
-        is_finite = np.isfinite(data.geom_xpos).all(axis=1) & np.isfinite(data.geom_xmat).all(axis=1)
-        self._warn_of_lost(data.time, is_finite)
+        """Raises InputError for a size or height field that has become unusable, and for a geom of another kind."""
+        trees = self._renew()
+        is_finite = (np.abs(data.geom_xpos) <= FARTHEST).all(axis=1) & np.isfinite(data.geom_xmat).all(axis=1)
+        self._lost.warn(data.time, is_finite)
         # an infinite plane would be hit even where one of its in-plane axes is NaN
-        return Snapshot(np.where(is_finite[:, None], data.geom_xpos, np.nan), data.geom_xmat)
+        position = np.where(is_finite[:, None], data.geom_xpos, np.nan)
+        return Snapshot(position, data.geom_xmat, None if trees is None else self.shapes, trees or {})
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         return filter.visible(self.model) & self._supported
 
-    def _warn_of_lost(self, time: float, is_finite: NDArray[np.bool_]) -> None:
-        lost = set(np.flatnonzero(~is_finite).tolist())
-        new = sorted(lost - self._lost)
-        self._lost = lost
-        if new:
-            names = ", ".join(self.model.geom(g).name or f"geom {g}" for g in new[:10])
-            more = f" and {len(new) - 10} more" if len(new) > 10 else ""
-            message = f"pose not finite at t = {time:g} s, not hit: {names}{more}"
-            warnings.warn(message, RuntimeWarning, stacklevel=4)
+    def refresh(self, name: str) -> None:
+        """See `Scene.refresh`."""
+        ids = {
+            "mesh": mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_MESH, name),
+            "hfield": mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_HFIELD, name),
+        }
+        if max(ids.values()) < 0:
+            names = model_names(self.model, mujoco.mjtObj.mjOBJ_MESH, self.model.nmesh)
+            names += model_names(self.model, mujoco.mjtObj.mjOBJ_HFIELD, self.model.nhfield)
+            raise InputError(f"Scene.refresh: no mesh or height field {name!r}, {expected_one_of(name, names)}")
+        self._to_refresh |= {k for k, asset in enumerate(self._assets) if ids[asset.kind] == asset.id}
+
+    def _renew(self) -> dict[int, TriangleTree] | None:
+        """Read anew what has changed: the changed trees, None if nothing at all has."""
+        if self._read_kinds() != self._kinds:
+            raise InputError("Scene.update: geom_type or geom_dataid has changed; make a new Scene of the model")
+        sizes = self.model.geom_size.tobytes()
+        elevations = [self._read_elevations(k) for k in self._fields]
+        changed = [old != new for old, new in zip(self._elevations, elevations, strict=True)]
+        stale = self._to_refresh.union(np.array(self._fields, int)[changed].tolist())
+        if not stale and sizes == self._sizes:
+            return None
+        self._require_finite_sizes()
+        renewed = {k: self._assets[k].tree(self.model) for k in sorted(stale)}
+        self.trees = [renewed.get(k, tree) for k, tree in enumerate(self.trees)]
+        self.shapes = read_shapes(self.model, self._assets, self.trees)
+        self._sizes, self._elevations, self._to_refresh = sizes, elevations, set()
+        return renewed
+
+    def _require_finite_sizes(self) -> None:
+        bad = np.flatnonzero(~(np.abs(self.model.geom_size) <= FARTHEST).all(axis=1))
+        if bad.size:
+            geom = self.model.geom(bad[0])
+            name = geom.name or f"{bad[0]} (unnamed)"
+            raise InputError(
+                f"geom {name}: size: got {geom.size.tolist()}, expected finite numbers up to {FARTHEST:g} m"
+            )
+
+    def _read_kinds(self) -> tuple[bytes, bytes]:
+        return self.model.geom_type.tobytes(), self.model.geom_dataid.tobytes()
+
+    def _read_elevations(self, tree: int) -> tuple[bytes, bytes]:
+        hfield = self._assets[tree].id
+        return self.model.hfield_size[hfield].tobytes(), hfield_data(self.model, hfield).tobytes()

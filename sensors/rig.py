@@ -14,7 +14,7 @@ from rigcast.kernels.cast import Rays
 from rigcast.kernels.reading import read
 
 from .depth_camera import DepthCamera
-from .errors import InputError
+from .errors import InputError, require_type
 from .faults import refuse
 from .frame import CameraFrame, Frame, LidarFrame
 from .height_scan import HeightScan, yaw_only
@@ -23,8 +23,10 @@ from .lidar import Lidar
 from .mount import BoundMount
 from .names import expected_one_of
 from .pattern import Pattern
+from .prop import Prop
 from .scene import Scene
 from .schedule import Schedule
+from .sensor_spec import SensorSpec
 
 Sensor = Lidar | DepthCamera | HeightScan
 
@@ -44,6 +46,7 @@ class Rig:
         sensors: `Lidar`, `DepthCamera` and `HeightScan`, with different names.
         device: a Warp device; None takes CUDA if it is present, else "cpu".
         seed: of all random numbers of the rig.
+        props: meshes that are not in the model, as for `Scene`.
         on_unsupported: "error" or "warn", as for `Scene`.
 
     Raises:
@@ -62,9 +65,12 @@ class Rig:
         device: wp.DeviceLike = None,
         seed: int = 0,
         *,
+        props: Sequence[Prop] = (),
         on_unsupported: Literal["error", "warn"] = "error",
     ) -> None:
-        self.sensors: tuple[Sensor, ...] = tuple(sensors)
+        require_type("Rig: model", model, mujoco.MjModel)
+        self.sensors = _as_sensors(sensors)
+        self.props = tuple(props)
         self.seed = seed
         repeated = [name for name, n in Counter(s.name for s in self.sensors).items() if n > 1]
         if repeated:
@@ -72,7 +78,7 @@ class Rig:
         for sensor in self.sensors:
             refuse(f"sensor {sensor.name!r}", sensor.faults(model))
         self.model = model
-        self.scene = Scene(model, device, on_unsupported=on_unsupported)
+        self.scene = Scene(model, device, self.props, on_unsupported=on_unsupported)
         self._data = mujoco.MjData(model)
         self._mounted = {s.name: _Mounted.on(self.scene, s) for s in self.sensors}
         self._schedules = {s.name: Schedule(s.rate_hz, model.opt.timestep) for s in self.sensors}
@@ -111,14 +117,17 @@ class Rig:
         mounted = self._select(names)
         self._look(data)
         return {
-            m.spec.name: self.scene.hits(self.scene.cast_rays(m.rays(self._data), m.visible, np.inf), m.pattern.shape)
+            m.spec.name: self.scene.hits(self.scene.cast_rays(m.rays(self._data), m.visible(), np.inf), m.pattern.shape)
             for m in mounted
         }
 
     def _select(self, names: Sequence[str] | None) -> list["_Mounted"]:
         if names is None:
             return list(self._mounted.values())
+        if isinstance(names, str) or not isinstance(names, Iterable):
+            raise InputError(f"Rig: names: got {names!r}, expected a list of names, such as [{str(names)!r}]")
         for name in names:
+            require_type("Rig: name of a sensor", name, str)
             if name not in self._mounted:
                 raise InputError(f"Rig: no sensor {name!r}, {expected_one_of(name, list(self._mounted))}")
         return [self._mounted[name] for name in names]
@@ -132,17 +141,19 @@ class Rig:
         self._data.mocap_quat[:] = data.mocap_quat
         mujoco.mj_kinematics(self.model, self._data)
         mujoco.mj_comPos(self.model, self._data)
+        mujoco.mj_flex(self.model, self._data)
         mujoco.mj_camlight(self.model, self._data)
         self.scene.update(self._data)
 
     def _require_own(self, data: mujoco.MjData) -> None:
+        require_type("Rig: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
             raise InputError("Rig: data belongs to another model than the rig")
 
     def _frame(self, mounted: "_Mounted", time: float) -> Frame:
         spec, pattern = mounted.spec, mounted.pattern
         rays = mounted.rays(self._data)
-        hits = self.scene.cast_rays(rays, mounted.visible, spec.max_range)
+        hits = self.scene.cast_rays(rays, mounted.visible(), spec.max_range)
         read(hits, rays, spec.min_range)
         tables = (self.scene.ids["geom"], self.scene.body_of_shape)
         common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, *tables)
@@ -153,16 +164,24 @@ class Rig:
         return Frame(*common)
 
 
+def _as_sensors(sensors: object) -> tuple[Sensor, ...]:
+    if isinstance(sensors, SensorSpec) or not isinstance(sensors, Iterable):
+        raise InputError(f"Rig: sensors: got {type(sensors).__name__}, expected a list of sensors")
+    listed = tuple(sensors)
+    for k, sensor in enumerate(listed):
+        require_type(f"Rig: sensors[{k}]", sensor, Lidar, DepthCamera, HeightScan)
+    return listed
+
+
 @dataclass(frozen=True, eq=False)
 class _Mounted:
-    """A sensor on a scene: its rays and the geoms that they may hit, on the device."""
+    """A sensor on a scene: its rays, on the device."""
 
     scene: Scene
     spec: Sensor
     mount: BoundMount
     pattern: Pattern
     fixed_rays: Rays
-    visible: wp.array
     ring: wp.array | None
     column: wp.array | None
 
@@ -180,7 +199,6 @@ class _Mounted:
             spec.mount.bind(scene.model),
             pattern,
             scene.rays_in_frame(pattern.directions, origins, np.eye(4)),
-            scene.visible(spec.filter),
             upload(pattern.ring),
             upload(pattern.column),
         )
@@ -193,6 +211,9 @@ class _Mounted:
             pose = yaw_only(pose)
         pose[:3, :3] = pose[:3, :3] @ self.spec.frame_rotation
         return pose
+
+    def visible(self) -> wp.array:
+        return self.scene.visible(self.spec.filter)
 
     def rays(self, data: mujoco.MjData) -> Rays:
         return self.scene.in_pose(self.fixed_rays, self.pose(data))

@@ -1,7 +1,10 @@
 """A MuJoCo model as something to cast rays against."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Real
+from types import NoneType
 from typing import Literal
 
 import mujoco
@@ -10,31 +13,43 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import HitArrays, Rays, as_double, cast, unit_directions
-from rigcast.kernels.geometry import Shapes
+from rigcast.kernels.geometry import FARTHEST, Shapes
 from rigcast.kernels.reading import take
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 
-from .errors import InputError
+from .errors import InputError, require_type
 from .filter import Filter
+from .flexes import Flexes
 from .geoms import Geoms
 from .hits import Hits
 from .model_geometry import unsupported_parts
 from .names import expected_one_of
 from .part import OWNERS, Part
+from .prop import Prop
+from .props import Props
+from .skins import Skins
 
 Cull = Literal["none", "back", "front"]
 
 _CULL: dict[str, int] = {"none": CULL_NONE, "back": CULL_BACK, "front": CULL_FRONT}
+
+# What filters ask of a model, besides the tree of its bodies.
+_LOOKS = (
+    *("geom_rgba", "geom_matid", "geom_group", "geom_contype", "geom_conaffinity", "mat_rgba"),
+    *("flex_rgba", "flex_matid", "flex_group", "flex_contype", "flex_conaffinity"),
+    *("skin_rgba", "skin_matid", "skin_group"),
+)
 
 
 class Scene:
     """The geoms of a MuJoCo model, ready for rays.
 
     Args:
-        model: the model. Its meshes and height fields are read now, its poses at every `update`.
+        model: the model. Its meshes are read now, all the rest at every `update`.
         device: a Warp device; None takes CUDA if it is present, else "cpu".
-        on_unsupported: what to do about geometry that rays cannot hit yet (SDF geoms, flexes, skins): "error"
+        props: meshes that are not in the model, with different names.
+        on_unsupported: what to do about geometry that rays cannot hit (SDF geoms without a mesh): "error"
             raises InputError, "warn" warns and leaves it out.
 
     >>> scene = rigcast.Scene(model)
@@ -46,13 +61,21 @@ class Scene:
         self,
         model: mujoco.MjModel,
         device: wp.DeviceLike = None,
+        props: Sequence[Prop] = (),
         *,
         on_unsupported: Literal["error", "warn"] = "error",
     ) -> None:
+        require_type("Scene: model", model, mujoco.MjModel)
         _report(unsupported_parts(model), on_unsupported)
         self.model = model
         self.device = _find_device(device)
-        self._parts: list[Part] = [Geoms(model)]
+        self._geoms = Geoms(model)
+        self._parts: list[Part] = [
+            self._geoms,
+            *([Flexes(model)] if model.nflex else []),
+            *([Skins(model)] if model.nskin else []),
+            Props(model, props),
+        ]
         self._world = World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
         owners = np.concatenate([np.full(len(part.ids), part.owner) for part in self._parts])
         ids = np.concatenate([part.ids for part in self._parts])
@@ -61,17 +84,25 @@ class Scene:
         }
         bodies = np.concatenate([part.bodies for part in self._parts])
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
-        self._is_updated = False
+        self._stale = "no poses yet"
+        self._looks: list[bytes] = []
+        self._visible: dict[Filter, wp.array] = {}
 
     def update(self, data: mujoco.MjData) -> None:
         """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
 
-        After `mj_step` these lag `qpos` by one step; run `mj_kinematics` first to see the world at `data.time`.
+        After `mj_step` these lag `qpos` by one step; run `mj_kinematics` first to see the world at `data.time`, and
+        for flexes (`flexvert_xpos`) `mj_comPos` and `mj_flex` too.
         A geom whose pose is not finite is never hit, and is named in one warning.
 
+        Of the model, sizes of geoms and height fields are seen anew at every update, colours and groups at every
+        cast, and meshes when `refresh` says so. Poses of geoms in their bodies need `mj_kinematics` too.
+
         Raises:
-            InputError: `data` belongs to another model.
+            InputError: `data` belongs to another model, a size or an elevation that is not finite, or a geom that
+                has got another type, mesh or height field.
         """
+        require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
             raise InputError(
                 f"Scene.update: data belongs to another model: got signature {data.signature:#x} with "
@@ -91,7 +122,19 @@ class Scene:
             np.concatenate([snapshot.position for snapshot in snapshots]),
             np.concatenate([snapshot.rotation for snapshot in snapshots]),
         )
-        self._is_updated = True
+        self._stale = ""
+
+    def refresh(self, name: str) -> None:
+        """Say that a mesh (`mesh_vert`, `mesh_face`) or height field of this name has been edited in the model.
+
+        The next `update` reads it anew; casting is refused until then. Height fields, which every update compares
+        with what they were, need no `refresh`.
+
+        Raises:
+            InputError: the model has neither a mesh nor a height field of this name.
+        """
+        self._geoms.refresh(name)
+        self._stale = f"{name!r} has been edited"
 
     def _shapes(self) -> Shapes:
         """The shapes of all parts, one after the other."""
@@ -121,10 +164,12 @@ class Scene:
         Raises:
             InputError: a shape that does not fit, or a ray that is not finite or has no direction, with its index.
         """
-        if not self._is_updated:
-            raise InputError("Scene.cast: no poses yet, expected scene.update(data) first")
-        if cull not in _CULL:
+        if self._stale:
+            raise InputError(f"Scene.cast: {self._stale}, expected scene.update(data) first")
+        if not isinstance(cull, str) or cull not in _CULL:
             raise InputError(f"Scene.cast: no cull {cull!r}, {expected_one_of(str(cull), list(_CULL))}")
+        require_type("Scene.cast: filter", filter, Filter, NoneType)
+        require_type("Scene.cast: max_distance", max_distance, Real)
         if not max_distance >= 0:
             raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
         if isinstance(directions, wp.array):
@@ -137,9 +182,15 @@ class Scene:
         return self.hits(self.cast_rays(rays, self.visible(filter), max_distance, cull), shape)
 
     def visible(self, filter: Filter | None) -> wp.array:
-        """(shapes,) bool on the device: which shapes a filter lets rays hit."""
-        seen = np.concatenate([part.visible(filter or Filter()) for part in self._parts])
-        return wp.array(seen, dtype=wp.bool, device=self.device)
+        """(shapes,) bool on the device: which shapes a filter lets rays hit, as the model looks now."""
+        looks = [getattr(self.model, name).tobytes() for name in _LOOKS]
+        if looks != self._looks:
+            self._looks, self._visible = looks, {}
+        wanted = filter or Filter()
+        if wanted not in self._visible:
+            seen = np.concatenate([part.visible(wanted) for part in self._parts])
+            self._visible[wanted] = wp.array(seen, dtype=wp.bool, device=self.device)
+        return self._visible[wanted]
 
     def cast_rays(self, rays: Rays, visible: wp.array, max_distance: float, cull: Cull = "none") -> HitArrays:
         """The first hit of each ray that is on the device already, among the visible geoms."""
@@ -148,9 +199,15 @@ class Scene:
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""
         own_shape = shape or (1,)
+        geom_id, flex_id, skin_id, prop_id = (
+            take(self.ids[owner], arrays.shape).reshape(own_shape) for owner in OWNERS
+        )
         return Hits(
             arrays.distance.reshape(own_shape),
-            *(take(self.ids[owner], arrays.shape).reshape(own_shape) for owner in OWNERS),
+            geom_id,
+            flex_id,
+            skin_id,
+            prop_id,
             arrays.face.reshape(own_shape),
             arrays.normal.view(wp.float32).reshape((*own_shape, 3)),
             shape,
@@ -172,11 +229,19 @@ class Scene:
 
     def _device_rays(self, origins: ArrayLike | wp.array, directions: wp.array) -> Rays:
         if not isinstance(origins, wp.array):
-            origins = self._upload(_vectors("origins", origins))
+            origins = self._upload(_checked_origins(origins))
+        for name, array in (("origins", origins), ("directions", directions)):
+            self._require_vectors(name, array)
         if origins.size not in (1, directions.size):
             raise InputError(f"Scene.cast: origins: got {origins.size}, expected 1 or {directions.size}")
         rays = Rays(unit_directions(directions.flatten()), as_double(origins.flatten()), position=None, rotation=None)
         return self.in_pose(rays, np.eye(4))
+
+    def _require_vectors(self, name: str, array: wp.array) -> None:
+        if array.dtype not in (wp.vec3, wp.vec3d):
+            raise InputError(f"Scene.cast: {name}: got an array of {array.dtype.__name__}, expected vec3 or vec3d")
+        if array.device != self.device:
+            raise InputError(f"Scene.cast: {name}: got an array on {array.device}, expected {self.device}")
 
 
 def _find_device(device: wp.DeviceLike) -> wp.Device:
@@ -206,24 +271,30 @@ def _report(parts: list[str], on_unsupported: str) -> None:
 
 def _checked_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Origins and unit directions, float64."""
-    d, o = _vectors("directions", directions), _vectors("origins", origins)
+    d, o = _vectors("directions", directions), _checked_origins(origins)
     if o.shape not in ((3,), d.shape):
         raise InputError(f"Scene.cast: origins: got shape {o.shape}, expected (3,) or {d.shape}")
     # scaled by the largest component first: squares of 1e-200 would vanish
     largest = np.abs(d).max(axis=-1, keepdims=True, initial=0.0)
-    for name, bad, expected in (
-        ("origins", ~np.isfinite(o).all(axis=-1), "finite numbers"),
-        ("directions", ~np.isfinite(d).all(axis=-1), "finite numbers"),
-        ("directions", largest[..., 0] == 0.0, "a direction of any length but 0"),
-    ):
-        if bad.any():
-            ray = tuple(int(i) for i in np.argwhere(bad)[0])
-            values = o if name == "origins" else d
-            index = ray[0] if len(ray) == 1 else ray
-            where = f"ray {index}: " if ray else ""
-            raise InputError(f"Scene.cast: {where}{name}: got {values[ray].tolist()}, expected {expected}")
+    _refuse_rays("directions", d, ~np.isfinite(d).all(axis=-1), "finite numbers")
+    _refuse_rays("directions", d, largest[..., 0] == 0.0, "a direction of any length but 0")
     scaled = d / largest
     return o, scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
+
+
+def _checked_origins(origins: ArrayLike) -> NDArray[np.float64]:
+    o = _vectors("origins", origins)
+    _refuse_rays("origins", o, ~(np.abs(o) <= FARTHEST).all(axis=-1), f"finite numbers up to {FARTHEST:g} m")
+    return o
+
+
+def _refuse_rays(name: str, values: NDArray[np.float64], bad: NDArray[np.bool_] | np.bool_, expected: str) -> None:
+    """Raise InputError for the first of the rays that are bad."""
+    if bad.any():
+        ray = tuple(int(i) for i in np.argwhere(bad)[0])
+        index = ray[0] if len(ray) == 1 else ray
+        where = f"ray {index}: " if ray else ""
+        raise InputError(f"Scene.cast: {where}{name}: got {values[ray].tolist()}, expected {expected}")
 
 
 def _vectors(name: str, values: ArrayLike) -> NDArray[np.float64]:

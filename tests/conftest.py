@@ -1,7 +1,14 @@
-"""Warp kept quiet, and tests that need a GPU skipped where there is none."""
+"""Warp kept quiet, tests skipped that need a GPU or long, and how hard the fuzz tests try."""
 
 import pytest
 import warp as wp
+from hypothesis import HealthCheck, settings
+
+# `make fuzz` takes the second; a fault that it finds is printed with the example that shows it
+_PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True, database=None)
+settings.register_profile("suite", _PATIENT, max_examples=200, derandomize=True)
+settings.register_profile("fuzz", _PATIENT, max_examples=20_000)
+settings.load_profile("suite")
 
 if hasattr(wp.config, "log_level"):
     wp.config.log_level = wp.LOG_WARNING
@@ -9,7 +16,11 @@ else:
     wp.config.quiet = True
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--hypothesis-profile") != "fuzz":
+        for item in items:
+            if item.get_closest_marker("long"):
+                item.add_marker(pytest.mark.skip(reason="long: run by make fuzz"))
     needs_cuda = [item for item in items if item.get_closest_marker("cuda")]
     if needs_cuda and wp.get_cuda_device_count() == 0:
         for item in needs_cuda:

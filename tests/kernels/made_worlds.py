@@ -111,9 +111,18 @@ class Plan:
         if isinstance(shape, Mesh):
             self.trees.append(build_triangle_tree(shape.vertices, shape.faces))
         index = shape if isinstance(shape, int) else len(self.trees) - 1
+        self._add(solids.TRIANGLES, np.zeros(3), index, *self._box(index), position, rotation)
+
+    def replace_mesh(self, index: int, shape: Mesh) -> None:
+        self.trees[index] = build_triangle_tree(shape.vertices, shape.faces)
+        for k in np.flatnonzero(np.array(self.tree) == index):
+            self.center[k], half = self._box(index)
+            self.half[k] = half * (1 + 1e-6)
+
+    def _box(self, index: int) -> tuple[Doubles, Doubles]:
+        """Centre and half size of a tree."""
         lower, upper = self.trees[index].lower.astype(np.float64), self.trees[index].upper.astype(np.float64)
-        middle, half = (lower + upper) / 2, (upper - lower) / 2
-        self._add(solids.TRIANGLES, np.zeros(3), index, middle, half, position, rotation)
+        return (lower + upper) / 2, (upper - lower) / 2
 
     def _add(
         self,
@@ -135,9 +144,11 @@ class Plan:
 
     @property
     def shapes(self) -> Shapes:
-        vectors = (np.array(a, np.float32).reshape(-1, 3) for a in (self.size, self.center, self.half))
-        size, center, half = vectors
-        return Shapes(np.array(self.kind, np.int32), size, np.array(self.tree, np.int32), center, half)
+        size, middle, half = (np.reshape(a, (-1, 3)) for a in (self.size, self.center, self.half))
+        center = middle.astype(np.float32)
+        half = half + np.abs(middle - center) * (1 + 1e-6)  # the rounded box holds the shape
+        kind, tree = np.array(self.kind, np.int32), np.array(self.tree, np.int32)
+        return Shapes(kind, size.astype(np.float32), tree, center, half.astype(np.float32))
 
     def poses(self) -> tuple[Doubles, Doubles]:
         """Position (n, 3) and rotation (n, 9), as World.update takes them."""

@@ -69,6 +69,22 @@ def test_mesh_with_nothing_to_hit(faces: np.ndarray) -> None:
     np.testing.assert_array_equal([tree.lower, tree.upper], np.zeros((2, 3)))
 
 
+@pytest.mark.parametrize(
+    ("vertex", "index", "message"),
+    [
+        ((0, 0, 0), 4, "face 1: got vertex 4, expected 0 to 3"),
+        ((0, 0, 0), -1, "face 1: got vertex -1, expected 0 to 3"),
+        ((0, np.nan, 0), 3, r"face 1: vertex 3: got \[0.0, nan, 0.0\], expected finite numbers up to 1e\+18 m"),
+        ((np.inf, 0, 0), 3, r"face 1: vertex 3: got \[inf, 0.0, 0.0\], expected finite"),
+        ((0, 0, -2e18), 3, r"face 1: vertex 3: got \[0.0, 0.0, -2e\+18\], expected finite"),
+    ],
+)
+def test_bad_vertices_and_indices_are_named(vertex: tuple[float, float, float], index: int, message: str) -> None:
+    vertices = np.concatenate([np.eye(3), [vertex]])
+    with pytest.raises(ValueError, match=f"^{message}"):
+        build_triangle_tree(vertices, [(0, 1, 2), (0, 1, index)])
+
+
 def test_joined_trees_lead_to_their_own_nodes_and_blocks() -> None:
     trees = [build_triangle_tree(m.vertices, m.faces) for m in (torus(), MESHES["one triangle"], grid(6), cube())]
     nodes, blocks, roots = join_triangle_trees(trees)

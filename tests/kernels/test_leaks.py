@@ -98,7 +98,7 @@ def test_no_ray_enters_a_closed_mesh(name: str, pose: str) -> None:
         is_front = dot(normals, unit(origin - corners[:, 0])) > 0.05
         edges = edges_within(shape.faces, is_front)
         targets = [edge_points(shape, rng, LEAK_RAYS // 16, edges, off=0.01)]
-        is_inner = ~np.isin(shape.faces, shape.faces[~is_front]).any(axis=1)
+        is_inner = np.asarray(~np.isin(shape.faces, shape.faces[~is_front]).any(axis=1))
         if is_inner.any():
             targets.append(edge_points(shape, rng, LEAK_RAYS // 16, np.repeat(is_inner[:, None], 3, axis=1)))
         aims = np.concatenate(targets)
@@ -112,7 +112,7 @@ def test_no_ray_goes_through_a_grid(is_turned: bool, bumps: float, pose: str) ->
     flat = grid(16, bumps)
     shape = turned(flat, 3) if is_turned else flat
     rng = np.random.default_rng(2)
-    is_inner = (np.abs(flat.corners[..., :2]) < 0.999).all(axis=(1, 2))
+    is_inner = np.asarray((np.abs(flat.corners[..., :2]) < 0.999).all(axis=(1, 2)))
     targets = edge_points(shape, rng, LEAK_RAYS, np.repeat(is_inner[:, None], 3, axis=1))
     up = turned(mesh([(0, 0, 1)], []), 3).vertices[0].astype(np.float64) if is_turned else np.array([0.0, 0, 1])
     beside = rng.normal(size=(LEAK_RAYS, 3)) * 0.5

@@ -238,6 +238,7 @@ def test_absent_triangle_is_a_sure_miss() -> None:
         ("close to an edge", (1e-7, 2, 2), (0, 0, -1), UNDECIDED),
         ("not so close to an edge", (1e-4, 2, 2), (0, 0, -1), 2),
         ("edge-on", (-1, 1, 0), (1, 0, 0), UNDECIDED),
+        ("nearly edge-on", (1 - 10, 1, 0.1), (1, 0, -0.01), UNDECIDED),
         ("the origin on it", (1, 1, 0), (0, 0, -1), UNDECIDED),
     ],
 )

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from made_worlds import (
+    KINDS,
     Doubles,
     Hits,
     Plan,
@@ -146,6 +147,25 @@ def test_unbounded_plane_is_hit_however_far(distance: float) -> None:
     np.testing.assert_array_equal(got.shape, [1, 1, -1, -1])
 
 
+def test_of_many_unbounded_planes_the_nearest_is_hit() -> None:
+    rng = np.random.default_rng(0)
+    plan = Plan()
+    for k in range(30):
+        size = (0, 0, 0) if k % 3 else (0, 0.5, 0)  # all the plane, or a strip of it
+        plan.add(PLANE, size, rng.uniform(-4, 4, 3), random_rotations(rng, 1)[0])
+        plan.add(SPHERE, (0.3, 0, 0), rng.uniform(-4, 4, 3))
+    world = plan.world()
+    position, rotation = plan.poses()
+    position[[0, 4]] = np.nan
+    world.update(position, rotation)
+    got = cast_through(world, *random_rays(2, RAYS))
+    each = [cast_through(world, *random_rays(2, RAYS), visible=np.arange(60) == k) for k in range(60)]
+    np.testing.assert_array_equal(got.distance, np.min([hits.distance for hits in each], axis=0))
+    expected = np.argmin([hits.distance for hits in each], axis=0)
+    np.testing.assert_array_equal(got.shape, np.where(got.distance < np.inf, expected, -1))
+    assert len(set(got.shape[got.shape >= 0]) - {0, 4}) == len(set(got.shape[got.shape >= 0])) > 40
+
+
 @pytest.mark.parametrize("offset", [1e5, 1e7])
 def test_world_far_from_its_origin_is_hit_the_same(offset: float) -> None:
     """Poses and origins are multiples of 2^-20 m, so that they are exact in float64 there too."""
@@ -191,3 +211,40 @@ def test_poses_are_copied() -> None:
     expected = cast_through(world, *random_rays(1, RAYS))
     position[...], rotation[...] = 0, 0
     assert_same(cast_through(world, *random_rays(1, RAYS)), expected)
+
+
+@pytest.mark.parametrize("other", ["as many triangles", "more", "fewer", "none"])
+def test_world_with_another_mesh_is_one_built_with_it(other: str) -> None:
+    shape = {
+        "as many triangles": icosphere(2)._replace(
+            vertices=icosphere(2).vertices * np.array([0.5, 1, 0.7], np.float32)
+        ),
+        "more": icosphere(3),
+        "fewer": cube(),
+        "none": cube()._replace(faces=cube().faces[:0]),
+    }[other]
+    plan, planned = random_plan(6), random_plan(6)
+    world = plan.world()
+    planned.replace_mesh(0, shape)
+    world.set_tree(0, planned.trees[0])
+    world.set_shapes(planned.shapes)
+    world.update(*plan.poses())
+    expected = cast_through(planned.world(), *random_rays(1, RAYS))
+    assert_same(cast_through(world, *random_rays(1, RAYS)), expected)
+    assert np.isin(np.flatnonzero(np.array(plan.tree) == 0), expected.shape).any() or other == "none"
+
+
+def test_world_with_other_sizes_is_one_built_with_them() -> None:
+    """Also where a bounded plane becomes unbounded, and back."""
+    small, large = Plan(), Plan()
+    rng = np.random.default_rng(0)
+    for k in range(30):
+        where = rng.uniform(-4, 4, 3), random_rotations(rng, 1)[0]
+        kind = KINDS[k % len(KINDS)]
+        small.add(kind, rng.uniform(0.1, 0.5, 3), *where)
+        large.add(kind, (0, 0, 0) if kind == PLANE else rng.uniform(0.5, 1.5, 3), *where)
+    world = small.world()
+    for plan in (large, small, large):
+        world.set_shapes(plan.shapes)
+        world.update(*plan.poses())
+        assert_same(cast_through(world, *random_rays(1, RAYS)), cast_through(plan.world(), *random_rays(1, RAYS)))

@@ -9,7 +9,6 @@ import pytest
 import rigcast
 from rigcast import CameraFrame, DepthCamera, Filter, Lidar, Mount, Rig, oracle
 from rigcast.oracle import Verdict
-from rigcast.sensors.errors import InputError
 
 CUBE = 'vertex="-1 -1 -1  1 -1 -1  -1 1 -1  1 1 -1  -1 -1 1  1 -1 1  -1 1 1  1 1 1"'
 Vector = tuple[float, float, float]
@@ -97,7 +96,7 @@ def test_a_height_field_has_a_surface_sides_a_base_and_no_more(
 
 
 BALL = '<geom name="ball" type="sphere" size="1"/>'
-UNSUPPORTED = {
+SPECIAL = {
     "cloth": f"""<worldbody>{BALL}
       <flexcomp name="cloth" type="grid" count="3 3 1" spacing=".2 .2 .2" pos="0 0 2" radius=".01" dim="2"/>
     </worldbody>""",
@@ -113,19 +112,16 @@ UNSUPPORTED = {
 }
 
 
-@pytest.mark.parametrize("name", UNSUPPORTED)
-def test_flex_skin_and_sdf_are_refused_by_name_or_warned_of_and_never_a_silent_miss(name: str) -> None:
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{UNSUPPORTED[name]}</mujoco>")
-    with pytest.raises(InputError, match=name):
-        rigcast.Scene(model)
-    with pytest.warns(UserWarning, match=name):
-        scene = rigcast.Scene(model, on_unsupported="warn")
+@pytest.mark.parametrize(("name", "field"), [("cloth", "flex_id"), ("coat", "skin_id"), ("ring", "geom_id")])
+def test_flex_skin_and_sdf_are_hit(name: str, field: str) -> None:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{SPECIAL[name]}</mujoco>")
+    scene = rigcast.Scene(model)
     data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    mujoco.mj_forward(model, data)
     scene.update(data)
-    hits = scene.cast((0.05, 0.05, 4), [(0, 0, -1)]).numpy()
-    assert hits.geom_id.tolist() == [model.geom("ball").id]
-    assert hits.distance[0] == pytest.approx(3, abs=0.01)
+    hits = scene.cast((0.05, 0.05, 4), (0, 0, -1)).numpy()
+    assert getattr(hits, field) == (model.geom("ring").id if name == "ring" else 0)
+    assert 1.8 < hits.distance < 2.05
 
 
 def test_visual_only_geoms_are_seen() -> None:

@@ -211,56 +211,44 @@ def test_a_local_box_holds_its_geom_and_is_no_larger(model: mujoco.MjModel, name
     np.testing.assert_allclose(center - half, lower, rtol=1e-5, atol=1e-6)
 
 
-BALL = '<geom name="ball" size="0.1" pos="3 0 0"/>'
-MESH = '<asset><mesh name="m" vertex="-1 -1 -1  1 -1 -1  0 1 -1  0 0 1"/></asset>'
-CLOTH = """<flexcomp name="cloth" type="grid" dim="2" count="3 3 1" spacing="1 1 1" radius="0.1">
-<edge equality="true"/></flexcomp>"""
-SKIN = """<worldbody><body name="b"><freejoint/>{}</body></worldbody><deformable>
-<skin {} vertex="0 0 0  1 0 0  0 1 0" face="0 1 2">
-<bone body="b" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 1 2" vertweight="1 1 1"/></skin></deformable>"""
+def bare_sdf(*attributes: str) -> mujoco.MjModel:
+    """A ball, and SDF geoms that have lost their meshes: nothing but a distance function."""
+    mesh = '<asset><mesh name="m" vertex="-1 -1 -1  1 -1 -1  0 1 -1  0 0 1"/></asset>'
+    geoms = "".join(f'<geom type="sdf" mesh="m" {each}/>' for each in attributes)
+    ball = '<geom name="ball" size="0.1" pos="3 0 0"/>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{mesh}<worldbody>{ball}{geoms}</worldbody></mujoco>")
+    model.geom_dataid[1:] = -1
+    return model
+
+
 UNSUPPORTED = [
-    pytest.param(
-        f'{MESH}<worldbody>{BALL}<geom name="blob" type="sdf" mesh="m"/></worldbody>', "sdf geom 'blob'", id="sdf"
-    ),
-    pytest.param(
-        f'{MESH}<worldbody>{BALL}<geom type="sdf" mesh="m"/></worldbody>', "sdf geom 1 (unnamed)", id="sdf unnamed"
-    ),
-    pytest.param(f"<worldbody>{BALL}{CLOTH}</worldbody>", "flex 'cloth'", id="flex"),
-    pytest.param(SKIN.format(BALL, 'name="hide"'), "skin 'hide'", id="skin"),
-    pytest.param(SKIN.format(BALL, ""), "skin 0 (unnamed)", id="skin unnamed"),
+    pytest.param(['name="blob"'], "sdf geom 'blob'", id="named"),
+    pytest.param([""], "sdf geom 1 (unnamed)", id="unnamed"),
+    pytest.param(['name="a"', 'name="b"'], "sdf geom 'a', sdf geom 'b'", id="all at once"),
 ]
 
 
-@pytest.mark.parametrize(("xml", "part"), UNSUPPORTED)
-def test_what_rays_cannot_hit_is_refused_by_name(xml: str, part: str) -> None:
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
-    assert unsupported_parts(model) == [part]
+@pytest.mark.parametrize(("attributes", "parts"), UNSUPPORTED)
+def test_what_rays_cannot_hit_is_refused_by_name(attributes: list[str], parts: str) -> None:
+    model = bare_sdf(*attributes)
+    assert ", ".join(unsupported_parts(model)) == parts
     with pytest.raises(InputError) as caught:
         rigcast.Scene(model)
-    assert f"rays cannot hit {part}" in str(caught.value)
+    assert f"rays cannot hit {parts};" in str(caught.value)
 
 
-@pytest.mark.parametrize(("xml", "part"), UNSUPPORTED)
-def test_what_rays_cannot_hit_is_left_out_with_a_warning(xml: str, part: str) -> None:
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
+@pytest.mark.parametrize(("attributes", "parts"), UNSUPPORTED)
+def test_what_rays_cannot_hit_is_left_out_with_a_warning(attributes: list[str], parts: str) -> None:
+    model = bare_sdf(*attributes)
     with pytest.warns(UserWarning, match="rays cannot hit") as caught:
         scene = rigcast.Scene(model, on_unsupported="warn")
-    assert [part in str(warning.message) for warning in caught] == [True]
+    assert [parts in str(warning.message) for warning in caught] == [True]
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     scene.update(data)
     hits = scene.cast((0, 0.01, 5), [(0, 0, -1), (3, 0, -5)]).numpy()
     assert hits.geom_id.tolist() == [-1, model.geom("ball").id]
     assert hits.distance[0] == np.inf
-
-
-def test_all_parts_that_rays_cannot_hit_are_named_at_once() -> None:
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco>{MESH}<worldbody><geom name="a" type="sdf" mesh="m"/><geom name="b" type="sdf" mesh="m"/>'
-        f"{CLOTH}</worldbody></mujoco>"
-    )
-    with pytest.raises(InputError, match="sdf geom 'a', sdf geom 'b', flex 'cloth'"):
-        rigcast.Scene(model)
 
 
 def test_a_model_all_of_which_rays_can_hit_is_silent(model: mujoco.MjModel) -> None:

@@ -170,11 +170,13 @@ def test_data_of_another_model_is_refused(model: mujoco.MjModel, call: Callable[
 
 
 def test_unsupported_geometry_is_refused_or_left_out() -> None:
-    line = '<flexcomp name="line" dim="1" type="grid" count="2 1 1" spacing="1 1 1" radius="0.1" rigid="true"/>'
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{line}</worldbody></mujoco>")
-    with pytest.raises(InputError, match="rays cannot hit flex 'line'"):
+    asset = '<asset><mesh name="m" vertex="-1 -1 -1  1 -1 -1  0 1 -1  0 0 1"/></asset>'
+    geom = '<worldbody><geom name="blob" type="sdf" mesh="m"/></worldbody>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{asset}{geom}</mujoco>")
+    model.geom_dataid[0] = -1  # a distance function alone
+    with pytest.raises(InputError, match="rays cannot hit sdf geom 'blob'"):
         Rig(model, SENSORS[:0])
-    with pytest.warns(UserWarning, match="rays cannot hit flex 'line'"):
+    with pytest.warns(UserWarning, match="rays cannot hit sdf geom 'blob'"):
         Rig(model, SENSORS[:0], on_unsupported="warn")
 
 

@@ -1,0 +1,160 @@
+"""Triangle trees whose vertices move: cloth, soft bodies, skins.
+
+Moving the vertices keeps the tree's structure and fits its boxes and normals to the new triangles, which takes a small
+part of the time of a build. Boxes that once lay side by side overlap more and more; when their areas, which the
+surface-area heuristic takes for the cost of a ray, have grown by REBUILD_RATIO, the tree is built anew.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from .geometry import FARTHEST, NO_FACE, Shapes, TriangleBlock, TriangleTree
+from .top_level import refit
+from .traverse import to_double, to_float
+from .tree import WIDTH, Node, build_tree, empty_box, join, struct_zeros
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
+
+REBUILD_RATIO = 1.5
+"""The tree is built anew when the area of its boxes has grown this much by refitting."""
+
+
+@wp.func
+def unit_normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
+    """The winding normal, NaN where the triangle has no area."""
+    normal = wp.cross(to_double(b) - to_double(a), to_double(c) - to_double(a))
+    area = wp.length(normal)
+    if area == wp.float64(0.0):
+        return wp.vec3(wp.nan, wp.nan, wp.nan)
+    return to_float(normal / area)
+
+
+@wp.kernel
+def fill_blocks(
+    vertices: wp.array[wp.vec3],
+    faces: wp.array[wp.vec3i],
+    # in: which faces, out: their corners and normals
+    blocks: wp.array[TriangleBlock],
+    # out, one per block:
+    lower: wp.array[wp.vec3],
+    upper: wp.array[wp.vec3],
+) -> None:
+    i = wp.tid()
+    block = blocks[i]
+    box = empty_box()
+    for j in range(WIDTH):
+        if block.face[j] != NO_FACE:
+            corners = faces[block.face[j]]
+            a = vertices[corners[0]]
+            b = vertices[corners[1]]
+            c = vertices[corners[2]]
+            normal = unit_normal(a, b, c)
+            box = join(join(join(box, a, a), b, b), c, c)
+            block.x0[j] = a[0]
+            block.y0[j] = a[1]
+            block.z0[j] = a[2]
+            block.x1[j] = b[0]
+            block.y1[j] = b[1]
+            block.z1[j] = b[2]
+            block.x2[j] = c[0]
+            block.y2[j] = c[1]
+            block.z2[j] = c[2]
+            block.normal_x[j] = normal[0]
+            block.normal_y[j] = normal[1]
+            block.normal_z[j] = normal[2]
+    blocks[i] = block
+    lower[i] = box.lower
+    upper[i] = box.upper
+
+
+class DeformingTree:
+    """A tree over triangles whose vertices move. A face is not hit while it has no area.
+
+    Args:
+        vertices: (n, 3) [m], as at the start.
+        faces: (m, 3) indices into vertices, counter-clockwise seen from outside.
+
+    Raises:
+        ValueError: a face with an index out of range, or a vertex that is not finite or too large.
+    """
+
+    def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike) -> None:
+        start = np.asarray(vertices, np.float32)
+        corners = np.asarray(faces).reshape(-1, 3)
+        if corners.size and not (corners.min() >= 0 and corners.max() < len(start)):
+            face = int(np.argmax(((corners < 0) | (corners >= len(start))).any(axis=1)))
+            raise ValueError(f"face {face}: got vertices {corners[face].tolist()}, expected 0 to {len(start) - 1}")
+        self._faces = corners.astype(np.int32)
+        self._faces_on_cpu = wp.array(self._faces, dtype=wp.vec3i, device="cpu")
+        self._area, self._reach = (wp.zeros(1, dtype=float, device="cpu") for _ in range(2))
+        self._build(_checked(start))
+
+    @property
+    def tree(self) -> TriangleTree:
+        """As it is now. Its arrays are overwritten by the next move."""
+        lower, upper = (boxes.numpy() for boxes in self._boxes)
+        if len(lower) == 0:
+            lower = upper = np.zeros((1, 3), np.float32)
+        return TriangleTree(self._nodes.numpy(), self._blocks.numpy(), lower.min(axis=0), upper.max(axis=0), dropped=0)
+
+    def move(self, vertices: npt.ArrayLike) -> TriangleTree:
+        """Take other places (n, 3) [m] of the vertices, up to FARTHEST in size; return the tree as it is now.
+
+        Raises:
+            ValueError: a vertex that is not finite or too large.
+        """
+        moved = _checked(np.asarray(vertices, np.float32))
+        self._refit(moved)
+        if self._area.numpy()[0] > REBUILD_RATIO * self._built_area:
+            self._build(moved)
+        return self.tree
+
+    def _build(self, vertices: npt.NDArray[np.float32]) -> None:
+        corners = vertices[self._faces]
+        built = build_tree(corners.min(axis=1), corners.max(axis=1), leaf_size=WIDTH)
+        lane = np.arange(WIDTH)
+        is_absent = lane >= built.leaf_count[:, None]
+        blocks = struct_zeros(TriangleBlock, len(is_absent))
+        for name in blocks.dtype.fields or ():
+            blocks[name] = NO_FACE if name == "face" else np.nan
+        if len(blocks):
+            face = built.order[np.where(is_absent, 0, built.leaf_first[:, None] + lane)]
+            blocks["face"] = np.where(is_absent, NO_FACE, face)
+        self._nodes = wp.array(built.nodes, dtype=Node, device="cpu")
+        self._blocks = wp.array(blocks, dtype=TriangleBlock, device="cpu")
+        self._boxes = [wp.empty(len(blocks), dtype=wp.vec3, device="cpu") for _ in range(2)]
+        self._node_boxes = [wp.empty(len(built.nodes), dtype=wp.vec3, device="cpu") for _ in range(2)]
+        self._refit(vertices)
+        self._built_area = float(self._area.numpy()[0])
+
+    def _refit(self, vertices: npt.NDArray[np.float32]) -> None:
+        """Corners, normals and boxes of the present structure, for vertices that have moved."""
+        places = wp.array(vertices, dtype=wp.vec3, device="cpu")
+        outputs = [self._blocks, *self._boxes]
+        wp.launch(fill_blocks, len(self._blocks), inputs=[places, self._faces_on_cpu], outputs=outputs, device="cpu")
+        inputs = [*self._boxes, *self._node_boxes, self._nodes]
+        wp.launch(refit, 1, inputs=inputs, outputs=[self._area, self._reach], device="cpu")
+
+
+def _checked(vertices: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    bad = ~(np.abs(vertices) <= FARTHEST).all(axis=-1)
+    if bad.any():
+        vertex = int(np.argmax(bad))
+        got = vertices[vertex].tolist()
+        raise ValueError(f"vertex {vertex}: got {got}, expected finite numbers up to {FARTHEST:g} m")
+    return vertices
+
+
+def surface_shapes(kinds: Sequence[int], trees: Sequence[TriangleTree]) -> Shapes:
+    """One shape for each tree, TRIANGLES or SHEET."""
+    lower, upper = (
+        np.array([getattr(t, side) for t in trees], np.float32).reshape(-1, 3) for side in ("lower", "upper")
+    )
+    center = 0.5 * lower + 0.5 * upper
+    # more than the rounding of the differences
+    half = np.maximum(upper - center, center - lower) * np.float32(1 + 1e-6)
+    index = np.arange(len(trees), dtype=np.int32)
+    return Shapes(np.array(kinds, np.int32), np.zeros_like(center), index, center, half)

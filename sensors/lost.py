@@ -1,0 +1,29 @@
+"""Things whose pose is not finite: never hit, and named once."""
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Lost:
+    """Warns of each thing when it gets lost, and again only after it has been found.
+
+    name: what a message calls thing k.
+    """
+
+    def __init__(self, name: Callable[[int], str]) -> None:
+        self._name = name
+        self._lost: set[int] = set()
+
+    def warn(self, time: float, is_finite: NDArray[np.bool_]) -> None:
+        """time [s]: of the data. is_finite: (n,) whose poses are. One warning names up to ten that are new."""
+        lost = set(np.flatnonzero(~is_finite).tolist())
+        new = sorted(lost - self._lost)
+        self._lost = lost
+        if new:
+            names = ", ".join(self._name(k) for k in new[:10])
+            more = f" and {len(new) - 10} more" if len(new) > 10 else ""
+            message = f"pose not finite at t = {time:g} s, not hit: {names}{more}"
+            warnings.warn(message, RuntimeWarning, stacklevel=5)

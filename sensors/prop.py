@@ -1,0 +1,64 @@
+"""Props: meshes that are not in the MuJoCo model."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
+
+from .errors import InputError
+from .faults import Fault
+from .mesh_file import read_mesh
+from .mount import Mount
+from .spec import Spec
+
+
+def _as_path(given: Any) -> Any:
+    if not isinstance(given, str | Path):
+        raise ValueError(f"must be the path of a file, got {given!r}")
+    return Path(given)
+
+
+def _as_scale(given: Any) -> Any:
+    values = given if isinstance(given, tuple) else (given,)
+    are_numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    if len(values) not in (1, 3) or not are_numbers or not np.isfinite(values).all() or 0 in values:
+        raise ValueError(f"must be one number or three, none of them 0, got {given!r}")
+    return tuple(map(float, values)) if len(values) == 3 else float(values[0])
+
+
+class Prop(Spec):
+    """A mesh that rays hit and that MuJoCo knows nothing of, fixed to the world or carried by a body.
+
+    A ray that hits one has its place in the list of props as `prop_id`, the mount's body as `body_id`, and `geom_id`
+    -1. A filter leaves it out with its body (`exclude_bodies`) and, where that cannot move, with `static=False`;
+    geom groups, `geometry` and transparency are not for props.
+    """
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,64}$", description="name of the prop, its own: letters, digits, _ -")
+    file: Annotated[Path, BeforeValidator(_as_path)] = Field(
+        description="mesh file, .stl, .obj, .ply or .glb; in a rig file a path relative to it"
+    )
+    mount: Mount = Field(default_factory=Mount, description="where the origin and axes of the mesh are")
+    scale: Annotated[float | tuple[float, float, float], BeforeValidator(_as_scale)] = Field(
+        default=1.0, description="by which coordinates in the file are multiplied, one number or x, y, z"
+    )
+    allow_outside: bool = Field(default=False, description="whether a rig file may name a file outside of its folder")
+
+    def faults(self, model: mujoco.MjModel) -> list[Fault]:
+        """What keeps this prop from being on `model`: a mount that the model does not have."""
+        return [fault.under("mount") for fault in self.mount.faults(model)]
+
+    def triangles(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Vertices (n, 3) [m] in the mount's frame and faces (m, 3), outward as in the file even where mirrored.
+
+        Raises InputError, as `read_mesh` does, with the prop's name.
+        """
+        try:
+            vertices, faces = read_mesh(self.file)
+        except InputError as error:
+            raise InputError(f"prop {self.name!r}: {error}") from None
+        scale = np.broadcast_to(self.scale, 3)
+        return vertices * scale, faces[:, ::-1] if np.prod(np.sign(scale)) < 0 else faces
