@@ -86,7 +86,11 @@ SEEN = [
 ]
 
 
-@pytest.mark.parametrize(("filter", "expected"), SEEN, ids=lambda value: str(value)[:60])
+@pytest.mark.parametrize(
+    ("filter", "expected"),
+    SEEN,
+    ids=lambda value: " ".join(sorted(value)) if isinstance(value, set) else str(value)[:60],
+)
 def test_a_filter_treats_flexes_as_it_treats_geoms(scene: Scene, filter: Filter, expected: set[str]) -> None:
     seen = {name for name, origin in ABOVE.items() if scene.cast(origin, DOWN, filter=filter).numpy().flex_id >= 0}
     assert seen == expected
