@@ -19,6 +19,11 @@ from rigcast.oracle.bounds import agrees
 from rigcast.oracle.edge_band import in_edge_band
 from rigcast.oracle.ray import Floats, Ints, Oracle, RayHits
 
+pytestmark = pytest.mark.skipif(
+    int(mujoco.__version__.split(".")[0]) < 4,
+    reason="the oracles, mj_rayFlex on 3D flexes and mju_raySkin, cannot be called from Python before MuJoCo 4",
+)
+
 FAR = np.array((7e3, -7e3, 1e3))
 RAYS = 1500
 STEPS = 3

@@ -15,7 +15,6 @@ from rigcast import DepthCamera, Filter, HeightScan, Lidar, Mount, Rig, oracle
 from rigcast.check import Report, check, geom_type_name
 from rigcast.cli.check import as_json
 from rigcast.cli.check import check as command
-from rigcast.oracle import RayHits
 from rigcast.sensors.rig import Sensor
 
 WORLD = """<mujoco>
@@ -77,9 +76,9 @@ class Broken(Rig):
 class _Stretched:
     def __init__(self, hits: Any, geom: int) -> None:
         distance = np.where(hits.geom_id == geom, hits.distance * np.float32(1.01), hits.distance)
-        self._hits = RayHits(distance, hits.geom_id, hits.normal)
+        self._hits = hits._replace(distance=distance)
 
-    def numpy(self) -> RayHits:
+    def numpy(self) -> Any:
         return self._hits
 
 

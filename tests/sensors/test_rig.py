@@ -1,6 +1,7 @@
 """A rig sees the world at data.time, gives each frame out once, and leaves the user's data alone."""
 
 import copy
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -103,10 +104,15 @@ def test_a_mocap_body_that_the_user_moved_is_seen_where_it_is_now(model: mujoco.
         assert rig.sense(data)["l"].range.numpy().item() == pytest.approx(x - 0.3, abs=1e-6)
 
 
+# what a user reads or a step starts from; of workspace, older MuJoCos show memory that nothing has written
+STATE = (
+    r"q(pos|vel|acc|acc_warmstart)|act|ctrl|mocap_.*|userdata|sensordata|xfrc_applied|eq_active"
+    r"|x(pos|quat|mat|ipos|imat)|(geom|site|cam|light|subtree)_[a-z]+"
+)
+
+
 def arrays(data: mujoco.MjData) -> dict[str, np.ndarray]:
-    # of islands, older MuJoCos show memory that nothing has written
-    names = [name for name in dir(data) if not name.startswith("_") and "island" not in name]
-    values = {name: getattr(data, name) for name in names}
+    values = {name: getattr(data, name) for name in dir(data) if re.fullmatch(STATE, name)}
     return {name: value.copy() for name, value in values.items() if isinstance(value, np.ndarray)}
 
 
