@@ -8,7 +8,8 @@ from typing import Any
 
 import warp as wp
 
-RAYS_PER_SLICE = 2048
+RAYS_PER_SLICE = 8192
+_launched: set[wp.Kernel] = set()
 
 
 def launch_over_rays(
@@ -25,9 +26,13 @@ def launch_over_rays(
     if wp.get_device(device).is_cuda or count <= RAYS_PER_SLICE or thread_count() == 1:
         launch(0, count)
         return
-    # the first slice alone, so that a module that must be compiled is compiled once
-    launch(0, RAYS_PER_SLICE)
-    rest = range(RAYS_PER_SLICE, count, RAYS_PER_SLICE)
+    begun = 0
+    if kernel not in _launched:
+        # its first slice alone, so that a module that must be compiled is compiled once
+        launch(0, RAYS_PER_SLICE)
+        _launched.add(kernel)
+        begun = RAYS_PER_SLICE
+    rest = range(begun, count, RAYS_PER_SLICE)
     list(_threads().map(lambda first: launch(first, min(RAYS_PER_SLICE, count - first)), rest))
 
 
