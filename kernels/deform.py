@@ -12,14 +12,11 @@ import numpy.typing as npt
 import warp as wp
 
 from .geometry import FARTHEST, NO_FACE, Shapes, TriangleBlock, TriangleTree
-from .top_level import refit
+from .top_level import REBUILD_RATIO, refit
 from .traverse import to_double, to_float
 from .tree import WIDTH, Node, build_tree, empty_box, join, struct_zeros
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
-
-REBUILD_RATIO = 1.5
-"""The tree is built anew when the area of its boxes has grown this much by refitting."""
 
 
 @wp.func

@@ -11,6 +11,9 @@ from .tree import NO_CHILD, OUTWARDS, WIDTH, Box, Node, empty_box, half_area, jo
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
+REBUILD_RATIO = 1.5
+"""A tree is built anew when the area of its boxes has grown this much by refitting."""
+
 
 @wp.func
 def make_box(lower: wp.vec3, upper: wp.vec3) -> Box:

@@ -10,11 +10,8 @@ import numpy.typing as npt
 import warp as wp
 
 from .geometry import Geometry, Shapes, TriangleBlock, TriangleTree, join_triangle_trees, moved_nodes
-from .top_level import refit, shape_boxes
+from .top_level import REBUILD_RATIO, refit, shape_boxes
 from .tree import NO_CHILD, Node, build_tree, empty_nodes, join_trees
-
-REBUILD_RATIO = 1.5
-"""The tree over shapes is built anew when the area of its boxes has grown this much by refitting."""
 
 
 class World:
