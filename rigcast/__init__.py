@@ -5,36 +5,36 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .config import load_rig as load_rig
-    from .sensors.depth_camera import DepthCamera as DepthCamera
     from .sensors.errors import InputError as InputError
-    from .sensors.filter import Filter as Filter
-    from .sensors.frame import CameraFrame as CameraFrame
-    from .sensors.frame import Frame as Frame
-    from .sensors.frame import LidarFrame as LidarFrame
-    from .sensors.height_scan import HeightScan as HeightScan
-    from .sensors.hits import Hits as Hits
-    from .sensors.lidar import Lidar as Lidar
-    from .sensors.mount import Mount as Mount
-    from .sensors.prop import Prop as Prop
-    from .sensors.rig import Rig as Rig
-    from .sensors.scene import Scene as Scene
+    from .sensors.rig.frame import CameraFrame as CameraFrame
+    from .sensors.rig.frame import Frame as Frame
+    from .sensors.rig.frame import LidarFrame as LidarFrame
+    from .sensors.rig.rig import Rig as Rig
+    from .sensors.scene.hits import Hits as Hits
+    from .sensors.scene.scene import Scene as Scene
+    from .sensors.specs.depth_camera import DepthCamera as DepthCamera
+    from .sensors.specs.filter import Filter as Filter
+    from .sensors.specs.height_scan import HeightScan as HeightScan
+    from .sensors.specs.lidar import Lidar as Lidar
+    from .sensors.specs.mount import Mount as Mount
+    from .sensors.specs.prop import Prop as Prop
 
     __version__: str
 
 _HOME = {
-    "CameraFrame": "sensors.frame",
-    "DepthCamera": "sensors.depth_camera",
-    "Filter": "sensors.filter",
-    "Frame": "sensors.frame",
-    "HeightScan": "sensors.height_scan",
-    "Hits": "sensors.hits",
+    "CameraFrame": "sensors.rig.frame",
+    "DepthCamera": "sensors.specs.depth_camera",
+    "Filter": "sensors.specs.filter",
+    "Frame": "sensors.rig.frame",
+    "HeightScan": "sensors.specs.height_scan",
+    "Hits": "sensors.scene.hits",
     "InputError": "sensors.errors",
-    "Lidar": "sensors.lidar",
-    "LidarFrame": "sensors.frame",
-    "Mount": "sensors.mount",
-    "Prop": "sensors.prop",
-    "Rig": "sensors.rig",
-    "Scene": "sensors.scene",
+    "Lidar": "sensors.specs.lidar",
+    "LidarFrame": "sensors.rig.frame",
+    "Mount": "sensors.specs.mount",
+    "Prop": "sensors.specs.prop",
+    "Rig": "sensors.rig.rig",
+    "Scene": "sensors.scene.scene",
     "load_rig": "config",
 }
 

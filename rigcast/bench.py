@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from rigcast.oracle import Oracle, RayHits
 from rigcast.oracle.bounds import agrees
-from rigcast.sensors.rig import Rig
+from rigcast.sensors.rig.rig import Rig
 
 FARTHEST = 1e10  # [m] mj_multiRay's cutoff: none
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from rigcast import oracle
 from rigcast.oracle import Comparison, RayHits, Verdict
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.rig import Rig
+from rigcast.sensors.rig.rig import Rig
 
 NO_GEOM = "none"  # rays that miss, and are expected to
 WRONG_SHOWN = 5

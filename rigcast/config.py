@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import mujoco
 from pydantic import Field, TypeAdapter, ValidationError, field_validator
 
-from rigcast.sensors.depth_camera import DepthCamera
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault, faults_of
-from rigcast.sensors.height_scan import HeightScan
-from rigcast.sensors.lidar import Lidar
-from rigcast.sensors.mesh_file import read_mesh
 from rigcast.sensors.names import expected_one_of, model_names
-from rigcast.sensors.prop import Prop
-from rigcast.sensors.sensor_spec import SensorSpec
-from rigcast.sensors.spec import Spec
+from rigcast.sensors.scene.mesh_file import read_mesh
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.height_scan import HeightScan
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.prop import Prop
+from rigcast.sensors.specs.sensor_spec import SensorSpec
+from rigcast.sensors.specs.spec import Spec
 
 from .yaml_positions import YamlFile, read_yaml
 
 if TYPE_CHECKING:
-    from rigcast.sensors.rig import Rig
+    from rigcast.sensors.rig.rig import Rig
 
 AnySensor = Annotated[Lidar | DepthCamera | HeightScan, Field(discriminator="type")]
 _SENSOR: TypeAdapter[AnySensor] = TypeAdapter(AnySensor)
@@ -71,7 +71,7 @@ class RigConfig:
 
     def build(self, model: mujoco.MjModel, device: str | None = None, seed: int | None = None) -> "Rig":
         """The rig on its compiled model. seed: in place of the file's."""
-        from rigcast.sensors.rig import Rig  # here, as reading and checking files needs no Warp
+        from rigcast.sensors.rig.rig import Rig  # here, as reading and checking files needs no Warp
 
         own_seed = self.seed if seed is None else seed
         return Rig(model, self.sensors, device, own_seed, props=self.props, on_unsupported=self.on_unsupported)

@@ -9,7 +9,7 @@ import warp as wp
 from rich.console import Console
 
 from rigcast.config import RigConfig
-from rigcast.sensors.rig import Rig
+from rigcast.sensors.rig.rig import Rig
 
 _PATIENCE = 1.5  # s; cached kernels load in less
 

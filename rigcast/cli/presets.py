@@ -6,7 +6,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from rigcast.sensors.presets import load_preset, preset_names
+from rigcast.sensors.specs.presets import load_preset, preset_names
 
 
 def presets(

@@ -20,8 +20,8 @@ from rigcast.cli.kernels import ready_rig
 from rigcast.config import open_rig
 from rigcast.export.recorder import INDEX_NAME, Recorder
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.rig import Rig
-from rigcast.sensors.sensor_spec import SensorSpec
+from rigcast.sensors.rig.rig import Rig
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 _DIVERGED = {
     mujoco.mjtWarning.mjWARN_BADQPOS: "position",

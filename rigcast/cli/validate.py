@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from rigcast.config import open_rig
-from rigcast.sensors.mount import Mount
+from rigcast.sensors.specs.mount import Mount
 
 
 def validate(

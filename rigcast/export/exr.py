@@ -17,7 +17,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from rigcast.export.ids import IdTable
-from rigcast.sensors.frame import CameraFrame
+from rigcast.sensors.rig.frame import CameraFrame
 
 CONVENTIONS = (
     "pose maps the sensor's optical frame (x right, y down, z forward) into the world; "

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from rigcast.sensors.depth_camera import DepthCamera
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import did_you_mean
-from rigcast.sensors.sensor_spec import SensorSpec
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 FORMATS = ("exr", "ply", "npz")
 

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.export.ids import IdTable
-from rigcast.sensors.frame import Frame
-from rigcast.sensors.pattern import Pattern
-from rigcast.sensors.sensor_spec import SensorSpec
+from rigcast.sensors.rig.frame import Frame
+from rigcast.sensors.specs.pattern import Pattern
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 
 class FrameIndex:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigcast.sensors.frame import CameraFrame, Frame, LidarFrame
+from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 
 _EVERY_FRAME = ("range", "points", "normal", "geom_id", "body_id", "stamp")
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.exchange.ply import export_ply
 
-from rigcast.sensors.frame import Frame, LidarFrame
+from rigcast.sensors.rig.frame import Frame, LidarFrame
 
 
 @dataclass(frozen=True)

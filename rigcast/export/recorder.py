@@ -16,8 +16,8 @@ from rigcast.export.index import FrameIndex
 from rigcast.export.npz import write_npz
 from rigcast.export.ply import write_ply
 from rigcast.preview import draw_preview
-from rigcast.sensors.frame import CameraFrame, Frame
-from rigcast.sensors.sensor_spec import SensorSpec
+from rigcast.sensors.rig.frame import CameraFrame, Frame
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 INDEX_NAME = "frames.npz"
 PREVIEW_NAME = "preview.png"

@@ -27,7 +27,7 @@ import numpy.typing as npt
 from rigcast.oracle.bounds import agrees, distance_errors, well_formed
 from rigcast.oracle.edge_band import in_edge_band
 from rigcast.oracle.ray import Floats, Ints, Oracle, RayHits, flat_rays
-from rigcast.sensors.filter import Filter
+from rigcast.sensors.specs.filter import Filter
 
 TIE = 2e-6  # of 1 + t: geoms this close along the ray are at the same distance
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from rigcast.sensors.filter import Filter
+from rigcast.sensors.specs.filter import Filter
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]

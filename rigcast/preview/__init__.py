@@ -5,8 +5,8 @@ from PIL import Image
 from rigcast.preview.camera import draw_camera
 from rigcast.preview.height_scan import draw_height_scan
 from rigcast.preview.lidar import draw_lidar
-from rigcast.sensors.frame import CameraFrame, Frame, LidarFrame
-from rigcast.sensors.pattern import Pattern
+from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
+from rigcast.sensors.specs.pattern import Pattern
 
 __all__ = ["draw_preview"]
 

@@ -14,7 +14,7 @@ from rigcast.preview.page import (
     Page,
     seconds,
 )
-from rigcast.sensors.frame import CameraFrame
+from rigcast.sensors.rig.frame import CameraFrame
 
 _MAIN = (720, 640)  # the box that the depth picture is fitted into, pixels
 _SMALL_WIDTH = WIDTH - 2 * MARGIN - _MAIN[0] - BAR_SPACE - MARGIN

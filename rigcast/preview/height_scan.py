@@ -6,8 +6,8 @@ from PIL import Image
 
 from rigcast.preview.colour import FAINT, Scale
 from rigcast.preview.page import CAPTION_HEIGHT, LEGEND_HEIGHT, MARGIN, TITLE_HEIGHT, Page, seconds
-from rigcast.sensors.frame import Frame
-from rigcast.sensors.pattern import Pattern
+from rigcast.sensors.rig.frame import Frame
+from rigcast.sensors.specs.pattern import Pattern
 
 _BOX = (940, 640)  # what the grid is fitted into, pixels
 

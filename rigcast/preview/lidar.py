@@ -16,8 +16,8 @@ from rigcast.preview.page import (
     Page,
     seconds,
 )
-from rigcast.sensors.frame import LidarFrame
-from rigcast.sensors.pattern import Pattern
+from rigcast.sensors.rig.frame import LidarFrame
+from rigcast.sensors.specs.pattern import Pattern
 
 _WIDTH = WIDTH - 2 * MARGIN - BAR_SPACE
 

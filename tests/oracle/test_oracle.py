@@ -10,7 +10,7 @@ import scenes
 
 from rigcast import oracle
 from rigcast.oracle import RayHits, Verdict
-from rigcast.sensors.filter import Filter
+from rigcast.sensors.specs.filter import Filter
 
 # A 2 m cube "box" at the origin, a sphere "ball" behind it along +x, a box "twin" whose left side lies in the
 # cube's right side, on a floor that only collides; "arm" and its child "hand" hold one geom each.

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.sensors.frame import CameraFrame, Frame, LidarFrame
+from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 
 MODEL_XML = """
 <mujoco>

@@ -15,7 +15,7 @@ from rigcast import DepthCamera, Filter, HeightScan, Lidar, Mount, Rig, oracle
 from rigcast.check import Report, check, geom_type_name
 from rigcast.cli.check import as_json
 from rigcast.cli.check import check as command
-from rigcast.sensors.rig import Sensor
+from rigcast.sensors.rig.rig import Sensor
 
 WORLD = """<mujoco>
   <option timestep="0.01"/>
@@ -153,7 +153,7 @@ def test_the_command_prints_a_table_writes_json_and_succeeds(rig_file: Path, tmp
 
 
 def test_the_command_names_wrong_rays_and_exits_with_1(rig_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rigcast.sensors.rig.Rig", Broken)
+    monkeypatch.setattr("rigcast.sensors.rig.rig.Rig", Broken)
     result = invoke(str(rig_file), "--rays", "3000")
     assert result.exit_code == 1, result.output
     for word in ("wrong: ", "post", "expected", "got", "along", "after"):

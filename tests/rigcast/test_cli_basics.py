@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import rigcast.cli.presets
 from rigcast.cli import app
 from rigcast.config import RigFile
-from rigcast.sensors.presets import load_preset, preset_names
+from rigcast.sensors.specs.presets import load_preset, preset_names
 
 COMMANDS = ("run", "check", "validate", "presets", "schema", "bench")
 MODEL = '<mujoco><worldbody><body name="torso"><geom size="0.1"/></body></worldbody></mujoco>'

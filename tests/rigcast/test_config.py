@@ -7,12 +7,12 @@ import mujoco
 import pytest
 
 from rigcast.config import load_rig, open_rig, read_rig
-from rigcast.sensors.depth_camera import DepthCamera
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.filter import Filter
-from rigcast.sensors.height_scan import HeightScan
-from rigcast.sensors.lidar import Lidar
-from rigcast.sensors.mount import Mount
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.filter import Filter
+from rigcast.sensors.specs.height_scan import HeightScan
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.mount import Mount
 
 MODEL = """
 <mujoco>

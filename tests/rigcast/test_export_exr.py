@@ -10,7 +10,7 @@ from made_frames import INTRINSICS, POSE, make_frame, random_range
 
 from rigcast.export.exr import write_exr
 from rigcast.export.ids import IdTable
-from rigcast.sensors.frame import CameraFrame
+from rigcast.sensors.rig.frame import CameraFrame
 
 IDS = IdTable.of(made_frames.model())
 

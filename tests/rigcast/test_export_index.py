@@ -11,13 +11,13 @@ from rigcast.export.files import make_writable, replacing
 from rigcast.export.formats import choose_formats
 from rigcast.export.npz import write_npz
 from rigcast.export.recorder import Recorder
-from rigcast.sensors.depth_camera import DepthCamera
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.frame import CameraFrame, Frame, LidarFrame
-from rigcast.sensors.height_scan import HeightScan
-from rigcast.sensors.lidar import Lidar
-from rigcast.sensors.mount import Mount
-from rigcast.sensors.sensor_spec import SensorSpec
+from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.height_scan import HeightScan
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.mount import Mount
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 LIDAR = Lidar(name="top", mount=Mount(body="crate"), elevation_deg=(-1.0, 1.0), columns=8, min_range=0.5)
 CAMERA = DepthCamera(name="eye", mount=Mount(), resolution=(6, 4), fov_y_deg=58)

@@ -7,7 +7,7 @@ import trimesh
 from made_frames import make_frame, random_range
 
 from rigcast.export.ply import write_ply
-from rigcast.sensors.frame import CameraFrame, Frame, LidarFrame
+from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 
 COMMON = {
     "x": "<f4",

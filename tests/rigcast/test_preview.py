@@ -17,12 +17,12 @@ from rigcast.preview.colour import (
     turbo,
 )
 from rigcast.preview.page import WIDTH, ticks
-from rigcast.sensors.depth_camera import DepthCamera
-from rigcast.sensors.frame import CameraFrame, Frame, LidarFrame
-from rigcast.sensors.height_scan import HeightScan
-from rigcast.sensors.lidar import Lidar
-from rigcast.sensors.mount import Mount
-from rigcast.sensors.pattern import Pattern
+from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.height_scan import HeightScan
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.mount import Mount
+from rigcast.sensors.specs.pattern import Pattern
 
 MODEL = made_frames.model()
 SPECIAL = {"no return": np.inf, "too near": -np.inf, "invalid": np.nan}

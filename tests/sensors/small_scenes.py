@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from rigcast import Scene
-from rigcast.sensors.hits import NumpyHits
+from rigcast.sensors.scene.hits import NumpyHits
 
 # One geom of every kind, in its own lane y = 10 k, its near side at x = 2 for a ray along +x from (0, 10 k, 0).
 KINDS = {

@@ -15,7 +15,7 @@ from small_scenes import ASSETS, KINDS, model_of, posed
 import rigcast
 from rigcast import Filter, InputError, Mount, Scene, oracle
 from rigcast.oracle import Verdict
-from rigcast.sensors.hits import NumpyHits
+from rigcast.sensors.scene.hits import NumpyHits
 
 Edit = Callable[[mujoco.MjModel], None]
 RAYS = 400

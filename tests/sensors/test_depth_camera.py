@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from rigcast.sensors.depth_camera import DepthCamera
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.mount import Mount
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.mount import Mount
 
 XML = """
 <mujoco>

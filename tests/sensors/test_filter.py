@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.filter import Filter
+from rigcast.sensors.specs.filter import Filter
 
 # Spheres on the y axis; whichever ray along +x from x = -1 meets it, meets that one only.
 XML = """

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.height_scan import HeightScan, yaw_only
-from rigcast.sensors.mount import Mount
+from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
+from rigcast.sensors.specs.mount import Mount
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco/>")
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.lidar import Lidar
-from rigcast.sensors.mount import Mount
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.mount import Mount
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco/>")
 HALF = np.sqrt(0.5)

@@ -11,7 +11,7 @@ import rigcast
 from rigcast import InputError
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import TriangleTree
-from rigcast.sensors.model_geometry import hfield_triangles, read_model, unsupported_parts
+from rigcast.sensors.scene.model_geometry import hfield_triangles, read_model, unsupported_parts
 
 Floats = NDArray[np.floating]
 SIZE = np.array([1.5, 0.7, 0.4, 0.25])  # half x, half y, height of 1, depth of the base

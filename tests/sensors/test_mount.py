@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.mount import Mount
+from rigcast.sensors.specs.mount import Mount
 
 XML = """
 <mujoco>

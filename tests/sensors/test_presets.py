@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from rigcast.sensors.depth_camera import DepthCamera
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.lidar import Lidar
-from rigcast.sensors.mount import Mount
-from rigcast.sensors.presets import load_preset, preset_names
-from rigcast.sensors.sensor_spec import SensorSpec
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.mount import Mount
+from rigcast.sensors.specs.presets import load_preset, preset_names
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco/>")
 CLASSES: dict[str, type[SensorSpec]] = {"lidar": Lidar, "depth_camera": DepthCamera}

@@ -6,7 +6,7 @@ from math import floor
 import numpy as np
 import pytest
 
-from rigcast.sensors.schedule import Schedule
+from rigcast.sensors.rig.schedule import Schedule
 
 # rate [Hz] and timestep [s] as exact decimals, and the number of steps
 CLOCKS = [

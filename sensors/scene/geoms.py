@@ -5,12 +5,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels.geometry import FARTHEST, TriangleTree
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.names import expected_one_of, model_names
+from rigcast.sensors.specs.filter import Filter
 
-from .errors import InputError
-from .filter import Filter
 from .lost import Lost
 from .model_geometry import hfield_data, read_model, read_shapes
-from .names import expected_one_of, model_names
 from .part import Owner, Snapshot
 
 

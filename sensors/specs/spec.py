@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from .faults import faults_of, refuse
+from rigcast.sensors.faults import faults_of, refuse
 
 if TYPE_CHECKING:
     # Through pydantic's own metaclass type checkers know the arguments of every constructor.

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from rigcast.kernels import solids
 from rigcast.kernels.deform import DeformingTree, surface_shapes
 from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.sensors.specs.filter import Filter, is_opaque
 
-from .filter import Filter, is_opaque
 from .lost import Lost
 from .part import Owner, Snapshot
 

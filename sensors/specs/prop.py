@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
-from .errors import InputError
-from .faults import Fault
-from .mesh_file import read_mesh
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.faults import Fault
+from rigcast.sensors.scene.mesh_file import read_mesh
+
 from .mount import Mount
 from .spec import Spec
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic.config import JsonDict
 
-from .faults import Fault
+from rigcast.sensors.faults import Fault
+
 from .filter import Filter
 from .mount import Mount
 from .pattern import Pattern

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError
-from .names import expected_one_of
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.names import expected_one_of
 
 SUFFIXES = (".stl", ".obj", ".ply", ".glb")
 

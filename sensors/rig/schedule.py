@@ -2,7 +2,7 @@
 
 import math
 
-from .errors import InputError
+from rigcast.sensors.errors import InputError
 
 # A due time that the clock has reached up to rounding counts as reached; in periods.
 _ROUNDING = 1e-6

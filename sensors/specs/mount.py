@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from .faults import Fault, refuse
-from .names import expected_one_of, model_names
+from rigcast.sensors.faults import Fault, refuse
+from rigcast.sensors.names import expected_one_of, model_names
+
 from .spec import Spec
 
 Parent = Literal["world", "body", "site", "camera"]

@@ -8,8 +8,8 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from .errors import InputError
-from .names import expected_one_of
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.names import expected_one_of
 
 
 @dataclass(frozen=True)

@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.cast import Rays
 from rigcast.kernels.reading import read
+from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.faults import refuse
+from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.scene.hits import Hits
+from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.mount import BoundMount
+from rigcast.sensors.specs.pattern import Pattern
+from rigcast.sensors.specs.prop import Prop
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 
-from .depth_camera import DepthCamera
-from .errors import InputError, require_type
-from .faults import refuse
 from .frame import CameraFrame, Frame, LidarFrame
-from .height_scan import HeightScan, yaw_only
-from .hits import Hits
-from .lidar import Lidar
-from .mount import BoundMount
-from .names import expected_one_of
-from .pattern import Pattern
-from .prop import Prop
-from .scene import Scene
 from .schedule import Schedule
-from .sensor_spec import SensorSpec
 
 Sensor = Lidar | DepthCamera | HeightScan
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.faults import refuse
+from rigcast.sensors.specs.filter import Filter
+from rigcast.sensors.specs.prop import Prop
 
-from .errors import InputError
-from .faults import refuse
-from .filter import Filter
 from .lost import Lost
 from .part import Owner, Snapshot
-from .prop import Prop
 
 
 class Props:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
-
-from .errors import InputError
+from rigcast.sensors.errors import InputError
 
 _GEOM = mujoco.mjtGeom
 

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from .faults import Fault, refuse
+from rigcast.sensors.faults import Fault, refuse
+
 from .mount import BoundMount
 from .pattern import Pattern
 from .sensor_spec import SensorSpec

@@ -17,16 +17,16 @@ from rigcast.kernels.geometry import FARTHEST, Shapes
 from rigcast.kernels.reading import take
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
+from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.specs.filter import Filter
+from rigcast.sensors.specs.prop import Prop
 
-from .errors import InputError, require_type
-from .filter import Filter
 from .flexes import Flexes
 from .geoms import Geoms
 from .hits import Hits
 from .model_geometry import unsupported_parts
-from .names import expected_one_of
 from .part import OWNERS, Part
-from .prop import Prop
 from .props import Props
 from .skins import Skins
 

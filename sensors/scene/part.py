@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels.geometry import Shapes, TriangleTree
-
-from .filter import Filter
+from rigcast.sensors.specs.filter import Filter
 
 Owner = Literal["geom", "flex", "skin", "prop"]
 OWNERS: tuple[Owner, ...] = ("geom", "flex", "skin", "prop")

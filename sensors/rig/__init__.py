@@ -1,0 +1,1 @@
+"""Sensors on a scene, and the frames they give."""
