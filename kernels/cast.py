@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import warp as wp
 
 from .geometry import FARTHEST, Geometry
+from .hits import NO_SHAPE, WorldRay, hit_distance, hit_face, hit_normal
 from .launch import launch_over_rays
-from .traverse import NO_SHAPE, cast_ray, hit_face, hit_normal, to_double
+from .ray import cast_ray
+from .vectors import to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -48,6 +50,12 @@ class HitArrays:
         )
 
 
+@wp.func
+def is_castable(ray: WorldRay) -> bool:
+    near_enough = wp.max(wp.abs(ray.origin)) <= wp.float64(FARTHEST)
+    return wp.isfinite(ray.origin) and wp.isfinite(ray.direction) and near_enough
+
+
 @wp.kernel
 def cast_rays(
     first: int,
@@ -68,21 +76,26 @@ def cast_rays(
     normal: wp.array[wp.vec3],
 ) -> None:
     i = first + wp.tid()
-    origin = position[0] + rotation[0] * origins[wp.min(i, origins.shape[0] - 1)]
-    direction = rotation[0] * directions[i]
+    ray = WorldRay()
+    ray.origin = position[0] + rotation[0] * origins[wp.min(i, origins.shape[0] - 1)]
+    ray.direction = rotation[0] * directions[i]
+    ray.limit = limit
+    ray.cull = cull
     distance[i] = wp.inf
     shape[i] = -1
     face[i] = -1
     normal[i] = wp.vec3(0.0, 0.0, 0.0)
-    if not (wp.isfinite(origin) and wp.isfinite(direction) and wp.max(wp.abs(origin)) <= wp.float64(FARTHEST)):
+    if not is_castable(ray):
         distance[i] = wp.nan
         return
-    hit = cast_ray(g, visible, origin, direction, limit, cull)
+    hit = cast_ray(g, visible, ray)
     if hit.shape != NO_SHAPE:
-        distance[i] = float(hit.distance)
-        shape[i] = hit.shape
-        face[i] = hit_face(g, hit)
-        normal[i] = hit_normal(g, hit, origin, direction)
+        t = hit_distance(g, hit, ray)
+        if t < wp.float64(wp.inf):
+            distance[i] = float(t)
+            shape[i] = hit.shape
+            face[i] = hit_face(g, hit)
+            normal[i] = hit_normal(g, hit, t, ray)
 
 
 def cast(geometry: Geometry, visible: wp.array, rays: Rays, limit: float, cull: int) -> HitArrays:

@@ -13,8 +13,8 @@ import warp as wp
 
 from .geometry import FARTHEST, NO_FACE, Shapes, TriangleBlock, TriangleTree
 from .top_level import REBUILD_RATIO, refit
-from .traverse import to_double, to_float
 from .tree import WIDTH, Node, build_tree, empty_box, join, struct_zeros
+from .vectors import to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

@@ -4,7 +4,7 @@ import warp as wp
 
 from .cast import HitArrays, Rays
 from .launch import launch_over_rays
-from .traverse import to_double, to_float
+from .vectors import to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -6,8 +6,8 @@ Everything is relative to an anchor near the shapes, so that boxes stay tight fa
 import warp as wp
 
 from .geometry import FARTHEST
-from .traverse import to_float
 from .tree import NO_CHILD, OUTWARDS, WIDTH, Box, Node, empty_box, half_area, join, set_child
+from .vectors import to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

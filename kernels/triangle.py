@@ -11,8 +11,8 @@ a, b the ends of an edge seen from O, the side on which the ray passes it is the
 
     s(a, b) = d . ((a - b) x (a + b)) = 2 d . (a x b)
 
-`triage_triangle` evaluates that in float32 and answers only where rounding cannot change the answer; it says UNDECIDED
-near edges, near edge-on and near the origin, and `decide_triangle` takes those few to float64.
+`triage_triangle` evaluates that in float32 and answers only where rounding cannot change the answer; it leaves
+open what is near edges, near edge-on and near the origin, and `decide_triangle` takes those few to float64.
 
 Its error, u = eps / 2: with e = a - b, m = a + b, one rounding of d, two of each vertex (in m; e comes from the mesh's
 own vertices), one each of e, m, the products and the difference of the cross product, and three of the dot product
@@ -30,6 +30,8 @@ Together 6u |w| + 6u t, over |d . n| (which is > GRAZING there, so that second o
 
     |t - t_ref| <= 3 eps (max_i |Vi - O| + t) / |cos|
 
+It says from where to where t may be by 8u instead of 6u, which is more by the rounding of that itself.
+
 Float64 is off by its tilt (below), 1.1e-9 t / |cos|, and by u t where the result is stored: less, down to |cos| = 1e-8.
 
 A ray that is aimed at a vertex, or runs within a face, has no one answer. Float64 therefore decides for a ray tilted by
@@ -38,27 +40,18 @@ A ray that is aimed at a vertex, or runs within a face, has no one answer. Float
 
 import warp as wp
 
+from .vectors import larger, norm1, smaller
+
 CULL_NONE = wp.constant(0)
 CULL_BACK = wp.constant(1)
 CULL_FRONT = wp.constant(-1)
 
-UNDECIDED = wp.constant(-1.0)
 ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
+DISTANCE_ROUNDING = wp.constant(4.0 * 2.0**-23)  # 8u
 GRAZING = wp.constant(0.02)  # |d . n| below which float32 loses the distance
 ROUNDING_64 = wp.constant(wp.float64(8.0 * 2.0**-52))
 EDGE_ON = wp.constant(wp.float64(1.0e-13))  # |d . n| below which float64 loses the distance
 TILT = wp.constant(wp.vec3d(0.62e-9, -0.35e-9, 0.70e-9))
-
-
-@wp.func
-def larger(a: float, b: float) -> float:
-    """wp.max without its rule for NaN, which keeps loops over lanes from being vectorised."""
-    return wp.where(a > b, a, b)
-
-
-@wp.func
-def smaller(a: float, b: float) -> float:
-    return wp.where(a < b, a, b)
 
 
 @wp.func
@@ -121,11 +114,6 @@ def intersect_triangle_reference(
 
 
 @wp.func
-def norm1(a: wp.vec3) -> float:
-    return wp.abs(a[0]) + wp.abs(a[1]) + wp.abs(a[2])
-
-
-@wp.func
 def edge_side(direction: wp.vec3, e: wp.vec3, a: wp.vec3, b: wp.vec3) -> float:
     """s(a, b), with e = a - b."""
     return wp.dot(direction, wp.cross(e, a + b))
@@ -148,10 +136,11 @@ def triage_triangle(
     v2: wp.vec3,
     normal: wp.vec3,
     cull: int,
-) -> float:
-    """Distance to the triangle along the unit direction, +inf on a sure miss, UNDECIDED where rounding could matter.
+) -> wp.vec2:
+    """From where to where the distance to the triangle along the unit direction may be.
 
-    Free of branches, so that loops over triangles are vectorised.
+    (+inf, +inf) on a sure miss, (0, +inf) where rounding could make a hit of a miss. Free of branches, so
+    that loops over triangles are vectorised.
 
     Args:
         e0, e1, e2: V0 - V1, V1 - V2, V2 - V0.
@@ -170,10 +159,14 @@ def triage_triangle(
     is_off_edges = smaller(wp.abs(s0) - r0, smaller(wp.abs(s1) - r1, wp.abs(s2) - r2)) > 0.0
     slope = wp.dot(direction, normal)
     height = wp.dot(v0, normal)
-    t = height / slope
     is_sure = is_off_edges and wp.abs(slope) > GRAZING and wp.abs(height) > ROUNDING * norm1(v0)
-    decided = wp.where(t < 0.0 or is_culled(slope, cull), wp.inf, t)
-    return wp.where(is_left or is_right, wp.where(is_sure, decided, UNDECIDED), wp.inf)
+    t = height / slope
+    reach = larger(norm1(v0), larger(norm1(v1), norm1(v2)))
+    error = DISTANCE_ROUNDING * (reach + wp.abs(t)) / wp.abs(slope)
+    is_hit = (is_left or is_right) and not (is_sure and (t < 0.0 or is_culled(slope, cull)))
+    near = wp.where(is_hit, wp.where(is_sure, t - error, 0.0), wp.inf)
+    far = wp.where(is_hit and is_sure, t + error, wp.inf)
+    return wp.vec2(near, far)
 
 
 @wp.func

@@ -13,10 +13,8 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.solids import closed_form_normal, intersect_closed_form
-from rigcast.kernels.traverse import to_double
 from rigcast.kernels.triangle import (
     CULL_NONE,
-    UNDECIDED,
     decide_triangle,
     intersect_triangle_reference,
     is_inside_triangle,
@@ -25,10 +23,12 @@ from rigcast.kernels.triangle import (
     triage_triangle,
     triangle_normal,
 )
+from rigcast.kernels.vectors import to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 Floats = NDArray[np.float32]
+UNDECIDED = -1.0
 
 
 @wp.kernel
@@ -87,7 +87,7 @@ def _triage(
     v2: wp.array[wp.vec3],
     normal: wp.array[wp.vec3],
     cull: int,
-    out: wp.array[float],
+    out: wp.array[wp.vec2],
 ) -> None:
     i = wp.tid()
     a = v0[i]
@@ -170,15 +170,23 @@ def reference(
     return _over_rows(_reference, wp.float32, [origin, direction, v0, v1, v2], [cull, parallel])
 
 
-def triage(
+def span(
     origin: ArrayLike, direction: ArrayLike, v0: ArrayLike, v1: ArrayLike, v2: ArrayLike, cull: int = CULL_NONE
 ) -> Floats:
-    """The cast's first look, in float32, with the normal that a triangle block has."""
+    """(n, 2) the cast's first look, in float32, with the normal that a triangle block has: nearest and farthest."""
     a, b, c = (np.asarray(v, np.float32).astype(np.float64) for v in (v0, v1, v2))
     n = np.cross(b - a, c - a)
     with np.errstate(invalid="ignore"):
         unit_normal = n / np.linalg.norm(n, axis=-1, keepdims=True)
-    return _over_rows(_triage, wp.float32, [origin, direction, v0, v1, v2, unit_normal], [cull])
+    return _over_rows(_triage, wp.vec2, [origin, direction, v0, v1, v2, unit_normal], [cull])
+
+
+def triage(
+    origin: ArrayLike, direction: ArrayLike, v0: ArrayLike, v1: ArrayLike, v2: ArrayLike, cull: int = CULL_NONE
+) -> NDArray[np.float64]:
+    """The middle of the span, +inf on a miss, or UNDECIDED."""
+    near, far = span(origin, direction, v0, v1, v2, cull).T.astype(np.float64)
+    return np.where(np.isfinite(far), 0.5 * (near + far), np.where(np.isfinite(near), UNDECIDED, np.inf))
 
 
 def decide(

@@ -11,7 +11,7 @@ import pytest
 from moeller_trumbore import Doubles, dot, moeller_trumbore, norm
 from numpy.typing import NDArray
 
-from rigcast.kernels.triangle import CULL_BACK, CULL_NONE, UNDECIDED
+from rigcast.kernels.triangle import CULL_BACK, CULL_NONE
 
 EPS = 2.0**-23
 U = EPS / 2
@@ -141,7 +141,7 @@ def cast_band(p: Pairs) -> Doubles:
 def test_float32_is_never_wrong_where_it_decides(pairs: Pairs) -> None:
     """There is no band: what could be wrong is left to float64."""
     t = launchers.triage(*pairs.rays)
-    is_decided = t != UNDECIDED
+    is_decided = t != launchers.UNDECIDED
     wrong = is_decided & ((t < INF) != pairs.is_inside)
     assert not wrong.any(), first(wrong, "wrong")
     hit = is_decided & (t < INF)
@@ -151,12 +151,22 @@ def test_float32_is_never_wrong_where_it_decides(pairs: Pairs) -> None:
     assert hit.sum() > PAIRS / 10
 
 
+def test_float32_knows_how_far_off_it_may_be(pairs: Pairs) -> None:
+    """The span holds the distance, and is not wider than it must be by more than 20 times."""
+    near, far = launchers.span(*pairs.rays).T.astype(np.float64)
+    hit = np.isfinite(far)
+    outside = hit & ((pairs.t < near) | (pairs.t > far))
+    assert not outside.any(), first(outside, "outside of its span")
+    near, far, t = near[hit], far[hit], pairs.t[hit]
+    assert (np.abs(t - 0.5 * (near + far)) / (far - near)).max() > 0.025
+
+
 def test_float32_decides_most_rays_that_are_not_aimed_at_edges(pairs: Pairs) -> None:
     """Rays 16u |V - O| / sin and more off the edges, of a triangle not seen edge-on, are float32's to decide."""
     t = launchers.triage(*pairs.rays)
     far_off = 100 * U * norm(pairs.vertices).max(axis=1)[:, None] / (pairs.cosine[:, None] * pairs.height)
     is_plain = (np.abs(pairs.barycentric) > far_off).all(axis=1) & (pairs.cosine > 0.021) & (np.abs(pairs.t) > 1e-2)
-    assert (t[is_plain] != UNDECIDED).mean() > 0.99
+    assert (t[is_plain] != launchers.UNDECIDED).mean() > 0.99
     assert is_plain.sum() > PAIRS / 4
 
 

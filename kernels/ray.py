@@ -1,0 +1,203 @@
+"""One ray through both levels of the geometry: the tree over shapes, and the tree over each shape's triangles."""
+
+import warp as wp
+
+from .geometry import Geometry, TriangleBlock
+from .hits import Hit, WorldRay, first_of, hit_at, no_hit
+from .solids import SHEET, has_triangles, intersect_closed_form
+from .traverse import Entered, traversal
+from .tree import WIDTH, Node, vec8
+from .triangle import CULL_FRONT, CULL_NONE, triage_triangle
+from .vectors import larger, smaller, to_double, to_float
+
+MARGIN = wp.constant(4.0 * 2.0**-23)
+SMALLEST = wp.constant(1.0e-20)
+
+
+@wp.struct
+class Ray:
+    """A ray in the frame of a tree, and that of the world which it came from."""
+
+    # in the tree's frame:
+    origin: wp.vec3
+    origin_rest: wp.vec3  # what is lost in rounding the origin to float32
+    direction: wp.vec3
+    inverse: wp.vec3  # 1 / direction, finite
+    margin: float  # by which boxes are widened: covers all rounding in enter_boxes
+    shape: int
+    cull: int
+    # in the world:
+    world: WorldRay
+    visible: wp.array[wp.bool]
+
+
+@wp.func
+def inverse_of(x: float) -> float:
+    """1 / x, with x kept off 0, so that 0 * inf cannot arise at the faces of boxes."""
+    return 1.0 / wp.where(wp.abs(x) < SMALLEST, SMALLEST, x)
+
+
+@wp.func
+def box_margin(origin: wp.vec3, reach: float) -> float:
+    """By how much to widen boxes with coordinates up to reach, seen from the origin.
+
+    It covers, for a box of centre c and half size h, the roundings of o, c - o, its product with 1 / d, and the sums
+    with h: fewer than 8u (|o| + reach) in all, u = 2^-24.
+    """
+    return MARGIN * (wp.max(wp.abs(origin)) + reach)
+
+
+@wp.func
+def in_frame_of_tree(ray: Ray, origin: wp.vec3d, direction: wp.vec3d, reach: float) -> Ray:
+    """The ray as a tree with coordinates up to reach sees it."""
+    local = ray
+    local.origin = to_float(origin)
+    local.origin_rest = to_float(origin - to_double(local.origin))
+    local.direction = to_float(direction)
+    local.inverse = wp.vec3(
+        inverse_of(local.direction[0]), inverse_of(local.direction[1]), inverse_of(local.direction[2])
+    )
+    local.margin = box_margin(local.origin, reach)
+    return local
+
+
+@wp.func
+def enter_boxes(node: Node, ray: Ray, limit: float) -> Entered:
+    """The boxes that the ray enters no farther than the limit."""
+    # fields are taken out of their structs first: a loop that reads through a struct is not vectorised
+    center_x = node.center_x
+    center_y = node.center_y
+    center_z = node.center_z
+    half_x = node.half_x
+    half_y = node.half_y
+    half_z = node.half_z
+    origin = ray.origin
+    inverse = ray.inverse
+    speed = wp.abs(inverse)
+    margin = ray.margin
+    distance = vec8()
+    children = int(0)
+    for j in range(WIDTH):
+        cx = (center_x[j] - origin[0]) * inverse[0]
+        cy = (center_y[j] - origin[1]) * inverse[1]
+        cz = (center_z[j] - origin[2]) * inverse[2]
+        hx = (half_x[j] + margin) * speed[0]
+        hy = (half_y[j] + margin) * speed[1]
+        hz = (half_z[j] + margin) * speed[2]
+        enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
+        leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, limit))
+        distance[j] = enter
+        # the last condition keeps absent children out whatever rays and boxes are: NaN is lost in larger and smaller
+        children = children | wp.where(enter <= leave and half_x[j] >= 0.0, 1 << j, 0)
+    entered = Entered()
+    entered.children = children
+    entered.distance = distance
+    return entered
+
+
+@wp.struct
+class Spans:
+    """From where to where the distances to the triangles of a block may be."""
+
+    near: vec8
+    far: vec8
+
+
+@wp.func
+def triage_block(block: TriangleBlock, ray: Ray) -> Spans:
+    x0 = block.x0
+    y0 = block.y0
+    z0 = block.z0
+    x1 = block.x1
+    y1 = block.y1
+    z1 = block.z1
+    x2 = block.x2
+    y2 = block.y2
+    z2 = block.z2
+    normal_x = block.normal_x
+    normal_y = block.normal_y
+    normal_z = block.normal_z
+    origin = ray.origin
+    rest = ray.origin_rest
+    direction = ray.direction
+    cull = ray.cull
+    near = vec8()
+    far = vec8()
+    for j in range(WIDTH):
+        a = wp.vec3(x0[j], y0[j], z0[j])
+        b = wp.vec3(x1[j], y1[j], z1[j])
+        c = wp.vec3(x2[j], y2[j], z2[j])
+        # vertices as seen from the ray's origin, to within 2u of the difference
+        v0 = (a - origin) - rest
+        v1 = (b - origin) - rest
+        v2 = (c - origin) - rest
+        normal = wp.vec3(normal_x[j], normal_y[j], normal_z[j])
+        span = triage_triangle(direction, a - b, b - c, c - a, v0, v1, v2, normal, cull)
+        near[j] = span[0]
+        far[j] = span[1]
+    spans = Spans()
+    spans.near = near
+    spans.far = far
+    return spans
+
+
+@wp.func
+def reach_of_ray(best: Hit) -> float:
+    return best.far
+
+
+@wp.func
+def visit_block(g: Geometry, ray: Ray, index: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
+    """The ray against the triangles of one block."""
+    spans = triage_block(g.blocks[index], ray)
+    for j in range(WIDTH):
+        if spans.near[j] <= best.far and spans.near[j] < wp.inf:
+            hit = Hit()
+            hit.near = spans.near[j]
+            hit.far = spans.far[j]
+            hit.shape = ray.shape
+            hit.triangle = index * WIDTH + j
+            best = first_of(g, best, hit, ray.world)
+    return best
+
+
+@wp.func
+def enter_in_range(node: Node, ray: Ray, reach: float) -> Entered:
+    return enter_boxes(node, ray, smaller(reach, ray.world.limit))
+
+
+cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_in_range, reach_of_ray, visit_block)
+
+
+@wp.func
+def visit_shape(g: Geometry, ray: Ray, shape: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
+    """The ray against one shape, if it is visible."""
+    if not ray.visible[shape]:
+        return best
+    to_local = wp.transpose(g.rotation[shape])
+    origin = to_local * (ray.world.origin - g.position[shape])
+    direction = to_local * ray.world.direction
+    kind = g.kind[shape]
+    if kind == SHEET and ray.cull == CULL_FRONT:
+        return best
+    if has_triangles(kind):
+        local = in_frame_of_tree(ray, origin, direction, g.reach[shape])
+        local.shape = shape
+        local.cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
+        return cast_through_triangles(g, g.nodes, g.root[shape], local, best)
+    t = intersect_closed_form(kind, g.size[shape], to_float(origin), to_float(direction), ray.cull)
+    return first_of(g, best, hit_at(t, shape, 0), ray.world)
+
+
+cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_in_range, reach_of_ray, visit_shape)
+
+
+@wp.func
+def cast_ray(g: Geometry, visible: wp.array[wp.bool], world: WorldRay) -> Hit:
+    """The first hit of a ray among the visible shapes; it may lie beyond the limit."""
+    ray = Ray()
+    ray.world = world
+    ray.visible = visible
+    ray.cull = world.cull
+    ray = in_frame_of_tree(ray, world.origin - g.anchor[0], world.direction, g.top_reach[0])
+    return cast_through_shapes(g, g.top, 0, ray, no_hit())

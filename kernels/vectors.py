@@ -1,0 +1,41 @@
+"""Small functions on vectors that all kernels share."""
+
+import warp as wp
+
+
+@wp.func
+def to_float(a: wp.vec3d) -> wp.vec3:
+    return wp.vec3(float(a[0]), float(a[1]), float(a[2]))
+
+
+@wp.func
+def to_double(a: wp.vec3) -> wp.vec3d:
+    return wp.vec3d(wp.float64(a[0]), wp.float64(a[1]), wp.float64(a[2]))
+
+
+@wp.func
+def norm1(a: wp.vec3) -> float:
+    return wp.abs(a[0]) + wp.abs(a[1]) + wp.abs(a[2])
+
+
+@wp.func
+def larger(a: float, b: float) -> float:
+    """wp.max without its rule for NaN, which keeps loops over lanes from being vectorised."""
+    return wp.where(a > b, a, b)
+
+
+@wp.func
+def smaller(a: float, b: float) -> float:
+    return wp.where(a < b, a, b)
+
+
+@wp.func
+def lowest_bit(mask: int) -> int:
+    """Index of the lowest bit that is set, of sixteen."""
+    bit = mask & -mask
+    return (
+        wp.where(bit & 0xAAAA != 0, 1, 0)
+        + wp.where(bit & 0xCCCC != 0, 2, 0)
+        + wp.where(bit & 0xF0F0 != 0, 4, 0)
+        + wp.where(bit & 0xFF00 != 0, 8, 0)
+    )
