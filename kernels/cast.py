@@ -5,8 +5,22 @@ from dataclasses import dataclass
 import warp as wp
 
 from .geometry import FARTHEST, Geometry
-from .hits import NO_SHAPE, WorldRay, hit_distance, hit_face, hit_normal
-from .launch import launch_over_rays
+from .hits import NO_SHAPE, Hit, WorldRay, place_of
+from .launch import launch_over_rays, launch_over_tiles, thread_count
+from .packet import (
+    LANES,
+    PACKETS,
+    Directions,
+    Packet,
+    PacketHits,
+    Tile,
+    TileRays,
+    cast_tile,
+    clear_packet,
+    hit_of_lane,
+    world_ray,
+)
+from .packets import Packets
 from .ray import cast_ray
 from .vectors import to_double
 
@@ -19,12 +33,14 @@ class Rays:
 
     directions: (n,) vec3d, unit. origins: (n,) vec3d [m], or (1,) for all rays.
     position, rotation: (1,) vec3d [m] and mat33d, the frame's pose in the world; columns are its axes.
+    packets: the same rays sorted, on the CPU, where they have one origin; None to cast each alone.
     """
 
     directions: wp.array
     origins: wp.array
     position: wp.array
     rotation: wp.array
+    packets: Packets | None = None
 
 
 @dataclass(frozen=True)
@@ -39,6 +55,12 @@ class HitArrays:
     shape: wp.array
     face: wp.array
     normal: wp.array
+
+    def out(self) -> "Out":
+        """The same arrays for a kernel."""
+        out = Out()
+        out.distance, out.shape, out.face, out.normal = self.distance, self.shape, self.face, self.normal
+        return out
 
     @staticmethod
     def empty(count: int, device: wp.DeviceLike) -> "HitArrays":
@@ -56,6 +78,40 @@ def is_castable(ray: WorldRay) -> bool:
     return wp.isfinite(ray.origin) and wp.isfinite(ray.direction) and near_enough
 
 
+@wp.struct
+class Out:
+    """HitArrays, where a kernel writes."""
+
+    distance: wp.array[float]
+    shape: wp.array[int]
+    face: wp.array[int]
+    normal: wp.array[wp.vec3]
+
+
+@wp.func
+def write_miss(out: Out, i: int, distance: float) -> None:
+    out.distance[i] = distance
+    out.shape[i] = -1
+    out.face[i] = -1
+    out.normal[i] = wp.vec3(0.0, 0.0, 0.0)
+
+
+@wp.func
+def write_hit(g: Geometry, out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
+    """Write what ray i hits: nothing if that is beyond its limit."""
+    if hit.shape == NO_SHAPE:
+        write_miss(out, i, wp.inf)
+        return
+    place = place_of(g, hit, ray)
+    if place.distance <= ray.limit and place.distance < wp.inf:
+        out.distance[i] = place.distance
+        out.shape[i] = hit.shape
+        out.face[i] = place.face
+        out.normal[i] = place.normal
+    else:
+        write_miss(out, i, wp.inf)
+
+
 @wp.kernel
 def cast_rays(
     first: int,
@@ -63,39 +119,79 @@ def cast_rays(
     g: Geometry,
     visible: wp.array[wp.bool],
     # rays:
+    which: wp.array[int],  # empty for all
     directions: wp.array[wp.vec3d],
     origins: wp.array[wp.vec3d],
     position: wp.array[wp.vec3d],
     rotation: wp.array[wp.mat33d],
     limit: float,
     cull: int,
-    # out:
-    distance: wp.array[float],
-    shape: wp.array[int],
-    face: wp.array[int],
-    normal: wp.array[wp.vec3],
+    out: Out,
 ) -> None:
     i = first + wp.tid()
+    if which.shape[0] > 0:
+        i = which[i]
     ray = WorldRay()
     ray.origin = position[0] + rotation[0] * origins[wp.min(i, origins.shape[0] - 1)]
     ray.direction = rotation[0] * directions[i]
     ray.limit = limit
     ray.cull = cull
-    distance[i] = wp.inf
-    shape[i] = -1
-    face[i] = -1
-    normal[i] = wp.vec3(0.0, 0.0, 0.0)
-    if not is_castable(ray):
-        distance[i] = wp.nan
-        return
-    hit = cast_ray(g, visible, ray)
-    if hit.shape != NO_SHAPE:
-        t = hit_distance(g, hit, ray)
-        if t < wp.float64(wp.inf):
-            distance[i] = float(t)
-            shape[i] = hit.shape
-            face[i] = hit_face(g, hit)
-            normal[i] = hit_normal(g, hit, t, ray)
+    if is_castable(ray):
+        write_hit(g, out, i, cast_ray(g, visible, ray), ray)
+    else:
+        write_miss(out, i, wp.nan)
+
+
+@wp.kernel
+def cast_packets(
+    thread: int,
+    threads: int,
+    # scene:
+    g: Geometry,
+    visible: wp.array[wp.bool],
+    # rays:
+    tiles: wp.array[Tile],
+    packets: wp.array[Packet],
+    origins: wp.array[wp.vec3d],
+    position: wp.array[wp.vec3d],
+    rotation: wp.array[wp.mat33d],
+    limit: float,
+    cull: int,
+    # scratch:
+    best: wp.array[PacketHits],
+    world_directions: wp.array[Directions],
+    out: Out,
+) -> None:
+    """Every so many-th tile, one after the other."""
+    index = thread + threads * wp.tid()
+    rays = TileRays()
+    rays.tile = tiles[index]
+    rays.origin = position[0] + rotation[0] * origins[0]
+    rays.axis = rotation[0] * rays.tile.axis
+    rays.u = rotation[0] * rays.tile.u
+    rays.v = rotation[0] * rays.tile.v
+    rays.limit = limit
+    rays.cull = cull
+    rays.visible = visible
+    rays.first_packet = index * PACKETS
+    rays.packets = packets
+    rays.first_slot = thread * PACKETS
+    rays.best = best
+    rays.directions = world_directions
+    for k in range(PACKETS):
+        clear_packet(rays, k, rotation[0])
+    is_sound = is_castable(world_ray(rays, rays.first_slot, 0))
+    if is_sound:
+        cast_tile(g, rays)
+    for k in range(PACKETS):
+        for lane in range(LANES):
+            i = packets[rays.first_packet + k].ray[lane]
+            if i >= 0:
+                if is_sound:
+                    slot = rays.first_slot + k
+                    write_hit(g, out, i, hit_of_lane(best[slot], lane), world_ray(rays, slot, lane))
+                else:
+                    write_miss(out, i, wp.nan)
 
 
 def cast(geometry: Geometry, visible: wp.array, rays: Rays, limit: float, cull: int) -> HitArrays:
@@ -106,15 +202,20 @@ def cast(geometry: Geometry, visible: wp.array, rays: Rays, limit: float, cull: 
         cull: CULL_NONE, CULL_BACK or CULL_FRONT of rigcast.kernels.triangle.
     """
     device = rays.directions.device
-    out = HitArrays.empty(rays.directions.size, device)
-    launch_over_rays(
-        cast_rays,
-        rays.directions.size,
-        [geometry, visible, rays.directions, rays.origins, rays.position, rays.rotation, limit, cull],
-        [out.distance, out.shape, out.face, out.normal],
-        device,
-    )
-    return out
+    hits = HitArrays.empty(rays.directions.size, device)
+    scene = [geometry, visible]
+    where = [rays.directions, rays.origins, rays.position, rays.rotation, limit, cull]
+    if rays.packets is None:
+        everything = wp.empty(0, dtype=int, device=device)
+        launch_over_rays(cast_rays, rays.directions.size, [*scene, everything, *where], [hits.out()], device)
+        return hits
+    packets = rays.packets
+    scratch = [wp.empty(thread_count() * PACKETS, dtype=kind, device="cpu") for kind in (PacketHits, Directions)]
+    sorted_rays = [packets.tiles, packets.packets, *where[1:]]
+    launch_over_tiles(cast_packets, packets.tiles.size, [*scene, *sorted_rays, *scratch], [hits.out()])
+    if packets.singles.size:
+        launch_over_rays(cast_rays, packets.singles.size, [*scene, packets.singles, *where], [hits.out()], device)
+    return hits
 
 
 @wp.kernel

@@ -52,6 +52,8 @@ class Geometry:
     kind: wp.array[int]
     size: wp.array[wp.vec3]
     root: wp.array[int]  # node of the triangle tree's root
+    center: wp.array[wp.vec3]  # of the shape's box in its own frame, and the half size
+    half: wp.array[wp.vec3]
     reach: wp.array[float]  # largest |coordinate| of the shape in its own frame
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]  # columns: the shape's axes in the world

@@ -1,22 +1,22 @@
 """Which of two hits is the first, and what there is to know about a hit.
 
-A caster works in float32 and knows of each hit an interval, [near, far], that holds its distance. Two hits whose
-intervals are apart are in order; where they overlap, `first_of` works both distances out in float64. The first hit of a
-ray is thus the same whichever way it is sought: the nearest, of equally near ones that of the lower shape, then of the
-lower triangle.
+A caster works in float32 and knows of each hit an interval, [near, far], that holds its distance, but for rounding.
+Two hits whose intervals are apart are in order; where they are not, `decided` works both distances out in float64. The
+first hit of a ray is thus the same whichever way it is sought: the nearest, of equally near ones that of the lower
+shape, then of the lower triangle.
 """
 
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .solids import PLANE, SHEET, closed_form_normal, has_triangles, intersect_closed_form
+from .solids import SHEET, closed_form_normal, has_triangles, intersect_closed_form
 from .tree import WIDTH
-from .triangle import CULL_NONE, decide_triangle, tilted
-from .vectors import to_double, to_float
+from .triangle import CULL_NONE, GRAZING, decide_triangle, tilted
+from .vectors import larger, to_double, to_float
 
 NO_SHAPE = wp.constant(2**31 - 1)
-ROUNDING = wp.constant(2.0**-22)
-"""Distances to closed forms, float32, that differ by less than this part of themselves count as equal."""
+APART = wp.constant(1.0 + 2.0**-22)
+"""Distances to closed forms, float32, whose ratio is less than this count as equal."""
 
 
 @wp.struct
@@ -31,7 +31,7 @@ class WorldRay:
 
 @wp.struct
 class Hit:
-    """A hit at a distance of near to far, or NO_SHAPE and +inf."""
+    """A hit at a distance of near to far, or NO_SHAPE and +inf. Of closed forms both are the distance."""
 
     near: float
     far: float
@@ -51,8 +51,8 @@ def no_hit() -> Hit:
 @wp.func
 def hit_at(t: float, shape: int, triangle: int) -> Hit:
     hit = Hit()
-    hit.near = t * (1.0 - ROUNDING)
-    hit.far = t * (1.0 + ROUNDING)
+    hit.near = t
+    hit.far = t
     hit.shape = shape
     hit.triangle = triangle
     return hit
@@ -86,10 +86,10 @@ def is_before(g: Geometry, t: wp.float64, a: Hit, t_b: wp.float64, b: Hit) -> bo
     """Whether hit a at distance t is nearer than b, or as near and of a lower shape, or of a lower triangle of it."""
     if a.shape == b.shape:
         return t < t_b or (t == t_b and a.triangle < b.triangle)
-    tie = wp.float64(0.0)
+    apart = wp.float64(1.0)
     if not (has_triangles(g.kind[a.shape]) and has_triangles(g.kind[b.shape])):
-        tie = wp.float64(ROUNDING) * t
-    if wp.abs(t - t_b) > tie:
+        apart = wp.float64(APART)
+    if wp.max(t, t_b) > apart * wp.min(t, t_b):
         return t < t_b
     return a.shape < b.shape
 
@@ -108,18 +108,44 @@ def decided(g: Geometry, best: Hit, hit: Hit, ray: WorldRay) -> Hit:
 
 @wp.func
 def first_of(g: Geometry, best: Hit, hit: Hit, ray: WorldRay) -> Hit:
-    if hit.near > best.far or hit.near == wp.inf:
+    if hit.near > best.far * APART or hit.near == wp.inf:
         return best
-    if hit.far < best.near:
+    if hit.far * APART < best.near:
         return hit
     return decided(g, best, hit, ray)
 
 
+@wp.struct
+class Place:
+    """Where a ray hits: the distance [m], the face of a mesh or -1, and the unit outward normal in the world."""
+
+    distance: float
+    face: int
+    normal: wp.vec3
+
+
 @wp.func
-def hit_distance(g: Geometry, hit: Hit, ray: WorldRay) -> wp.float64:
-    """Distance of a hit, +inf beyond the limit."""
-    t = distance_of(g, hit.shape, hit.triangle, ray)
-    return wp.where(float(t) <= ray.limit, t, wp.float64(wp.inf))
+def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
+    kind = g.kind[hit.shape]
+    rotation = g.rotation[hit.shape]
+    offset = ray.origin - g.position[hit.shape]
+    place = Place()
+    if has_triangles(kind):
+        block = g.blocks[hit.triangle / WIDTH]
+        lane = hit.triangle % WIDTH
+        n = lane_normal(block, lane)
+        normal = rotation * to_double(n)
+        slope = wp.dot(ray.direction, normal)
+        place.distance = distance_to_plane(lane_vertex(block, lane), n, normal, slope, offset)
+        if wp.abs(slope) <= wp.float64(GRAZING):
+            place.distance = float(distance_of(g, hit.shape, hit.triangle, ray))
+        place.normal = outward(kind, normal, slope)
+        place.face = block.face[lane]
+    else:
+        place.distance = hit.near
+        place.normal = normal_of_closed_form(kind, g.size[hit.shape], rotation, offset, ray.direction, hit.near)
+        place.face = -1
+    return place
 
 
 @wp.func
@@ -128,24 +154,32 @@ def lane_normal(block: TriangleBlock, j: int) -> wp.vec3:
 
 
 @wp.func
-def hit_normal(g: Geometry, hit: Hit, distance: wp.float64, ray: WorldRay) -> wp.vec3:
-    """Unit outward normal in the world at a hit of the ray."""
-    rotation = g.rotation[hit.shape]
-    kind = g.kind[hit.shape]
-    normal = wp.vec3(0.0, 0.0, 1.0)
-    if has_triangles(kind):
-        normal = lane_normal(g.blocks[hit.triangle / WIDTH], hit.triangle % WIDTH)
-        if kind == SHEET and wp.dot(rotation * to_double(normal), ray.direction) > wp.float64(0.0):
-            normal = -normal
-    elif kind != PLANE:
-        point = ray.origin + distance * ray.direction - g.position[hit.shape]
-        normal = closed_form_normal(kind, g.size[hit.shape], to_float(wp.transpose(rotation) * point))
-    return to_float(rotation * to_double(normal))
+def lane_vertex(block: TriangleBlock, j: int) -> wp.vec3:
+    return wp.vec3(block.x0[j], block.y0[j], block.z0[j])
 
 
 @wp.func
-def hit_face(g: Geometry, hit: Hit) -> int:
-    """Face of the triangle mesh that was hit, -1 for a closed form."""
-    if not has_triangles(g.kind[hit.shape]):
-        return -1
-    return g.blocks[hit.triangle / WIDTH].face[hit.triangle % WIDTH]
+def distance_to_plane(v0: wp.vec3, n: wp.vec3, normal: wp.vec3d, slope: wp.float64, offset: wp.vec3d) -> float:
+    """Distance to the plane through V0 with the unit normal n, which is `normal` in the world.
+
+    (V0 . n - (o - x) . R n) / (d . R n), slope = d . R n, offset = o - x, R and x the shape's pose. That n is rounded
+    to float32 moves it by u |P - V0| / |cos|.
+    """
+    t = (wp.dot(to_double(v0), to_double(n)) - wp.dot(offset, normal)) / slope
+    return larger(float(t), 0.0)
+
+
+@wp.func
+def outward(kind: int, normal: wp.vec3d, slope: wp.float64) -> wp.vec3:
+    """A triangle's normal; of sheets, the one of the side from which the ray comes."""
+    sign = wp.where(kind == SHEET, wp.where(slope > wp.float64(0.0), -1.0, 1.0), 1.0)
+    return sign * to_float(normal)
+
+
+@wp.func
+def normal_of_closed_form(
+    kind: int, size: wp.vec3, rotation: wp.mat33d, offset: wp.vec3d, direction: wp.vec3d, distance: float
+) -> wp.vec3:
+    """In the world, where a ray hits a closed form; offset as in distance_to_plane."""
+    point = to_float(wp.transpose(rotation) * (offset + wp.float64(distance) * direction))
+    return to_float(rotation * to_double(closed_form_normal(kind, size, point)))

@@ -36,6 +36,24 @@ def launch_over_rays(
     list(_threads().map(lambda first: launch(first, min(RAYS_PER_SLICE, count - first)), rest))
 
 
+def launch_over_tiles(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
+    """Launch a CPU kernel over tiles 0..count-1. Its first arguments are the number of a thread and of all threads."""
+    threads = min(thread_count(), count)
+
+    def launch(thread: int) -> None:
+        size = -(-(count - thread) // threads)
+        wp.launch(kernel, size, inputs=[thread, threads, *inputs], outputs=outputs, device="cpu")
+
+    if kernel not in _launched:
+        wp.load_module(kernel.module, device="cpu")
+        _launched.add(kernel)
+    others = [_threads().submit(launch, thread) for thread in range(1, threads)]
+    if count:
+        launch(0)
+    for other in others:
+        other.result()
+
+
 def thread_count() -> int:
     """CPU threads to cast with: RIGCAST_THREADS, or as many as this process may use."""
     return int(os.environ.get("RIGCAST_THREADS", 0)) or len(os.sched_getaffinity(0))

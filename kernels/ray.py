@@ -3,7 +3,7 @@
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .hits import Hit, WorldRay, first_of, hit_at, no_hit
+from .hits import APART, Hit, WorldRay, first_of, hit_at, no_hit
 from .solids import SHEET, has_triangles, intersect_closed_form
 from .traverse import Entered, traversal
 from .tree import WIDTH, Node, vec8
@@ -143,7 +143,7 @@ def triage_block(block: TriangleBlock, ray: Ray) -> Spans:
 
 @wp.func
 def reach_of_ray(best: Hit) -> float:
-    return best.far
+    return best.far * APART
 
 
 @wp.func
@@ -151,7 +151,7 @@ def visit_block(g: Geometry, ray: Ray, index: int, distance: float, best: Hit) -
     """The ray against the triangles of one block."""
     spans = triage_block(g.blocks[index], ray)
     for j in range(WIDTH):
-        if spans.near[j] <= best.far and spans.near[j] < wp.inf:
+        if spans.near[j] <= best.far * APART and spans.near[j] < wp.inf:
             hit = Hit()
             hit.near = spans.near[j]
             hit.far = spans.far[j]

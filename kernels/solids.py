@@ -33,6 +33,7 @@ Within such an error of a crease (the edge of a box, the rim of a cylinder) the 
 import warp as wp
 
 from .triangle import CULL_BACK, CULL_FRONT
+from .vectors import Interval, interval, larger, smaller
 
 PLANE = wp.constant(0)
 SPHERE = wp.constant(1)
@@ -53,39 +54,36 @@ def has_triangles(kind: int) -> bool:
 
 
 @wp.func
-def no_interval() -> wp.vec2:
-    return wp.vec2(wp.inf, -wp.inf)
+def interval_if(condition: bool, t_in: float, t_out: float) -> Interval:
+    """The interval, or an empty one."""
+    return interval(wp.where(condition, t_in, wp.inf), wp.where(condition, t_out, -wp.inf))
 
 
 @wp.func
-def first_hit(interval: wp.vec2, cull: int) -> float:
+def first_hit(crossed: Interval, cull: int) -> float:
     """Where a ray first meets a solid that it crosses in the interval: entry, else exit, else +inf."""
-    if interval[0] > interval[1]:
-        return wp.inf
-    if interval[0] >= 0.0 and cull != CULL_FRONT:
-        return interval[0]
-    if interval[1] >= 0.0 and cull != CULL_BACK:
-        return interval[1]
-    return wp.inf
+    t_in = crossed[0]
+    t_out = crossed[1]
+    exit = wp.where(t_out >= 0.0, wp.where(cull == CULL_BACK, wp.inf, t_out), wp.inf)
+    entry = wp.where(t_in >= 0.0, wp.where(cull == CULL_FRONT, exit, t_in), exit)
+    return wp.where(t_in > t_out, wp.inf, entry)
 
 
 @wp.func
-def overlap(a: wp.vec2, b: wp.vec2) -> wp.vec2:
-    t_in = wp.max(a[0], b[0])
-    t_out = wp.min(a[1], b[1])
-    if t_in > t_out:
-        return no_interval()
-    return wp.vec2(t_in, t_out)
+def overlap(a: Interval, b: Interval) -> Interval:
+    t_in = larger(a[0], b[0])
+    t_out = smaller(a[1], b[1])
+    return interval_if(t_in <= t_out, t_in, t_out)
 
 
 @wp.func
-def hull(a: wp.vec2, b: wp.vec2) -> wp.vec2:
+def hull(a: Interval, b: Interval) -> Interval:
     """The least interval with a and b in it, where one that is empty counts for nothing."""
-    return wp.vec2(wp.min(a[0], b[0]), wp.max(a[1], b[1]))
+    return interval(smaller(a[0], b[0]), larger(a[1], b[1]))
 
 
 @wp.func
-def sphere_interval(o: wp.vec3, d: wp.vec3, radius: float) -> wp.vec2:
+def sphere_interval(o: wp.vec3, d: wp.vec3, radius: float) -> Interval:
     """|o + t d| = r for a unit d, in the form that keeps its digits for small and far spheres.
 
     The discriminant is r^2 - |l|^2 with l = o - (o . d) d, the ray's nearest point to the centre, instead of the
@@ -95,55 +93,47 @@ def sphere_interval(o: wp.vec3, d: wp.vec3, radius: float) -> wp.vec2:
     b = wp.dot(o, d)
     nearest = wp.length(o - b * d)
     discriminant = (radius - nearest) * (radius + nearest)
-    if not (discriminant >= 0.0):
-        return no_interval()
-    half = wp.sqrt(discriminant)
+    half = wp.sqrt(larger(discriminant, 0.0))
     distance = wp.length(o)
     c = (distance - radius) * (distance + radius)
-    if b <= 0.0:
-        q = half - b
-        return wp.vec2(wp.where(q > 0.0, c / q, 0.0), q)
-    q = -half - b
-    return wp.vec2(q, c / q)
+    q = wp.where(b <= 0.0, half - b, -half - b)
+    other = wp.where(q == 0.0, 0.0, c / q)
+    return interval_if(discriminant >= 0.0, wp.where(b <= 0.0, other, q), wp.where(b <= 0.0, q, other))
 
 
 @wp.func
-def ellipsoid_interval(o: wp.vec3, d: wp.vec3, radii: wp.vec3) -> wp.vec2:
+def ellipsoid_interval(o: wp.vec3, d: wp.vec3, radii: wp.vec3) -> Interval:
     """The unit sphere, after dividing each axis by its radius; distances shrink by |d / radii|."""
     scaled = wp.cw_div(d, radii)
     scale = wp.length(scaled)
-    interval = sphere_interval(wp.cw_div(o, radii), scaled / scale, 1.0)
-    return interval / scale
+    unscaled = sphere_interval(wp.cw_div(o, radii), scaled / scale, 1.0)
+    return interval(unscaled[0] / scale, unscaled[1] / scale)
 
 
 @wp.func
-def slab_interval(o: float, d: float, half: float) -> wp.vec2:
+def slab_interval(o: float, d: float, half: float) -> Interval:
     """Where |o + t d| <= half."""
-    if d == 0.0:
-        if wp.abs(o) <= half:
-            return wp.vec2(-wp.inf, wp.inf)
-        return no_interval()
     a = (-half - o) / d
     b = (half - o) / d
-    return wp.vec2(wp.min(a, b), wp.max(a, b))
+    along = interval_if(wp.abs(o) <= half, -wp.inf, wp.inf)
+    return interval(wp.where(d == 0.0, along[0], smaller(a, b)), wp.where(d == 0.0, along[1], larger(a, b)))
 
 
 @wp.func
-def cylinder_interval(o: wp.vec3, d: wp.vec3, radius: float, half: float) -> wp.vec2:
+def cylinder_interval(o: wp.vec3, d: wp.vec3, radius: float, half: float) -> Interval:
     """The circle x^2 + y^2 = r^2, solved as a sphere in the plane, cut by the slab |z| <= half."""
-    slab = slab_interval(o[2], d[2], half)
     flat = wp.vec3(d[0], d[1], 0.0)
     speed = wp.length(flat)
     across = wp.vec3(o[0], o[1], 0.0)
-    if speed == 0.0:
-        if wp.length(across) <= radius:
-            return slab
-        return no_interval()
-    return overlap(sphere_interval(across, flat / speed, radius) / speed, slab)
+    along = interval_if(wp.length(across) <= radius, -wp.inf, wp.inf)
+    round = sphere_interval(across, flat / speed, radius)
+    side_in = wp.where(speed == 0.0, along[0], round[0] / speed)
+    side_out = wp.where(speed == 0.0, along[1], round[1] / speed)
+    return overlap(interval(side_in, side_out), slab_interval(o[2], d[2], half))
 
 
 @wp.func
-def capsule_interval(o: wp.vec3, d: wp.vec3, radius: float, half: float) -> wp.vec2:
+def capsule_interval(o: wp.vec3, d: wp.vec3, radius: float, half: float) -> Interval:
     """The cylinder and its two end spheres overlap and their union is convex: the hull of the three intervals."""
     end = wp.vec3(0.0, 0.0, half)
     ends = hull(sphere_interval(o - end, d, radius), sphere_interval(o + end, d, radius))
@@ -151,7 +141,7 @@ def capsule_interval(o: wp.vec3, d: wp.vec3, radius: float, half: float) -> wp.v
 
 
 @wp.func
-def box_interval(o: wp.vec3, d: wp.vec3, half: wp.vec3) -> wp.vec2:
+def box_interval(o: wp.vec3, d: wp.vec3, half: wp.vec3) -> Interval:
     """The common part of three slabs."""
     xy = overlap(slab_interval(o[0], d[0], half[0]), slab_interval(o[1], d[1], half[1]))
     return overlap(xy, slab_interval(o[2], d[2], half[2]))
@@ -160,12 +150,11 @@ def box_interval(o: wp.vec3, d: wp.vec3, half: wp.vec3) -> wp.vec2:
 @wp.func
 def intersect_plane(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
     """Distance to the plane z = 0 from above, +inf from below, off its rectangle, or where culled."""
-    if not (d[2] < -MINIMUM and o[2] >= 0.0) or cull == CULL_FRONT:
-        return wp.inf
     t = -o[2] / d[2]
-    inside_x = size[0] <= 0.0 or wp.abs(o[0] + t * d[0]) <= size[0]
-    inside_y = size[1] <= 0.0 or wp.abs(o[1] + t * d[1]) <= size[1]
-    return wp.where(inside_x and inside_y, t, wp.inf)
+    x = wp.where(size[0] <= 0.0, 0.0, wp.abs(o[0] + t * d[0]) - size[0])
+    y = wp.where(size[1] <= 0.0, 0.0, wp.abs(o[1] + t * d[1]) - size[1])
+    is_above = wp.where(d[2] < -MINIMUM, wp.where(o[2] >= 0.0, wp.where(cull == CULL_FRONT, 0, 1), 0), 0)
+    return wp.where(is_above & wp.where(x <= 0.0, 1, 0) & wp.where(y <= 0.0, 1, 0) == 1, t, wp.inf)
 
 
 @wp.func
@@ -173,18 +162,18 @@ def intersect_closed_form(kind: int, size: wp.vec3, o: wp.vec3, d: wp.vec3, cull
     """Distance along the unit direction d to the surface of one closed-form geom, +inf on a miss."""
     if kind == PLANE:
         return intersect_plane(o, d, size, cull)
-    interval = no_interval()
+    crossed = interval(wp.inf, -wp.inf)
     if kind == SPHERE:
-        interval = sphere_interval(o, d, size[0])
+        crossed = sphere_interval(o, d, size[0])
     elif kind == CAPSULE:
-        interval = capsule_interval(o, d, size[0], size[1])
+        crossed = capsule_interval(o, d, size[0], size[1])
     elif kind == ELLIPSOID:
-        interval = ellipsoid_interval(o, d, size)
+        crossed = ellipsoid_interval(o, d, size)
     elif kind == CYLINDER:
-        interval = cylinder_interval(o, d, size[0], size[1])
+        crossed = cylinder_interval(o, d, size[0], size[1])
     elif kind == BOX:
-        interval = box_interval(o, d, size)
-    return first_hit(interval, cull)
+        crossed = box_interval(o, d, size)
+    return first_hit(crossed, cull)
 
 
 @wp.func
@@ -199,12 +188,16 @@ def cylinder_normal(p: wp.vec3, radius: float, half: float) -> wp.vec3:
 @wp.func
 def box_normal(p: wp.vec3, half: wp.vec3) -> wp.vec3:
     """Of the six faces, the one that p lies nearest to."""
-    gap = wp.abs(p) - half
-    if gap[0] >= gap[1] and gap[0] >= gap[2]:
-        return wp.vec3(wp.sign(p[0]), 0.0, 0.0)
-    if gap[1] >= gap[2]:
-        return wp.vec3(0.0, wp.sign(p[1]), 0.0)
-    return wp.vec3(0.0, 0.0, wp.sign(p[2]))
+    x = wp.abs(p[0]) - half[0]
+    y = wp.abs(p[1]) - half[1]
+    z = wp.abs(p[2]) - half[2]
+    on_x = wp.where(x >= y, wp.where(x >= z, 1, 0), 0)
+    on_y = wp.where(y >= z, 1 - on_x, 0)
+    return wp.vec3(
+        wp.where(on_x == 1, wp.sign(p[0]), 0.0),
+        wp.where(on_y == 1, wp.sign(p[1]), 0.0),
+        wp.where(on_x + on_y == 0, wp.sign(p[2]), 0.0),
+    )
 
 
 @wp.func

@@ -40,7 +40,7 @@ A ray that is aimed at a vertex, or runs within a face, has no one answer. Float
 
 import warp as wp
 
-from .vectors import larger, norm1, smaller
+from .vectors import Interval, interval, larger, norm1, smaller
 
 CULL_NONE = wp.constant(0)
 CULL_BACK = wp.constant(1)
@@ -136,7 +136,7 @@ def triage_triangle(
     v2: wp.vec3,
     normal: wp.vec3,
     cull: int,
-) -> wp.vec2:
+) -> Interval:
     """From where to where the distance to the triangle along the unit direction may be.
 
     (+inf, +inf) on a sure miss, (0, +inf) where rounding could make a hit of a miss. Free of branches, so
@@ -166,7 +166,7 @@ def triage_triangle(
     is_hit = (is_left or is_right) and not (is_sure and (t < 0.0 or is_culled(slope, cull)))
     near = wp.where(is_hit, wp.where(is_sure, t - error, 0.0), wp.inf)
     far = wp.where(is_hit and is_sure, t + error, wp.inf)
-    return wp.vec2(near, far)
+    return interval(near, far)
 
 
 @wp.func

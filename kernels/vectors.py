@@ -2,6 +2,10 @@
 
 import warp as wp
 
+Interval = wp.types.vector(length=5, dtype=wp.float32)
+"""From where to where a distance is; the rest is not used. What has up to four floats is returned in vector registers,
+and loops over rays or triangles in which that happens are not vectorised."""
+
 
 @wp.func
 def to_float(a: wp.vec3d) -> wp.vec3:
@@ -39,3 +43,11 @@ def lowest_bit(mask: int) -> int:
         + wp.where(bit & 0xF0F0 != 0, 4, 0)
         + wp.where(bit & 0xFF00 != 0, 8, 0)
     )
+
+
+@wp.func
+def interval(low: float, high: float) -> Interval:
+    made = Interval()
+    made[0] = low
+    made[1] = high
+    return made

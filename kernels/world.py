@@ -47,6 +47,8 @@ class World:
         g.reach = wp.array(shapes.reach, dtype=float, device=device)
         self._center = wp.array(shapes.center, dtype=wp.vec3, device="cpu")
         self._half = wp.array(shapes.half, dtype=wp.vec3, device="cpu")
+        g.center = self._center.to(device)
+        g.half = self._half.to(device)
 
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import mujoco
@@ -11,6 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import Rays
+from rigcast.kernels.packets import sort_into_packets
 from rigcast.kernels.reading import read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.faults import refuse
@@ -190,6 +191,9 @@ class _Mounted:
         pattern = spec.pattern(scene.model)
         origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
 
+        has_packets = pattern.origins is None and scene.device.is_cpu
+        packets = sort_into_packets(pattern.directions.reshape(-1, 3)) if has_packets else None
+
         def upload(index: NDArray[np.int32] | None) -> wp.array | None:
             return None if index is None else wp.array(index, dtype=int, device=scene.device)
 
@@ -198,7 +202,7 @@ class _Mounted:
             spec,
             spec.mount.bind(scene.model),
             pattern,
-            scene.rays_in_frame(pattern.directions, origins, np.eye(4)),
+            replace(scene.rays_in_frame(pattern.directions, origins, np.eye(4)), packets=packets),
             upload(pattern.ring),
             upload(pattern.column),
         )

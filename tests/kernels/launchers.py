@@ -94,7 +94,8 @@ def _triage(
     b = v1[i]
     c = v2[i]
     o = origin[i]
-    out[i] = triage_triangle(direction[i], a - b, b - c, c - a, a - o, b - o, c - o, normal[i], cull)
+    found = triage_triangle(direction[i], a - b, b - c, c - a, a - o, b - o, c - o, normal[i], cull)
+    out[i] = wp.vec2(found[0], found[1])
 
 
 @wp.kernel
