@@ -4,7 +4,6 @@ The rays are halved, across the axis on which their directions differ most, unti
 is halved in the same way into its packets. Rays that have no near neighbours go alone.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +15,10 @@ from .tree import struct_zeros
 
 TILE = LANES * PACKETS
 CHUNK = 32 * TILE
-WIDEST = np.cos(np.radians(50.0))
-"""No ray of a tile is farther than 50 degrees from its axis."""
+WIDEST = np.cos(np.radians(45.0))
+"""No ray of a tile is farther than 45 degrees from its axis."""
+SPARSE = 0.005
+"""Rays that take up more than this of p q each are faster alone."""
 SLACK = 1e-6
 """By how much ranges of p and q are widened: more than float32 rounds them."""
 
@@ -40,60 +41,77 @@ class Packets:
 def sort_into_packets(directions: Doubles) -> Packets:
     """Sort rays with unit directions (n, 3)."""
     tiles, singles = _tiles_of(directions)
-    axis, u, v = np.moveaxis(_bases(directions[np.maximum(tiles, 0)], tiles >= 0), 1, 0)
-    d = directions[np.maximum(tiles, 0)]
-    along, p, q = (np.einsum("tplk,tk->tpl", d, e) for e in (axis, u, v))
-    p, q = p / along, q / along
-    structs = struct_zeros(Tile, len(tiles))
-    structs["axis"], structs["u"], structs["v"] = axis, u, v
-    is_ray = tiles >= 0
-    for name, value in (("p", p), ("q", q)):
-        structs[f"{name}_low"] = np.where(is_ray, value, 9.0).min(axis=2) - SLACK
-        structs[f"{name}_high"] = np.where(is_ray, value, -9.0).max(axis=2) + SLACK
-    structs["packets"] = (is_ray.any(axis=2) << np.arange(PACKETS)).sum(axis=1)
-    packets = struct_zeros(Packet, len(tiles) * PACKETS)
-    for name, value in (
-        ("ray", tiles),
-        *zip("xyz", np.moveaxis(d, -1, 0), strict=True),
-        ("p", p),
-        ("q", q),
-        ("length", 1.0 / along),
-    ):
-        packets[name] = value.reshape(-1, LANES)
+    bases, places = _places(tiles, directions)
+    low, high = places[..., :2].min(axis=2) - SLACK, places[..., :2].max(axis=2) + SLACK
+    is_dense = np.prod(high - low, axis=-1).sum(axis=1) < SPARSE * (tiles >= 0).sum(axis=(1, 2))
+    sparse = tiles[~is_dense]
+    tiles, bases, places, low, high = (a[is_dense] for a in (tiles, bases, places, low, high))
     return Packets(
-        wp.array(structs, dtype=Tile, device="cpu"),
-        wp.array(packets, dtype=Packet, device="cpu"),
-        wp.array(singles, dtype=int, device="cpu"),
+        wp.array(_tile_structs(tiles, bases, low, high), dtype=Tile, device="cpu"),
+        wp.array(_packet_structs(tiles, places, directions), dtype=Packet, device="cpu"),
+        wp.array(np.concatenate([singles, sparse[sparse >= 0]]), dtype=int, device="cpu"),
     )
+
+
+def _tile_structs(tiles: Indices, bases: Doubles, low: Doubles, high: Doubles) -> npt.NDArray[np.void]:
+    structs = struct_zeros(Tile, len(tiles))
+    for k, name in enumerate(("axis", "u", "v")):
+        structs[name] = bases[:, k]
+    for k, name in enumerate("pq"):
+        structs[f"{name}_low"], structs[f"{name}_high"] = low[..., k], high[..., k]
+    structs["packets"] = ((tiles >= 0).any(axis=2) << np.arange(PACKETS)).sum(axis=1)
+    return structs
+
+
+def _packet_structs(tiles: Indices, places: Doubles, directions: Doubles) -> npt.NDArray[np.void]:
+    structs = struct_zeros(Packet, len(tiles) * PACKETS)
+    values = (np.maximum(tiles, -1), *np.moveaxis(directions[_or_near(tiles)], -1, 0), *np.moveaxis(places, -1, 0))
+    for name, value in zip(("ray", "x", "y", "z", "p", "q", "length"), values, strict=True):
+        structs[name] = value.reshape(-1, LANES)
+    return structs
+
+
+def _or_near(rays: Indices) -> Indices:
+    """The rays, and k for each ~k."""
+    return np.where(rays >= 0, rays, ~rays)
+
+
+def _places(tiles: Indices, directions: Doubles) -> tuple[Doubles, Doubles]:
+    """(tiles, 3, 3) axis, u, v of each tile, and (tiles, PACKETS, LANES, 3) p, q and length of each ray."""
+    d = directions[_or_near(tiles)]
+    axis = d.sum(axis=(1, 2))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    aside = np.where(np.abs(axis[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
+    u = np.cross(aside, axis)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(axis, u)
+    along, p, q = (np.einsum("tplk,tk->tpl", d, e) for e in (axis, u, v))
+    return np.stack([axis, u, v], axis=1), np.stack([p / along, q / along, 1.0 / along], axis=-1)
 
 
 def _tiles_of(directions: Doubles) -> tuple[Indices, Indices]:
-    """(tiles, PACKETS, LANES) rays, -1 where there is none, and the rays that go alone."""
-    chunks = list(_halves(np.arange(len(directions)), directions, CHUNK))
+    """(tiles, PACKETS, LANES) rays, and the rays that go alone; a negative ~k stands for no ray, but is where k is."""
+    chunks = _in_parts(np.arange(len(directions)), directions, CHUNK) if len(directions) else []
     whole = np.array([c for c in chunks if len(c) == CHUNK], np.int64).reshape(-1, CHUNK)
-    tiles = _halved_to(whole, directions, TILE)
-    is_narrow = _is_narrow(directions[tiles])
-    rest = [*tiles[~is_narrow], *(c for c in chunks if len(c) != CHUNK)]
-    tiles = [*tiles[is_narrow]]
-    singles = []
-    for rays in rest:
+    candidates = _halved_to(whole, directions, TILE)
+    is_narrow = _is_narrow(directions[candidates])
+    tiles, singles = [*candidates[is_narrow]], []
+    for rays in [*candidates[~is_narrow], *(c for c in chunks if len(c) != CHUNK)]:
         more, alone = _narrow_tiles(rays, directions)
         tiles += more
         singles += alone
-    padded = np.array(tiles, np.int64).reshape(-1, TILE)
-    return _halved_to(padded, directions, LANES).reshape(-1, PACKETS, LANES), np.concatenate(
-        [np.empty(0, int), *singles]
-    )
+    packed = _halved_to(np.array(tiles, np.int64).reshape(-1, TILE), directions, LANES)
+    return packed.reshape(-1, PACKETS, LANES), np.concatenate([np.empty(0, np.int64), *singles])
 
 
 def _narrow_tiles(rays: Indices, directions: Doubles) -> tuple[list[Indices], list[Indices]]:
-    """Tiles of up to TILE rays, filled up with -1, and lists of rays that go alone."""
+    """Tiles, filled up with ~rays, and lists of rays that go alone."""
     if len(rays) <= TILE and _is_narrow(directions[rays]):
-        return [np.pad(rays, (0, TILE - len(rays)), constant_values=-1)], []
+        return [np.concatenate([rays, ~np.resize(rays, TILE - len(rays))])], []
     if len(rays) <= LANES:
         return [], [rays]
     tiles, singles = [], []
-    for half in _halves_once(rays, directions, TILE if len(rays) > TILE else LANES):
+    for half in _halves(rays, directions, TILE if len(rays) > TILE else LANES):
         more, alone = _narrow_tiles(half, directions)
         tiles += more
         singles += alone
@@ -103,42 +121,33 @@ def _narrow_tiles(rays: Indices, directions: Doubles) -> tuple[list[Indices], li
 def _is_narrow(d: Doubles) -> npt.NDArray[np.bool_]:
     """(...) whether all of (..., n, 3) directions are close to their mean."""
     mean = d.mean(axis=-2)
-    return np.einsum("...nk,...k->...n", d, mean).min(axis=-1) > WIDEST * np.linalg.norm(mean, axis=-1)
+    along = np.einsum("...nk,...k->...n", d, mean).min(axis=-1, initial=1.0)
+    return along > WIDEST * np.linalg.norm(mean, axis=-1)
 
 
-def _halves(rays: Indices, directions: Doubles, size: int) -> Iterator[Indices]:
+def _in_parts(rays: Indices, directions: Doubles, size: int) -> list[Indices]:
     """Parts of this size, but for one that is smaller."""
     if len(rays) <= size:
-        yield rays
-        return
-    for half in _halves_once(rays, directions, size):
-        yield from _halves(half, directions, size)
+        return [rays]
+    return [part for half in _halves(rays, directions, size) for part in _in_parts(half, directions, size)]
 
 
-def _halves_once(rays: Indices, directions: Doubles, multiple: int) -> tuple[Indices, Indices]:
+def _halves(rays: Indices, directions: Doubles, multiple: int) -> tuple[Indices, Indices]:
     """Two parts, the first a multiple of a size, on both sides of the widest axis."""
-    d = directions[rays]
+    xyz = np.ascontiguousarray(directions[rays].T)
     count = -(-len(rays) // (2 * multiple)) * multiple
-    order = np.argpartition(d[:, np.argmax(np.ptp(d, axis=0))], count - 1)
+    order = np.argpartition(xyz[np.argmax(np.ptp(xyz, axis=1))], count - 1)
     return rays[order[:count]], rays[order[count:]]
 
 
 def _halved_to(groups: Indices, directions: Doubles, size: int) -> Indices:
-    """(m, size) rays: every row of groups (n, k) halved again and again; -1 goes last."""
+    """(m, size) rays: every row of groups (n, k) halved again and again, k a power of two times the size."""
+    directions = directions[_or_near(groups)]
+    xyz = np.ascontiguousarray(np.moveaxis(directions, -1, 0), np.float32)
     while groups.shape[1] > size:
-        d = np.where(groups[..., None] >= 0, directions[np.maximum(groups, 0)], np.nan)
-        axis = np.argmax(np.nanmax(d, axis=1, initial=-2) - np.nanmin(d, axis=1, initial=2), axis=1)
-        along = np.take_along_axis(d, axis[:, None, None], axis=2)[..., 0]
-        order = np.argpartition(along, groups.shape[1] // 2 - 1, axis=1)
-        groups = np.take_along_axis(groups, order, axis=1).reshape(-1, groups.shape[1] // 2)
+        half = groups.shape[1] // 2
+        widest = np.argmax(np.ptp(xyz, axis=2), axis=0)
+        order = np.argpartition(xyz[widest, np.arange(len(groups))], half - 1, axis=1)
+        groups = np.take_along_axis(groups, order, axis=1).reshape(-1, half)
+        xyz = np.take_along_axis(xyz, order[None], axis=2).reshape(3, -1, half)
     return groups
-
-
-def _bases(d: Doubles, is_ray: npt.NDArray[np.bool_]) -> Doubles:
-    """(tiles, 3, 3) axis, u, v of tiles of directions (tiles, PACKETS, LANES, 3)."""
-    axis = np.where(is_ray[..., None], d, 0.0).sum(axis=(1, 2))
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    aside = np.where(np.abs(axis[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
-    u = np.cross(aside, axis)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    return np.stack([axis, u, np.cross(axis, u)], axis=1)

@@ -198,7 +198,7 @@ class Hits(NamedTuple):
 def rays_of(origins: ArrayLike, directions: ArrayLike, device: str = "cpu") -> Rays:
     """Rays in the world's own frame: origins (n, 3) or (3,), unit directions (n, 3) or (3,)."""
     o, d = (np.ascontiguousarray(np.asarray(a, np.float64).reshape(-1, 3)) for a in (origins, directions))
-    d = np.ascontiguousarray(np.broadcast_to(d, (max(len(o), len(d)), 3)))
+    d = np.ascontiguousarray(np.broadcast_to(d, (len(o) if len(d) == 1 else len(d), 3)))
     return Rays(
         wp.array(d, dtype=wp.vec3d, device=device),
         wp.array(o, dtype=wp.vec3d, device=device),
@@ -225,7 +225,9 @@ def cast_through(
 def assert_same(got: Hits, expected: Hits, message: str = "") -> None:
     """Bit for bit, but that NaN equals NaN."""
     for name, a, b in zip(Hits._fields, got, expected, strict=True):
-        differ = np.flatnonzero(~((a == b) | ((a != a) & (b != b))).reshape(len(a), -1).all(axis=1))
+        differ = np.flatnonzero(
+            ~((a == b) | ((a != a) & (b != b))).reshape(len(a), a[0].size if len(a) else 1).all(axis=1)
+        )
         assert not len(differ), (
             f"{message}: {name} of {len(differ)} rays, ray {differ[0]}: got {a[differ[0]]}, expected {b[differ[0]]}"
         )

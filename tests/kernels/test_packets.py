@@ -1,0 +1,198 @@
+"""Rays in packets hit what each of them hits alone, bit for bit."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from made_worlds import (
+    Hits,
+    Mesh,
+    Plan,
+    assert_same,
+    cube,
+    grid,
+    icosphere,
+    random_plan,
+    random_rotations,
+    rays_of,
+    torus,
+    turned,
+    unit,
+)
+from numpy.typing import ArrayLike, NDArray
+
+from rigcast.kernels import launch
+from rigcast.kernels.cast import cast
+from rigcast.kernels.packet import LANES, PACKETS
+from rigcast.kernels.packets import sort_into_packets
+from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.world import World
+
+Doubles = NDArray[np.float64]
+
+
+def lidar(beams: int, columns: int, elevation_deg: float = 25.0) -> Doubles:
+    azimuth = np.arange(columns) * 2 * np.pi / columns
+    elevation = np.radians(np.linspace(-elevation_deg, elevation_deg, beams))[:, None]
+    xyz = (np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation))
+    return np.stack(np.broadcast_arrays(*xyz), axis=-1).reshape(-1, 3)
+
+
+def camera(width: int, height: int, half_angle_deg: float = 30.0) -> Doubles:
+    x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
+    scale = np.tan(np.radians(half_angle_deg))
+    return unit(np.stack([np.ones_like(x), scale * x, scale * y], axis=-1).reshape(-1, 3))
+
+
+def sphere(count: int, seed: int = 0) -> Doubles:
+    return unit(np.random.default_rng(seed).normal(size=(count, 3)))
+
+
+def axes(count: int) -> Doubles:
+    """Rays along axes, and within 1e-7 of them."""
+    rng = np.random.default_rng(0)
+    return unit(np.vstack([np.eye(3), -np.eye(3)])[rng.integers(0, 6, count)] + rng.choice([0, 1e-7], (count, 3)))
+
+
+PATTERNS: dict[str, Doubles] = {
+    "64 beams": lidar(64, 128),
+    "16 beams, far apart": lidar(16, 100, 15.0),
+    "up to the poles": lidar(30, 60, 90.0),
+    "one ring": lidar(1, 360, 0.0),
+    "camera": camera(64, 48),
+    "wide camera": camera(40, 30, 80.0),
+    "camera of odd size": camera(37, 23),
+    "all around": sphere(3000),
+    "along axes": axes(1000),
+    "few": sphere(5),
+    "one": sphere(1),
+    "none": np.empty((0, 3)),
+}
+
+
+def in_packets_and_alone(
+    world: World,
+    origin: ArrayLike,
+    directions: Doubles,
+    rotation: Doubles | None = None,
+    limit: float = np.inf,
+    cull: int = CULL_NONE,
+    visible: ArrayLike = True,
+) -> tuple[Hits, Hits]:
+    """The same rays, cast in packets and one by one, from an origin in the world."""
+    seen = np.ascontiguousarray(np.broadcast_to(np.asarray(visible, bool), len(world.geometry.kind)))
+    rays = rays_of(np.zeros(3), directions)
+    pose = np.eye(3) if rotation is None else rotation
+    position = wp.array(np.asarray(origin, np.float64)[None], dtype=wp.vec3d, device="cpu")
+    alone = replace(rays, position=position, rotation=wp.array(pose[None], dtype=wp.mat33d, device="cpu"))
+    in_packets = replace(alone, packets=sort_into_packets(directions))
+    both = []
+    for each in (in_packets, alone):
+        hits = cast(world.geometry, wp.array(seen, dtype=wp.bool, device="cpu"), each, limit, cull)
+        both.append(Hits(hits.distance.numpy(), hits.shape.numpy(), hits.face.numpy(), hits.normal.numpy()))
+    return both[0], both[1]
+
+
+@pytest.mark.parametrize("name", PATTERNS)
+def test_every_ray_is_in_one_place(name: str) -> None:
+    directions = PATTERNS[name]
+    packets = sort_into_packets(directions)
+    lanes = packets.packets.numpy()["ray"] if packets.packets.size else np.empty((0, LANES), int)
+    assert len(lanes) == PACKETS * packets.tiles.size
+    assert sorted([*lanes[lanes >= 0], *packets.singles.numpy()]) == list(range(len(directions)))
+
+
+def test_packets_are_compact() -> None:
+    """A square tile of the camera's pixels is hardly larger than it must be."""
+    tiles = sort_into_packets(camera(640, 480)).tiles.numpy()
+    pixel = np.tan(np.radians(30.0)) * 2 / 640
+    width, height = (np.median(tiles[f"{k}_high"] - tiles[f"{k}_low"]) for k in "pq")
+    assert width * height < 3 * LANES * pixel**2
+
+
+@pytest.mark.parametrize("name", PATTERNS)
+@pytest.mark.parametrize("seed", range(3))
+def test_random_worlds(name: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    world = random_plan(seed).world()
+    for origin in (np.zeros(3), rng.uniform(-4, 4, 3), rng.uniform(-40, 40, 3)):
+        got, expected = in_packets_and_alone(world, origin, PATTERNS[name], random_rotations(rng, 1)[0])
+        assert_same(got, expected, f"seed {seed}, from {origin}")
+
+
+@pytest.mark.parametrize("cull", [CULL_BACK, CULL_FRONT])
+@pytest.mark.parametrize("limit", [2.0, np.inf])
+def test_culling_limits_and_filters(cull: int, limit: float) -> None:
+    plan = random_plan(5)
+    visible = np.random.default_rng(5).random(len(plan.kind)) < 0.7
+    world = plan.world()
+    for origin in ((0, 0, 0), (1, 2, 0.5)):
+        got, expected = in_packets_and_alone(world, origin, sphere(4000), None, limit, cull, visible)
+        assert_same(got, expected, f"from {origin}")
+        assert 0 < np.isfinite(got.distance).mean() < 1
+
+
+MESHES: dict[str, Callable[[], Mesh]] = {
+    "cube": cube,
+    "turned cube": lambda: turned(cube(), 1),
+    "grid": lambda: grid(20),
+    "bumpy grid": lambda: turned(grid(20, 0.2), 2),
+    "sphere": lambda: icosphere(3),
+    "torus": torus,
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_rays_at_edges_and_vertices(name: str, scale: float) -> None:
+    """Aimed exactly there from outside and from within, near the world's origin and far from it."""
+    shape = MESHES[name]()
+    corners = shape.corners.astype(np.float64)
+    rng = np.random.default_rng(3)
+    weights = np.concatenate([rng.dirichlet((1, 1, 1), 500), np.eye(3)[rng.integers(0, 3, 500)]])
+    weights[500:750] = np.roll(np.stack([rng.random(250), np.zeros(250), np.zeros(250)], 1), 1, axis=1)
+    weights[500:750, 2] = 1 - weights[500:750].sum(axis=1)
+    points = scale * np.einsum("nk,nkx->nx", weights, corners[rng.integers(0, len(corners), 1000)])
+    for offset in (0.0, 1e3, 1.5e5):
+        plan = Plan()
+        plan.add_mesh(Mesh((scale * shape.vertices).astype(np.float32), shape.faces), np.full(3, offset))
+        world = plan.world()
+        for start in (np.array([0.1, 0.2, 0.05]), np.array([3.0, -2.0, 4.0]), np.array([0.0, 0.0, 2.0])):
+            origin = scale * start
+            got, expected = in_packets_and_alone(world, origin + offset, unit(points - origin))
+            assert_same(got, expected, f"offset {offset}, from {start}")
+            assert np.isfinite(expected.distance).mean() > 0.2
+
+
+def test_a_ray_from_within_a_closed_mesh_never_escapes() -> None:
+    plan = Plan()
+    plan.add_mesh(turned(icosphere(4), 1))
+    got, _ = in_packets_and_alone(plan.world(), (0.3, 0.1, -0.2), sphere(100_000))
+    assert (got.shape == 0).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e30])
+def test_a_pose_that_is_no_pose_gives_nan(bad: float) -> None:
+    got, expected = in_packets_and_alone(random_plan(1).world(), (bad, 0, 0), sphere(300))
+    assert_same(got, expected)
+    assert np.isnan(got.distance).all()
+    got, _ = in_packets_and_alone(random_plan(1).world(), (0, 0, 0), sphere(300), np.full((3, 3), np.nan))
+    assert np.isnan(got.distance).all()
+
+
+def test_empty_world() -> None:
+    got, _ = in_packets_and_alone(Plan().world(), (0, 0, 0), sphere(300))
+    assert np.isinf(got.distance).all()
+    assert (got.shape == -1).all()
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 7])
+def test_threads_do_not_show(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = random_plan(2).world()
+    expected, _ = in_packets_and_alone(world, (0, 0, 0), PATTERNS["64 beams"])
+    monkeypatch.setattr(launch, "thread_count", lambda: threads)
+    monkeypatch.setattr("rigcast.kernels.cast.thread_count", lambda: threads)
+    got, _ = in_packets_and_alone(world, (0, 0, 0), PATTERNS["64 beams"])
+    assert_same(got, expected)
