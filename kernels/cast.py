@@ -7,22 +7,12 @@ import warp as wp
 from .geometry import FARTHEST, Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
 from .launch import launch_over_rays, launch_over_tiles, thread_count
-from .packet import (
-    LANES,
-    PACKETS,
-    Directions,
-    Packet,
-    PacketHits,
-    Tile,
-    TileRays,
-    cast_tile,
-    clear_packet,
-    hit_of_lane,
-    world_ray,
-)
-from .packets import Packets
+from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, int_lanes, world_ray
+from .packets.places import Places, places_on_shape
+from .packets.sorting import Packets
+from .packets.tile import cast_tile, clear_packet
 from .ray import cast_ray
-from .vectors import to_double
+from .vectors import lowest_bit, to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -97,19 +87,24 @@ def write_miss(out: Out, i: int, distance: float) -> None:
 
 
 @wp.func
+def write_place(out: Out, i: int, shape: int, distance: float, face: int, normal: wp.vec3, limit: float) -> None:
+    """Write where ray i hits: nothing if that is beyond the limit."""
+    if distance <= limit and distance < wp.inf:
+        out.distance[i] = distance
+        out.shape[i] = shape
+        out.face[i] = face
+        out.normal[i] = normal
+    else:
+        write_miss(out, i, wp.inf)
+
+
+@wp.func
 def write_hit(g: Geometry, out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
-    """Write what ray i hits: nothing if that is beyond its limit."""
     if hit.shape == NO_SHAPE:
         write_miss(out, i, wp.inf)
         return
     place = place_of(g, hit, ray)
-    if place.distance <= ray.limit and place.distance < wp.inf:
-        out.distance[i] = place.distance
-        out.shape[i] = hit.shape
-        out.face[i] = place.face
-        out.normal[i] = place.normal
-    else:
-        write_miss(out, i, wp.inf)
+    write_place(out, i, hit.shape, place.distance, place.face, place.normal, ray.limit)
 
 
 @wp.kernel
@@ -140,6 +135,52 @@ def cast_rays(
         write_hit(g, out, i, cast_ray(g, visible, ray), ray)
     else:
         write_miss(out, i, wp.nan)
+
+
+@wp.func
+def miss_packet(out: Out, rays: TileRays, k: int, distance: float) -> None:
+    for lane in range(LANES):
+        i = rays.packets[rays.first_packet + k].ray[lane]
+        if i >= 0:
+            write_miss(out, i, distance)
+
+
+@wp.func
+def write_packet(g: Geometry, out: Out, rays: TileRays, k: int) -> None:
+    """Write what the rays of a packet hit, shape by shape."""
+    slot = rays.first_slot + k
+    numbers = rays.packets[rays.first_packet + k].ray
+    shapes = rays.best[slot].shape
+    todo = int(0)
+    for lane in range(LANES):
+        todo = todo | wp.where(numbers[lane] >= 0, 1 << lane, 0)
+    while todo != 0:
+        shape = shapes[lowest_bit(todo)]
+        same = int(0)
+        for lane in range(LANES):
+            same = same | wp.where(shapes[lane] == shape, 1 << lane, 0)
+        same = same & todo
+        todo = todo & ~same
+        if shape == NO_SHAPE:
+            for lane in range(LANES):
+                if same & (1 << lane) != 0:
+                    write_miss(out, numbers[lane], wp.inf)
+        else:
+            write_places(out, numbers, same, shape, places_on_shape(g, rays, slot, shape), rays.limit)
+
+
+@wp.func
+def write_places(out: Out, numbers: int_lanes, which: int, shape: int, places: Places, limit: float) -> None:
+    """Write the places of those rays of a packet which hit one shape."""
+    distance = places.distance
+    face = places.face
+    x = places.normal.x
+    y = places.normal.y
+    z = places.normal.z
+    for lane in range(LANES):
+        if which & (1 << lane) != 0:
+            normal = wp.vec3(x[lane], y[lane], z[lane])
+            write_place(out, numbers[lane], shape, distance[lane], face[lane], normal, limit)
 
 
 @wp.kernel
@@ -184,14 +225,10 @@ def cast_packets(
     if is_sound:
         cast_tile(g, rays)
     for k in range(PACKETS):
-        for lane in range(LANES):
-            i = packets[rays.first_packet + k].ray[lane]
-            if i >= 0:
-                if is_sound:
-                    slot = rays.first_slot + k
-                    write_hit(g, out, i, hit_of_lane(best[slot], lane), world_ray(rays, slot, lane))
-                else:
-                    write_miss(out, i, wp.nan)
+        if is_sound:
+            write_packet(g, out, rays, k)
+        else:
+            miss_packet(out, rays, k, wp.nan)
 
 
 def cast(geometry: Geometry, visible: wp.array, rays: Rays, limit: float, cull: int) -> HitArrays:

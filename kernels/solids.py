@@ -158,60 +158,106 @@ def intersect_plane(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
 
 
 @wp.func
+def intersect_sphere(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
+    return first_hit(sphere_interval(o, d, size[0]), cull)
+
+
+@wp.func
+def intersect_capsule(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
+    return first_hit(capsule_interval(o, d, size[0], size[1]), cull)
+
+
+@wp.func
+def intersect_ellipsoid(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
+    return first_hit(ellipsoid_interval(o, d, size), cull)
+
+
+@wp.func
+def intersect_cylinder(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
+    return first_hit(cylinder_interval(o, d, size[0], size[1]), cull)
+
+
+@wp.func
+def intersect_box(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
+    return first_hit(box_interval(o, d, size), cull)
+
+
+@wp.func
 def intersect_closed_form(kind: int, size: wp.vec3, o: wp.vec3, d: wp.vec3, cull: int) -> float:
     """Distance along the unit direction d to the surface of one closed-form geom, +inf on a miss."""
     if kind == PLANE:
         return intersect_plane(o, d, size, cull)
-    crossed = interval(wp.inf, -wp.inf)
     if kind == SPHERE:
-        crossed = sphere_interval(o, d, size[0])
-    elif kind == CAPSULE:
-        crossed = capsule_interval(o, d, size[0], size[1])
-    elif kind == ELLIPSOID:
-        crossed = ellipsoid_interval(o, d, size)
-    elif kind == CYLINDER:
-        crossed = cylinder_interval(o, d, size[0], size[1])
-    elif kind == BOX:
-        crossed = box_interval(o, d, size)
-    return first_hit(crossed, cull)
+        return intersect_sphere(o, d, size, cull)
+    if kind == CAPSULE:
+        return intersect_capsule(o, d, size, cull)
+    if kind == ELLIPSOID:
+        return intersect_ellipsoid(o, d, size, cull)
+    if kind == CYLINDER:
+        return intersect_cylinder(o, d, size, cull)
+    if kind == BOX:
+        return intersect_box(o, d, size, cull)
+    return wp.inf
 
 
 @wp.func
-def cylinder_normal(p: wp.vec3, radius: float, half: float) -> wp.vec3:
+def normalized(a: wp.vec3) -> wp.vec3:
+    """Of length 1, or 0."""
+    length = wp.length(a)
+    return a * wp.where(length > 0.0, 1.0 / length, 0.0)
+
+
+@wp.func
+def plane_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
+    return wp.vec3(0.0, 0.0, 1.0)
+
+
+@wp.func
+def sphere_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
+    return normalized(p)
+
+
+@wp.func
+def capsule_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:
+    return normalized(wp.vec3(p[0], p[1], p[2] - larger(-size[1], smaller(p[2], size[1]))))
+
+
+@wp.func
+def ellipsoid_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:
+    """The gradient of (x / a)^2 + (y / b)^2 + (z / c)^2, scaled against overflow."""
+    return normalized(wp.cw_div(wp.cw_div(p, size), size / wp.max(size)))
+
+
+@wp.func
+def cylinder_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:
     """Of the side and the caps, the surface that p lies nearer to."""
-    across = wp.vec3(p[0], p[1], 0.0)
-    if wp.abs(p[2]) - half > wp.length(across) - radius:
-        return wp.vec3(0.0, 0.0, wp.sign(p[2]))
-    return wp.normalize(across)
+    out = wp.sqrt(p[0] * p[0] + p[1] * p[1])
+    on_side = wp.where(wp.abs(p[2]) - size[1] > out - size[0], 0.0, wp.where(out > 0.0, 1.0 / out, 0.0))
+    return wp.vec3(p[0] * on_side, p[1] * on_side, wp.where(on_side == 0.0, wp.sign(p[2]), 0.0))
 
 
 @wp.func
-def box_normal(p: wp.vec3, half: wp.vec3) -> wp.vec3:
+def box_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:
     """Of the six faces, the one that p lies nearest to."""
-    x = wp.abs(p[0]) - half[0]
-    y = wp.abs(p[1]) - half[1]
-    z = wp.abs(p[2]) - half[2]
-    on_x = wp.where(x >= y, wp.where(x >= z, 1, 0), 0)
-    on_y = wp.where(y >= z, 1 - on_x, 0)
-    return wp.vec3(
-        wp.where(on_x == 1, wp.sign(p[0]), 0.0),
-        wp.where(on_y == 1, wp.sign(p[1]), 0.0),
-        wp.where(on_x + on_y == 0, wp.sign(p[2]), 0.0),
-    )
+    x = wp.abs(p[0]) - size[0]
+    y = wp.abs(p[1]) - size[1]
+    z = wp.abs(p[2]) - size[2]
+    on_x = wp.where(x >= y, wp.where(x >= z, 1.0, 0.0), 0.0)
+    on_y = wp.where(y >= z, 1.0 - on_x, 0.0)
+    return wp.vec3(on_x * wp.sign(p[0]), on_y * wp.sign(p[1]), (1.0 - on_x - on_y) * wp.sign(p[2]))
 
 
 @wp.func
 def closed_form_normal(kind: int, size: wp.vec3, p: wp.vec3) -> wp.vec3:
     """Unit outward normal of a closed-form geom at the point p of its surface."""
     if kind == SPHERE:
-        return wp.normalize(p)
+        return sphere_normal(p, size)
     if kind == CAPSULE:
-        return wp.normalize(p - wp.vec3(0.0, 0.0, wp.clamp(p[2], -size[1], size[1])))
+        return capsule_normal(p, size)
     if kind == ELLIPSOID:
-        # the gradient of (x / a)^2 + (y / b)^2 + (z / c)^2, scaled against overflow
-        return wp.normalize(wp.cw_div(wp.cw_div(p, size), size / wp.max(size)))
+        return ellipsoid_normal(p, size)
     if kind == CYLINDER:
-        return cylinder_normal(p, size[0], size[1])
+        return cylinder_normal(p, size)
     if kind == BOX:
         return box_normal(p, size)
-    return wp.vec3(0.0, 0.0, 1.0)
+    return plane_normal(p, size)

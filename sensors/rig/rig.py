@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import Rays
-from rigcast.kernels.packets import sort_into_packets
+from rigcast.kernels.packets.sorting import sort_into_packets
 from rigcast.kernels.reading import read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.faults import refuse

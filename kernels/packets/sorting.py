@@ -1,4 +1,4 @@
-"""Sorting rays from one origin into packets of neighbours, as rigcast.kernels.packet casts them.
+"""Sorting rays from one origin into packets of neighbours, as rigcast.kernels.packets casts them.
 
 The rays are halved, across the axis on which their directions differ most, until a tile of them is left, and the tile
 is halved in the same way into its packets. Rays that have no near neighbours go alone.
@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.tree import struct_zeros
+
 from .packet import LANES, PACKETS, Packet, Tile
-from .tree import struct_zeros
 
 TILE = LANES * PACKETS
 CHUNK = 32 * TILE

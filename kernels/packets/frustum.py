@@ -1,0 +1,132 @@
+"""Boxes held against the side planes of many rays at once."""
+
+import warp as wp
+
+from rigcast.kernels.traverse import Entered
+from rigcast.kernels.tree import WIDTH, Node, vec8
+from rigcast.kernels.vectors import larger
+
+from .packet import PACKETS, Tile, View
+
+TINY = wp.constant(1.0e-30)
+
+
+@wp.struct
+class Frustum:
+    """Where rays of a range of p and q run: points x, as seen from the origin, with right . x <= 0 and so on."""
+
+    origin: wp.vec3
+    margin: float
+    axis: wp.vec3
+    left: wp.vec3
+    right: wp.vec3
+    bottom: wp.vec3
+    top: wp.vec3
+    slowness: wp.vec3  # 1 / the largest |component| of any of the unit directions
+
+
+@wp.func
+def frustum_of(view: View, p_low: float, p_high: float, q_low: float, q_high: float) -> Frustum:
+    f = Frustum()
+    f.origin = view.origin
+    f.margin = view.margin
+    f.axis = view.axis
+    f.left = p_low * view.axis - view.u
+    f.right = view.u - p_high * view.axis
+    f.bottom = q_low * view.axis - view.v
+    f.top = view.v - q_high * view.axis
+    middle = wp.abs(view.axis + 0.5 * (p_low + p_high) * view.u + 0.5 * (q_low + q_high) * view.v)
+    # the length of a + p u + q v is at least 1
+    most = middle + 0.5 * (p_high - p_low) * wp.abs(view.u) + 0.5 * (q_high - q_low) * wp.abs(view.v)
+    f.slowness = wp.vec3(0.9999 / (most[0] + TINY), 0.9999 / (most[1] + TINY), 0.9999 / (most[2] + TINY))
+    return f
+
+
+@wp.func
+def off_zero(a: wp.vec3) -> wp.vec3:
+    """|a|, never 0, for products with half sizes that may be infinite."""
+    return wp.abs(a) + wp.vec3(TINY, TINY, TINY)
+
+
+@wp.func
+def weighted(a: wp.vec3, x: float, y: float, z: float) -> float:
+    return a[0] * x + a[1] * y + a[2] * z
+
+
+@wp.func
+def enter_frustum(node: Node, f: Frustum, limit: float) -> Entered:
+    """The boxes that reach into the frustum no farther than the limit."""
+    center_x = node.center_x
+    center_y = node.center_y
+    center_z = node.center_z
+    half_x = node.half_x
+    half_y = node.half_y
+    half_z = node.half_z
+    origin = f.origin
+    margin = f.margin
+    axis = f.axis
+    left = f.left
+    right = f.right
+    bottom = f.bottom
+    top = f.top
+    slowness = f.slowness
+    axis_size = off_zero(axis)
+    left_size = off_zero(left)
+    right_size = off_zero(right)
+    bottom_size = off_zero(bottom)
+    top_size = off_zero(top)
+    distance = vec8()
+    children = int(0)
+    for j in range(WIDTH):
+        x = center_x[j] - origin[0]
+        y = center_y[j] - origin[1]
+        z = center_z[j] - origin[2]
+        hx = half_x[j] + margin
+        hy = half_y[j] + margin
+        hz = half_z[j] + margin
+        ahead = weighted(axis, x, y, z) + weighted(axis_size, hx, hy, hz)
+        off_left = weighted(left, x, y, z) - weighted(left_size, hx, hy, hz)
+        off_right = weighted(right, x, y, z) - weighted(right_size, hx, hy, hz)
+        off_bottom = weighted(bottom, x, y, z) - weighted(bottom_size, hx, hy, hz)
+        off_top = weighted(top, x, y, z) - weighted(top_size, hx, hy, hz)
+        outside = larger(larger(off_left, off_right), larger(off_bottom, off_top))
+        near_xy = larger((wp.abs(x) - hx) * slowness[0], (wp.abs(y) - hy) * slowness[1])
+        near = larger(near_xy, larger((wp.abs(z) - hz) * slowness[2], 0.0))
+        distance[j] = near
+        enters = outside <= 0.0 and ahead >= 0.0 and near <= limit and half_x[j] >= 0.0
+        children = children | wp.where(enters, 1 << j, 0)
+    entered = Entered()
+    entered.children = children
+    entered.distance = distance
+    return entered
+
+
+@wp.func
+def packets_at_box(view: View, tile: Tile, center: wp.vec3, half: wp.vec3, distance: float, reach: vec8) -> int:
+    """Bit by bit, the packets whose frusta a box in the view's frame reaches into, and whose reach is beyond it."""
+    p_low = tile.p_low
+    p_high = tile.p_high
+    q_low = tile.q_low
+    q_high = tile.q_high
+    axis = view.axis
+    u = view.u
+    v = view.v
+    to_center = center - view.origin
+    h = half + wp.vec3(view.margin, view.margin, view.margin)
+    at_axis = wp.dot(to_center, axis)
+    at_u = wp.dot(to_center, u)
+    at_v = wp.dot(to_center, v)
+    packets = int(0)
+    for j in range(PACKETS):
+        left = wp.abs(p_low[j] * axis - u)
+        right = wp.abs(u - p_high[j] * axis)
+        bottom = wp.abs(q_low[j] * axis - v)
+        top = wp.abs(v - q_high[j] * axis)
+        # infinite boxes make NaN of 0 * inf, which is not outside
+        outside = wp.where(p_low[j] * at_axis - at_u - weighted(left, h[0], h[1], h[2]) > 0.0, 1, 0)
+        outside |= wp.where(at_u - p_high[j] * at_axis - weighted(right, h[0], h[1], h[2]) > 0.0, 1, 0)
+        outside |= wp.where(q_low[j] * at_axis - at_v - weighted(bottom, h[0], h[1], h[2]) > 0.0, 1, 0)
+        outside |= wp.where(at_v - q_high[j] * at_axis - weighted(top, h[0], h[1], h[2]) > 0.0, 1, 0)
+        outside |= wp.where(distance <= reach[j], 0, 1)
+        packets = packets | wp.where(outside == 0, 1 << j, 0)
+    return packets & tile.packets

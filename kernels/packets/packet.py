@@ -1,0 +1,202 @@
+"""A tile of rays, its packets, and the best hits of their rays so far."""
+
+import warp as wp
+
+from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.hits import APART, Hit, WorldRay, decided
+from rigcast.kernels.ray import box_margin
+from rigcast.kernels.tree import vec8
+from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
+
+LANES = wp.constant(16)
+PACKETS = wp.constant(8)
+
+lanes = wp.types.vector(length=16, dtype=wp.float32)
+int_lanes = wp.types.vector(length=16, dtype=wp.int32)
+double_lanes = wp.types.vector(length=16, dtype=wp.float64)
+
+
+@wp.struct
+class Tile:
+    """The basis of a tile, unit vectors in the rays' frame, and the packets' ranges of p and q."""
+
+    axis: wp.vec3d
+    u: wp.vec3d
+    v: wp.vec3d
+    p_low: vec8
+    p_high: vec8
+    q_low: vec8
+    q_high: vec8
+    packets: int  # bit by bit, which of the packets have rays
+
+
+@wp.struct
+class Packet:
+    """Rays by their number, or -1, their unit directions in the rays' frame and their places in the tile.
+
+    length is that of a + p u + q v.
+    """
+
+    ray: int_lanes
+    x: double_lanes
+    y: double_lanes
+    z: double_lanes
+    p: lanes
+    q: lanes
+    length: lanes
+
+
+@wp.struct
+class PacketHits:
+    """The best hit of every ray of a packet, as in Hit."""
+
+    near: lanes
+    far: lanes
+    shape: int_lanes
+    triangle: int_lanes
+
+
+@wp.struct
+class Vectors:
+    """A vector for every ray of a packet."""
+
+    x: lanes
+    y: lanes
+    z: lanes
+
+
+@wp.struct
+class Directions:
+    """Unit directions of a packet's rays in the world."""
+
+    x: double_lanes
+    y: double_lanes
+    z: double_lanes
+
+
+@wp.struct
+class TileRays:
+    """A tile of rays in the world, and where its hits are kept."""
+
+    origin: wp.vec3d
+    axis: wp.vec3d
+    u: wp.vec3d
+    v: wp.vec3d
+    tile: Tile
+    limit: float
+    cull: int
+    visible: wp.array[wp.bool]
+    first_packet: int
+    packets: wp.array[Packet]
+    # PACKETS entries from first_slot on:
+    first_slot: int
+    best: wp.array[PacketHits]
+    directions: wp.array[Directions]
+
+
+@wp.struct
+class View:
+    """The origin and basis of a tile in the frame of a tree or shape."""
+
+    origin: wp.vec3
+    origin_rest: wp.vec3  # what is lost in rounding the origin to float32
+    axis: wp.vec3
+    u: wp.vec3
+    v: wp.vec3
+    margin: float  # by which boxes are widened, as for a single ray
+
+
+@wp.func
+def view_from(origin: wp.vec3d, to_local: wp.mat33d, rays: TileRays, reach: float) -> View:
+    """A tile as seen in a frame, with the ray's origin there, whose coordinates go up to reach."""
+    view = View()
+    view.origin = to_float(origin)
+    view.origin_rest = to_float(origin - to_double(view.origin))
+    view.axis = to_float(to_local * rays.axis)
+    view.u = to_float(to_local * rays.u)
+    view.v = to_float(to_local * rays.v)
+    view.margin = box_margin(view.origin, reach)
+    return view
+
+
+@wp.func
+def farthest(far: lanes) -> float:
+    half = vec8()
+    for j in range(8):
+        half[j] = larger(far[j], far[j + 8])
+    return larger(
+        larger(larger(half[0], half[1]), larger(half[2], half[3])),
+        larger(larger(half[4], half[5]), larger(half[6], half[7])),
+    )
+
+
+@wp.func
+def world_ray(rays: TileRays, slot: int, i: int) -> WorldRay:
+    """The ray of lane i of a packet."""
+    ray = WorldRay()
+    ray.origin = rays.origin
+    ray.direction = wp.vec3d(rays.directions[slot].x[i], rays.directions[slot].y[i], rays.directions[slot].z[i])
+    ray.limit = rays.limit
+    ray.cull = rays.cull
+    return ray
+
+
+@wp.func
+def hit_of_lane(hits: PacketHits, i: int) -> Hit:
+    hit = Hit()
+    hit.near = hits.near[i]
+    hit.far = hits.far[i]
+    hit.shape = hits.shape[i]
+    hit.triangle = hits.triangle[i]
+    return hit
+
+
+@wp.func
+def offer(
+    g: Geometry, rays: TileRays, slot: int, near: lanes, far: lanes, shape: int, triangle: int, reach: float
+) -> float:
+    """Let a packet's rays take the hits (near, far) of one shape or triangle where they are first; return its reach."""
+    best_near = rays.best[slot].near
+    best_far = rays.best[slot].far
+    best_shape = rays.best[slot].shape
+    best_triangle = rays.best[slot].triangle
+    nearer = int(0)
+    open = int(0)
+    for i in range(LANES):
+        is_nearer = wp.where(far[i] * APART < best_near[i], 1, 0)
+        is_open = wp.where(near[i] <= best_far[i] * APART, 1 - is_nearer, 0) & wp.where(near[i] < wp.inf, 1, 0)
+        best_near[i] = wp.where(is_nearer == 1, near[i], best_near[i])
+        best_far[i] = wp.where(is_nearer == 1, far[i], best_far[i])
+        best_shape[i] = wp.where(is_nearer == 1, shape, best_shape[i])
+        best_triangle[i] = wp.where(is_nearer == 1, triangle, best_triangle[i])
+        nearer = nearer | is_nearer
+        open = open | (is_open << i)
+    if nearer == 0 and open == 0:
+        return reach
+    rays.best[slot].near = best_near
+    rays.best[slot].far = best_far
+    rays.best[slot].shape = best_shape
+    rays.best[slot].triangle = best_triangle
+    while open != 0:
+        i = lowest_bit(open)
+        open = open & (open - 1)
+        decide_lane_of_packet(g, rays, slot, i, near[i], far[i], shape, triangle)
+    return APART * farthest(rays.best[slot].far)
+
+
+@wp.func
+def decide_lane_of_packet(
+    g: Geometry, rays: TileRays, slot: int, i: int, near: float, far: float, shape: int, triangle: int
+) -> None:
+    hit = Hit()
+    hit.near = near
+    hit.far = far
+    hit.shape = shape
+    hit.triangle = triangle
+    hits = rays.best[slot]
+    first = decided(g, hit_of_lane(hits, i), hit, world_ray(rays, slot, i))
+    hits.near[i] = first.near
+    hits.far[i] = first.far
+    hits.shape[i] = first.shape
+    hits.triangle[i] = first.triangle
+    rays.best[slot] = hits

@@ -1,0 +1,148 @@
+"""Tiles through the tree over the shapes."""
+
+import warp as wp
+
+from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.hits import NO_SHAPE
+from rigcast.kernels.solids import SHEET, has_triangles
+from rigcast.kernels.traverse import Entered, traversal
+from rigcast.kernels.tree import Node, vec8
+from rigcast.kernels.triangle import CULL_FRONT, CULL_NONE
+from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
+
+from .frustum import Frustum, enter_frustum, frustum_of, packets_at_box
+from .packet import LANES, PACKETS, PacketHits, TileRays, Vectors, double_lanes, lanes, offer, view_from
+from .solids import intersect_closed_forms
+from .triangles import cast_packet_through_triangles, packet_rays
+
+
+@wp.struct
+class TileSought:
+    """A tile of rays, and the frustum of all of it in the frame of the tree over the shapes."""
+
+    rays: TileRays
+    frustum: Frustum
+
+
+@wp.func
+def visit_closed_form(
+    g: Geometry, rays: TileRays, slot: int, shape: int, to_local: wp.mat33d, origin: wp.vec3, reach: float
+) -> float:
+    """A packet against one closed form: lane by lane what a single ray does."""
+    x = rays.directions[slot].x
+    y = rays.directions[slot].y
+    z = rays.directions[slot].z
+    local_x = lanes()
+    local_y = lanes()
+    local_z = lanes()
+    for i in range(LANES):
+        d = to_float(to_local * wp.vec3d(x[i], y[i], z[i]))
+        local_x[i] = d[0]
+        local_y[i] = d[1]
+        local_z[i] = d[2]
+    directions = Vectors()
+    directions.x = local_x
+    directions.y = local_y
+    directions.z = local_z
+    t = intersect_closed_forms(g.kind[shape], g.size[shape], origin, directions, rays.cull)
+    return offer(g, rays, slot, t, t, shape, 0, reach)
+
+
+@wp.func
+def visit_shape_of_tile(g: Geometry, sought: TileSought, shape: int, distance: float, reach: vec8) -> vec8:
+    """A tile against one shape, if it is visible; returns how far its packets still reach."""
+    rays = sought.rays
+    kind = g.kind[shape]
+    if not rays.visible[shape] or (kind == SHEET and rays.cull == CULL_FRONT):
+        return reach
+    to_local = wp.transpose(g.rotation[shape])
+    view = view_from(to_local * (rays.origin - g.position[shape]), to_local, rays, g.reach[shape])
+    packets = packets_at_box(view, rays.tile, g.center[shape], g.half[shape], distance, reach)
+    cull = wp.where(kind == SHEET, CULL_NONE, rays.cull)
+    while packets != 0:
+        k = lowest_bit(packets)
+        packets = packets & (packets - 1)
+        if has_triangles(kind):
+            packet = packet_rays(rays, view, k, shape, cull)
+            reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[shape], packet, reach[k])
+        else:
+            reach[k] = visit_closed_form(g, rays, rays.first_slot + k, shape, to_local, view.origin, reach[k])
+    return reach
+
+
+@wp.func
+def enter_of_tile(node: Node, sought: TileSought, reach: float) -> Entered:
+    return enter_frustum(node, sought.frustum, smaller(reach, sought.rays.limit))
+
+
+@wp.func
+def reach_of_tile(reach: vec8) -> float:
+    return larger(
+        larger(larger(reach[0], reach[1]), larger(reach[2], reach[3])),
+        larger(larger(reach[4], reach[5]), larger(reach[6], reach[7])),
+    )
+
+
+cast_tile_through_shapes = traversal(
+    "cast_tile_through_shapes", TileSought, vec8, enter_of_tile, reach_of_tile, visit_shape_of_tile
+)
+
+
+@wp.func
+def clear_packet(rays: TileRays, k: int, rotation: wp.mat33d) -> None:
+    """No hits yet, and the directions of a packet's rays in the world."""
+    packet = rays.packets[rays.first_packet + k]
+    x = packet.x
+    y = packet.y
+    z = packet.z
+    world_x = double_lanes()
+    world_y = double_lanes()
+    world_z = double_lanes()
+    hits = PacketHits()
+    for i in range(LANES):
+        d = rotation * wp.vec3d(x[i], y[i], z[i])
+        world_x[i] = d[0]
+        world_y[i] = d[1]
+        world_z[i] = d[2]
+        hits.near[i] = wp.inf
+        hits.far[i] = wp.inf
+        hits.shape[i] = NO_SHAPE
+    rays.best[rays.first_slot + k] = hits
+    rays.directions[rays.first_slot + k].x = world_x
+    rays.directions[rays.first_slot + k].y = world_y
+    rays.directions[rays.first_slot + k].z = world_z
+
+
+@wp.func
+def cast_tile(g: Geometry, rays: TileRays) -> None:
+    """The first hits of a tile's rays among the visible shapes, into its slots; they may lie beyond the limit."""
+    tile = rays.tile
+    p_low = float(wp.inf)
+    p_high = float(-wp.inf)
+    q_low = float(wp.inf)
+    q_high = float(-wp.inf)
+    reach = vec8()
+    for k in range(PACKETS):
+        reach[k] = -wp.inf
+        if tile.packets & (1 << k) != 0:
+            reach[k] = wp.inf
+            p_low = wp.min(p_low, tile.p_low[k])
+            p_high = wp.max(p_high, tile.p_high[k])
+            q_low = wp.min(q_low, tile.q_low[k])
+            q_high = wp.max(q_high, tile.q_high[k])
+    identity = wp.mat33d(
+        wp.float64(1.0),
+        wp.float64(0.0),
+        wp.float64(0.0),
+        wp.float64(0.0),
+        wp.float64(1.0),
+        wp.float64(0.0),
+        wp.float64(0.0),
+        wp.float64(0.0),
+        wp.float64(1.0),
+    )
+    sought = TileSought()
+    sought.rays = rays
+    view = view_from(rays.origin - g.anchor[0], identity, rays, g.top_reach[0])
+    sought.frustum = frustum_of(view, p_low, p_high, q_low, q_high)
+    cast_tile_through_shapes(g, g.top, 0, sought, reach)
