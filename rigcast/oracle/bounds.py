@@ -1,12 +1,14 @@
 """When two answers are the same, and when one is an answer at all."""
 
+import mujoco
 import numpy as np
 
-from rigcast.oracle.ray import Bools, Floats, RayHits
+from rigcast.oracle.ray import Bools, Floats, Oracle, RayHits
 
 DISTANCE_BOUND = 1e-5  # of 1 + t, over |cos| of the angle of incidence
 SMALLEST_COS = 1e-3
 NORMAL_BOUND = 1e-3  # of 1 - n . n_ref
+TIE = 2e-6  # of 1 + t: geoms this close along the ray are at the same distance
 
 
 def missed(hits: RayHits) -> Bools:
@@ -38,3 +40,17 @@ def agrees(unit: Floats, got: RayHits, reference: RayHits) -> Bools:
     normal = (turned <= NORMAL_BOUND) & (np.abs(length - 1) <= NORMAL_BOUND)
     same = (got.geom_id == reference.geom_id) & (scaled <= 1)
     return same & (normal | (missed(got) & missed(reference)))
+
+
+def tied(oracle: Oracle, data: mujoco.MjData, starts: Floats, unit: Floats, got: RayHits, expected: RayHits) -> RayHits:
+    """Return what each ray is held to: `expected`, or mj_ray's hit on the tied geom that the caster names."""
+    both_hit = (expected.geom_id >= 0) & (got.geom_id >= 0) & (got.geom_id < oracle.ngeom)
+    rays = np.flatnonzero(both_hit & (got.geom_id != expected.geom_id))
+    if not rays.size:
+        return expected
+    other = oracle.cast_at(data, starts[rays], unit[rays], got.geom_id[rays])
+    nearest = expected.distance[rays]
+    close = np.abs(other.distance - nearest) <= TIE * (1 + nearest)
+    held = expected.take(np.arange(len(unit)))
+    held.put(rays[close], other.take(close))
+    return held

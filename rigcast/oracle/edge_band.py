@@ -5,7 +5,7 @@ import functools
 import mujoco
 import numpy as np
 
-from rigcast.oracle.bounds import DISTANCE_BOUND, SMALLEST_COS, agrees
+from rigcast.oracle.bounds import DISTANCE_BOUND, SMALLEST_COS, agrees, tied
 from rigcast.oracle.ray import Floats, Oracle, RayHits, flat_rays
 
 MOVE = 1e-5  # origins move by at most this times 1 + t [m], directions by at most this [rad]
@@ -26,8 +26,9 @@ def in_edge_band(
     origins, directions = (np.vstack(part) for part in zip(*candidates, strict=True))
     near = np.flatnonzero(np.linalg.norm(origins - start, axis=1) <= reach * (1 + 1e-9))
     for part in np.split(near, [16, 64, 256]):  # most disputes end within the first few
-        answers = oracle.cast(data, origins[part], directions[part])
-        if agrees(directions[part], got.take(np.zeros(len(part), int)), answers).any():
+        starts, along, own = origins[part], directions[part], got.take(np.zeros(len(part), int))
+        answers = tied(oracle, data, starts, along, own, oracle.cast(data, starts, along))
+        if agrees(along, own, answers).any():
             return True
     return False
 

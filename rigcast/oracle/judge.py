@@ -8,7 +8,7 @@ n)
       |t - t_ref| <= 1e-5 (1 + t_ref) / max(|d . n_ref|, 1e-3)    and    1 - n . n_ref <= 1e-3;
 - is **in the edge band** when it does not agree, but some ray with its origin moved by at most 1e-5 (1 + t)
   and its direction by at most 1e-5 rad makes mj_ray give the caster's own distance, id and normal (a caster's
-  miss: a miss);
+  miss: a miss), by the rule for ties above;
 - is **wrong** otherwise.
 
 The band is there because mj_ray itself leaks at edges: aimed exactly at the vertices of a mesh sphere a third
@@ -24,12 +24,10 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from rigcast.oracle.bounds import agrees, distance_errors, well_formed
+from rigcast.oracle.bounds import agrees, distance_errors, tied, well_formed
 from rigcast.oracle.edge_band import in_edge_band
 from rigcast.oracle.ray import Floats, Ints, Oracle, RayHits, flat_rays
 from rigcast.sensors.specs.filter import Filter
-
-TIE = 2e-6  # of 1 + t: geoms this close along the ray are at the same distance
 
 
 class Verdict(IntEnum):
@@ -81,7 +79,7 @@ def compare(
     starts, unit = flat_rays(origins, directions)
     got = _hits_of(hits, len(unit))
     expected = oracle.cast(data, starts, unit)
-    reference = _tied(oracle, data, starts, unit, got, expected)
+    reference = tied(oracle, data, starts, unit, got, expected)
     error, scaled = distance_errors(unit, got, reference)
     verdict = np.where(agrees(unit, got, reference), Verdict.AGREE, Verdict.WRONG).astype(np.int8)
     for ray in np.flatnonzero((verdict == Verdict.WRONG) & well_formed(got, oracle.ngeom)):
@@ -96,17 +94,3 @@ def _hits_of(hits: Any, rays: int) -> RayHits:
     if lengths != (rays, rays, rays):
         raise ValueError(f"hits of {rays} rays expected, got distances, ids, normals of {lengths}")
     return flat
-
-
-def _tied(
-    oracle: Oracle, data: mujoco.MjData, starts: Floats, unit: Floats, got: RayHits, expected: RayHits
-) -> RayHits:
-    """Return what each ray is held to: `expected`, or mj_ray's hit on the tied geom that the caster names."""
-    both_hit = (expected.geom_id >= 0) & (got.geom_id >= 0) & (got.geom_id < oracle.ngeom)
-    rays = np.flatnonzero(both_hit & (got.geom_id != expected.geom_id))
-    other = oracle.cast_at(data, starts[rays], unit[rays], got.geom_id[rays])
-    nearest = expected.distance[rays]
-    close = np.abs(other.distance - nearest) <= TIE * (1 + nearest)
-    held = expected.take(np.arange(len(unit)))
-    held.put(rays[close], other.take(close))
-    return held

@@ -97,10 +97,8 @@ MODELS = [
 
 # Faces of one mesh less than 1e-7 m apart, back to back: they are ordered by float32 distances.
 SHEETS = {("aloha_pot/scene.xml", 1)}
-# Rays within the plane of a box's face where boxes with coplanar faces overlap.
-COPLANAR = {*(("mug/mug.xml", seed) for seed in range(STATES)), ("convex_collision/box100.xml", 1)}
 CASES = [
-    pytest.param(path, seed, marks=[pytest.mark.xfail(strict=True)] if (path, seed) in SHEETS | COPLANAR else [])
+    pytest.param(path, seed, marks=[pytest.mark.xfail(strict=True)] if (path, seed) in SHEETS else [])
     for path in MODELS
     for seed in range(STATES)
 ]
