@@ -55,12 +55,12 @@ def completed(batch: Batch, answer: Answer) -> RayHits:
     missed = np.isposinf(distance)
     if answer.geom_id is not None and answer.normal is not None:
         return RayHits(distance, answer.geom_id, answer.normal)
-    oracle = Oracle(batch.model)
-    nearest = oracle.cast(batch.data, batch.origins, batch.directions)
+    oracle = Oracle(batch.model, batch.data)
+    nearest = oracle.cast(batch.origins, batch.directions)
     rays = np.flatnonzero(~missed & ~np.isclose(nearest.distance, distance, rtol=0, atol=MOVE))
     for move in _moves():
         reach = MOVE * (1 + np.minimum(distance[rays], nearest.distance[rays]))[:, None]
-        other = oracle.cast(batch.data, batch.origins[rays] + reach * move, batch.directions[rays])
+        other = oracle.cast(batch.origins[rays] + reach * move, batch.directions[rays])
         closer = np.abs(other.distance - distance[rays]) < np.abs(nearest.distance[rays] - distance[rays])
         nearest.put(rays[closer], other.take(closer))
     return RayHits(distance, np.where(missed, -1, nearest.geom_id), np.where(missed[:, None], 0.0, nearest.normal))

@@ -1,24 +1,24 @@
 """When two answers are the same, and when one is an answer at all."""
 
-import mujoco
 import numpy as np
 
-from rigcast.oracle.ray import Bools, Floats, Oracle, RayHits
+from rigcast.oracle.ray import Bools, Floats, RayHits
+from rigcast.oracle.world import World
 
 DISTANCE_BOUND = 1e-5  # of 1 + t, over |cos| of the angle of incidence
 SMALLEST_COS = 1e-3
 NORMAL_BOUND = 1e-3  # of 1 - n . n_ref
-TIE = 2e-6  # of 1 + t: geoms this close along the ray are at the same distance
+TIE = 2e-6  # of 1 + t: things this close along the ray are at the same distance
 
 
 def missed(hits: RayHits) -> Bools:
     return np.isposinf(hits.distance) & (hits.geom_id == -1) & (hits.normal == 0).all(axis=1)
 
 
-def well_formed(hits: RayHits, ngeom: int) -> Bools:
-    """Return (n,) True for misses as they must be, and for hits with a distance, geom and unit normal."""
+def well_formed(hits: RayHits, count: int) -> Bools:
+    """Return (n,) True for misses as they must be, and hits on one of `count` things, with distance and unit normal."""
     unit = np.abs(np.linalg.norm(hits.normal, axis=1) - 1) <= NORMAL_BOUND
-    hit = np.isfinite(hits.distance) & (hits.distance >= 0) & (hits.geom_id >= 0) & (hits.geom_id < ngeom) & unit
+    hit = np.isfinite(hits.distance) & (hits.distance >= 0) & (hits.geom_id >= 0) & (hits.geom_id < count) & unit
     return hit | missed(hits)
 
 
@@ -42,13 +42,13 @@ def agrees(unit: Floats, got: RayHits, reference: RayHits) -> Bools:
     return same & (normal | (missed(got) & missed(reference)))
 
 
-def tied(oracle: Oracle, data: mujoco.MjData, starts: Floats, unit: Floats, got: RayHits, expected: RayHits) -> RayHits:
-    """Return what each ray is held to: `expected`, or mj_ray's hit on the tied geom that the caster names."""
-    both_hit = (expected.geom_id >= 0) & (got.geom_id >= 0) & (got.geom_id < oracle.ngeom)
+def tied(world: World, starts: Floats, unit: Floats, got: RayHits, expected: RayHits) -> RayHits:
+    """Return what each ray is held to: `expected`, or the oracle's hit on the tied thing that the caster names."""
+    both_hit = (expected.geom_id >= 0) & (got.geom_id >= 0) & (got.geom_id < world.count)
     rays = np.flatnonzero(both_hit & (got.geom_id != expected.geom_id))
     if not rays.size:
         return expected
-    other = oracle.cast_at(data, starts[rays], unit[rays], got.geom_id[rays])
+    other = world.cast_at(starts[rays], unit[rays], got.geom_id[rays])
     nearest = expected.distance[rays]
     close = np.abs(other.distance - nearest) <= TIE * (1 + nearest)
     held = expected.take(np.arange(len(unit)))

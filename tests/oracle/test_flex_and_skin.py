@@ -1,11 +1,9 @@
 """No ray at a flex or skin is wrong while they move, near the origin and far: judged by mj_rayFlex and mju_raySkin.
 
-A flex f counts as geom ngeom + f here, a skin s as geom ngeom + nflex + s, so that the one definition of a wrong ray
-(rigcast.oracle.judge) holds for all of them.
+The one definition of a wrong ray (rigcast.oracle.judge) holds for them as for geoms.
 """
 
 import copy
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,12 +13,12 @@ import trimesh
 
 import rigcast
 from rigcast import oracle
-from rigcast.oracle.bounds import agrees
-from rigcast.oracle.edge_band import in_edge_band
-from rigcast.oracle.ray import Floats, Ints, Oracle, RayHits
+from rigcast.oracle import Verdict
+from rigcast.oracle.deformable import CAN_JUDGE
+from rigcast.oracle.ray import Floats
 
 pytestmark = pytest.mark.skipif(
-    int(mujoco.__version__.split(".")[0]) < 4,
+    not CAN_JUDGE,
     reason="the oracles, mj_rayFlex on 3D flexes and mju_raySkin, cannot be called from Python before MuJoCo 4",
 )
 
@@ -75,88 +73,6 @@ SKINS = f"""<worldbody>{ARM.format("a", "0 0 1")}{ARM.format("b", "0 1 1")}</wor
 </deformable>"""
 
 
-class AllOracle:
-    """What Oracle is for geoms, for flexes and skins as well, the skins with vertices (nskinvert, 3) about `center`."""
-
-    def __init__(self, model: mujoco.MjModel, skin_vertices: npt.NDArray[np.float32], center: Floats) -> None:
-        self.model, self.geoms = model, Oracle(model)
-        self.skin_vertices, self.center = skin_vertices, center
-
-    def cast(self, data: mujoco.MjData, origins: Floats, directions: Floats) -> RayHits:
-        first = self.geoms.cast(data, origins, directions)
-        for k in range(self.model.nflex + self.model.nskin):
-            hits = self._of(data, origins, directions, k)
-            nearer = hits.distance < first.distance
-            first.put(nearer, hits.take(nearer))
-        return first
-
-    def cast_at(self, data: mujoco.MjData, origins: Floats, directions: Floats, ids: Ints) -> RayHits:
-        ngeom = self.model.ngeom
-        hits = self.geoms.cast_at(data, origins, directions, np.where(ids < ngeom, ids, -1))
-        for k in np.unique(ids[ids >= ngeom]) - ngeom:
-            rays = ids == ngeom + k
-            hits.put(rays, self._of(data, origins[rays], directions[rays], k))
-        return hits
-
-    def _of(self, data: mujoco.MjData, origins: Floats, directions: Floats, k: int) -> RayHits:
-        if k < self.model.nflex:
-            distance, normal = self._flex(data, origins, directions, k)
-        else:
-            distance, normal = self._skin(origins, directions, k - self.model.nflex)
-        missed = distance < 0
-        normal[missed] = 0
-        ids = np.where(missed, -1, self.model.ngeom + k).astype(np.int32)
-        return RayHits(np.where(missed, np.inf, distance), ids, normal)
-
-    def _flex(self, data: mujoco.MjData, origins: Floats, directions: Floats, flex: int) -> tuple[Floats, Floats]:
-        """Normals of capsules are outward already; those of faces are turned to the ray's origin."""
-        is_line = self.model.flex_dim[flex] == 1
-        distance, normal = np.empty(len(origins)), np.zeros((len(origins), 3))
-        for i, (origin, direction) in enumerate(zip(origins, directions, strict=True)):
-            where = (self.model, data, 0, False)
-            ray = (flex, origin[:, None], direction[:, None])
-            n = np.zeros((3, 1))
-            distance[i] = mujoco.mj_rayFlex(*where, is_line, False, not is_line, *ray, None, n)
-            is_face = mujoco.mj_rayFlex(*where, False, True, False, *ray, None, None) == distance[i]
-            normal[i] = -n[:, 0] if is_face and direction @ n[:, 0] > 0 else n[:, 0]
-        return distance, normal
-
-    def _skin(self, origins: Floats, directions: Floats, skin: int) -> tuple[Floats, Floats]:
-        model = self.model
-        vertices = self.skin_vertices[model.skin_vertadr[skin] :][: model.skin_vertnum[skin]]
-        faces = model.skin_face[model.skin_faceadr[skin] :][: model.skin_facenum[skin]]
-        distance = np.array(
-            [
-                mujoco.mju_raySkin(
-                    faces.size // 3,
-                    len(vertices),
-                    faces.reshape(-1, 1),
-                    vertices.reshape(-1, 1),
-                    o[:, None],
-                    d[:, None],
-                    None,
-                )
-                for o, d in zip(origins - self.center, directions, strict=True)
-            ]
-        )
-        points = origins - self.center + distance[:, None] * directions
-        return distance, normals_at(points, vertices.astype(np.float64)[faces.reshape(-1, 3)])
-
-
-def normals_at(points: Floats, corners: Floats) -> Floats:
-    """Return (n, 3): the winding normal of that of the triangles (m, 3, 3) which each point (n, 3) lies on."""
-    a, b, c = (corners[:, k] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    outside = np.abs(((points[:, None] - a) * normal).sum(axis=2))
-    for start, end in ((a, b), (b, c), (c, a)):
-        inward = np.cross(normal, end - start)
-        inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-        outside = np.maximum(outside, -((points[:, None] - start) * inward).sum(axis=2))
-    found: Floats = normal[outside.argmin(axis=1)]
-    return found
-
-
 def moved(model: mujoco.MjModel, seed: int, k: int) -> mujoco.MjData:
     """Return the k-th state: a wave runs through the flexes, smooth enough to turn no element inside out."""
     data = mujoco.MjData(model)
@@ -170,14 +86,6 @@ def moved(model: mujoco.MjModel, seed: int, k: int) -> mujoco.MjData:
     mujoco.mj_comPos(model, data)
     mujoco.mj_flex(model, data)
     return data
-
-
-def skin_vertices(model: mujoco.MjModel, data: mujoco.MjData) -> npt.NDArray[np.float32]:
-    """Return (nskinvert, 3) as MuJoCo's visualizer computes them."""
-    scene = mujoco.MjvScene(model, 1000)
-    flags = mujoco.mjtCatBit.mjCAT_ALL
-    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), int(flags), scene)
-    return np.array(scene.skinvert, np.float32).reshape(-1, 3)
 
 
 def shifted(data: mujoco.MjData, by: Floats) -> mujoco.MjData:
@@ -199,27 +107,12 @@ def rays_towards(targets: Floats, seed: int, k: int) -> tuple[Floats, Floats]:
     return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def as_one(model: mujoco.MjModel, hits: Any) -> RayHits:
-    ids = np.where(hits.flex_id >= 0, model.ngeom + hits.flex_id, hits.geom_id)
-    ids = np.where(hits.skin_id >= 0, model.ngeom + model.nflex + hits.skin_id, ids)
-    return RayHits.of(hits)._replace(geom_id=ids.astype(np.int32))
-
-
-def assert_none_wrong(
-    judge: AllOracle, data: mujoco.MjData, rays: tuple[Floats, Floats], hits: Any, case: str
-) -> tuple[RayHits, int]:
-    """Return the caster's answer, and how many of its rays are in the edge band."""
-    got, expected = as_one(judge.model, hits), judge.cast(data, *rays)
-    origins, unit = rays
-    in_band = 0
-    for i in np.flatnonzero(~agrees(unit, got, expected)):
-        ray = got.take([i]), expected.take([i])
-        assert in_edge_band(judge, data, origins[i], unit[i], *ray), (  # type: ignore[arg-type]
-            f"{case}, ray {i}: origin {origins[i].tolist()}, direction {unit[i].tolist()}\n"
-            f"got {ray[0]}\nexpected {ray[1]}"
-        )
-        in_band += 1
-    return got, in_band
+def targets(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
+    """Return (n, 3) vertices of flexes and skins, as MuJoCo's visualizer computes these."""
+    scene = mujoco.MjvScene(model, 1000)
+    flags = mujoco.mjtCatBit.mjCAT_ALL
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), int(flags), scene)
+    return np.concatenate([data.flexvert_xpos, np.array(scene.skinvert, float).reshape(-1, 3)])
 
 
 def assert_moving_world_is_right(model: mujoco.MjModel, name: str, by: Floats) -> None:
@@ -228,15 +121,19 @@ def assert_moving_world_is_right(model: mujoco.MjModel, name: str, by: Floats) -
     for k in range(STEPS):
         data = moved(model, 0, k)
         there = shifted(data, by)
-        vertices = skin_vertices(model, data)
-        targets = np.concatenate([data.flexvert_xpos, vertices.astype(np.float64)])
-        origins, directions = rays_towards(targets, 0, k)
+        origins, directions = rays_towards(targets(model, data), 0, k)
         scene.update(there)
         hits = scene.cast(origins + by, directions).numpy()
-        judge = AllOracle(model, vertices, by)
-        got, some = assert_none_wrong(judge, there, (origins + by, directions), hits, f"{name} at {by}, step {k}")
-        in_band += some
-        seen += np.bincount(got.geom_id[got.geom_id >= model.ngeom] - model.ngeom, minlength=len(seen))
+        found = oracle.compare(model, there, origins + by, directions, hits)
+        wrong = found.where(Verdict.WRONG)
+        assert not wrong.size, (
+            f"{name} at {by}, step {k}: {wrong.size} wrong, first ray {wrong[0]}: "
+            f"origin {(origins + by)[wrong[0]].tolist()}, direction {directions[wrong[0]].tolist()}\n"
+            f"got {found.got.take(wrong[0])}\nexpected {found.expected.take(wrong[0])}"
+        )
+        in_band += len(found.where(Verdict.EDGE))
+        met = found.things()
+        seen += np.bincount(met[met >= model.ngeom] - model.ngeom, minlength=len(seen))
     assert in_band <= 1e-3 * STEPS * RAYS, f"{in_band} rays in the edge band"
     assert (seen > 0.05 * STEPS * RAYS / len(seen)).all(), f"hits of each: {seen}"
 
@@ -262,7 +159,7 @@ def test_rays_from_inside_a_soft_body_are_as_long_as_mujocos() -> None:
     origins = data.flexvert_xpos.mean(axis=0) + rng.uniform(-0.2, 0.2, (500, 3))
     directions = rng.normal(size=(500, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    expected = AllOracle(model, np.zeros((0, 3), np.float32), np.zeros(3)).cast(data, origins, directions)
+    expected = oracle.World(model, data).cast(origins, directions)
     got = scene.cast(origins, directions).numpy()
     np.testing.assert_allclose(got.distance, expected.distance, rtol=1e-5, atol=1e-5)
     assert oracle.cast(model, data, origins, directions).geom_id.max() == -1, "mj_ray itself does not see flexes"

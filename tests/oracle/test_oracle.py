@@ -195,7 +195,7 @@ def test_errors_are_those_of_the_rays_and_the_judge_keeps_their_order() -> None:
     np.testing.assert_allclose(got.scaled, [0.5, 0, np.inf], rtol=1e-6)
     assert got.verdict.tolist() == [Verdict.AGREE, Verdict.AGREE, Verdict.WRONG]
     assert got.where(Verdict.WRONG).tolist() == [2]
-    assert got.geom_ids().tolist() == [BOX, -1, BOX]
+    assert got.things().tolist() == [BOX, -1, BOX]
 
 
 def test_hits_of_other_rays_are_refused() -> None:
