@@ -133,6 +133,19 @@ def test_filters_hold_for_every_kind(props: list[Prop]) -> None:
     assert len({frozenset(types) for types in seen.values()}) > 1, seen
 
 
+def test_a_frame_tells_the_kinds_apart_as_a_cast_does(props: list[Prop]) -> None:
+    rig, data = Rig(MODEL, SENSORS, props=props), mujoco.MjData(MODEL)
+    frame, hits = rig.sense(data)["eye"], rig.cast(data)["eye"].numpy()
+    for kind in ("geom", "flex", "skin", "prop"):
+        ids = getattr(frame, f"{kind}_id").numpy()
+        np.testing.assert_array_equal(ids, getattr(hits, f"{kind}_id"), err_msg=kind)
+        assert (ids >= 0).any()
+    assert (frame.body_id.numpy()[hits.prop_id == 0] == MODEL.body("cart").id).all()
+    without = Rig(MODEL, SENSORS).sense(data)["eye"]
+    assert without.prop_id is None
+    assert without.flex_id is not None
+
+
 def test_the_command_says_by_type_what_it_found(
     tmp_path: Path, props: list[Prop], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
