@@ -43,12 +43,13 @@ def agrees(unit: Floats, got: RayHits, reference: RayHits) -> Bools:
 
 
 def tied(world: World, starts: Floats, unit: Floats, got: RayHits, expected: RayHits) -> RayHits:
-    """Return what each ray is held to: `expected`, or the oracle's hit on the tied thing that the caster names."""
+    """Return what each ray is held to: `expected`, or the oracle's on the tied thing or face that the caster names."""
     both_hit = (expected.geom_id >= 0) & (got.geom_id >= 0) & (got.geom_id < world.count)
-    rays = np.flatnonzero(both_hit & (got.geom_id != expected.geom_id))
+    other_side = (got.normal * expected.normal).sum(axis=1) < 0
+    rays = np.flatnonzero(both_hit & ((got.geom_id != expected.geom_id) | other_side))
     if not rays.size:
         return expected
-    other = world.cast_at(starts[rays], unit[rays], got.geom_id[rays])
+    other = world.cast_at(starts[rays], unit[rays], got.geom_id[rays], got.normal[rays])
     nearest = expected.distance[rays]
     close = np.abs(other.distance - nearest) <= TIE * (1 + nearest)
     held = expected.take(np.arange(len(unit)))

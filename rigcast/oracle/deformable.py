@@ -37,15 +37,19 @@ class _Surfaces(ABC):
             first.put(nearer, hits.take(nearer))
         return first
 
-    def cast_at(self, origins: Floats, directions: Floats, ids: Ints) -> RayHits:
-        """Return what each ray hits when the flex or skin `ids` (n,) is all that it could hit."""
+    def cast_at(self, origins: Floats, directions: Floats, ids: Ints, normals: Floats | None = None) -> RayHits:
+        """Return what each ray hits when the flex or skin `ids` (n,) is all that it could hit.
+
+        Of several faces in one place it is the one whose normal is next to `normals` (n, 3), or the first.
+        """
         hits = RayHits.misses(len(ids))
         for k in np.unique(ids[ids >= 0]):
             near = (ids == k) & self._seen[k] & self._may_meet(int(k), origins, directions)
             for ray in np.flatnonzero(near):
-                distance, normal = self._hit(int(k), origins[ray], directions[ray])
+                distance, found = self._hit(int(k), origins[ray], directions[ray])
                 if distance >= 0:
-                    hits.distance[ray], hits.geom_id[ray], hits.normal[ray] = distance, k, normal
+                    one = 0 if normals is None else np.argmax(found @ normals[ray])
+                    hits.distance[ray], hits.geom_id[ray], hits.normal[ray] = distance, k, found[one]
         return hits
 
     def _may_meet(self, k: int, origins: Floats, directions: Floats) -> Bools:
@@ -56,14 +60,14 @@ class _Surfaces(ABC):
 
     @abstractmethod
     def _hit(self, k: int, origin: Floats, direction: Floats) -> tuple[float, Floats]:
-        """Return distance, < 0 on a miss, and outward unit normal of one of them."""
+        """Return the distance to one of them, < 0 on a miss, and the outward unit normals (m, 3) of what lies there."""
 
 
 class Flexes(_Surfaces):
     """1D flexes are asked for with `flg_edge`, capsules; 2D and 3D ones with `flg_skin`, layer 0.
 
     The face of a 2D flex has two outer sides: its normal is turned to the ray's origin. That of a 3D one points out of
-    its element; where two elements meet, which only rays from inside can see, out of either: there is no right one.
+    its element; where two elements meet, which only rays from inside can see, out of either.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, filter: Filter) -> None:
@@ -82,13 +86,11 @@ class Flexes(_Surfaces):
         ray = (k, origin[:, None], direction[:, None])
         normal, vertex = np.zeros((3, 1)), np.zeros((1, 1), np.int32)
         distance = mujoco.mj_rayFlex(*where, is_line, False, not is_line, *ray, vertex, normal)
-        outward: Floats = normal[:, 0]
         if distance < 0 or is_line or mujoco.mj_rayFlex(*where, True, False, False, *ray, None, None) == distance:
-            return distance, outward  # an edge's, a capsule's, is outward already
+            return distance, normal.T  # an edge's, a capsule's, is outward already
         if self._model.flex_dim[k] == 3:
-            point = origin + distance * direction
-            return distance, self._sides[k][vertex[0, 0]].normal_at(point)
-        return distance, -outward if direction @ outward > 0 else outward
+            return distance, self._sides[k][vertex[0, 0]].normals_at(origin + distance * direction)
+        return distance, -normal.T if direction @ normal > 0 else normal.T
 
 
 class Skins(_Surfaces):
@@ -115,8 +117,8 @@ class Skins(_Surfaces):
         flat = faces.reshape(-1, 1), vertices.reshape(-1, 1)
         distance = mujoco.mju_raySkin(len(faces), len(vertices), *flat, start[:, None], direction[:, None], vertex)
         if distance < 0:
-            return distance, np.zeros(3)
-        return distance, self._around[k][vertex[0, 0]].normal_at(start + distance * direction)
+            return distance, np.zeros((1, 3))
+        return distance, self._around[k][vertex[0, 0]].normals_at(start + distance * direction)
 
 
 class _Fan(NamedTuple):
@@ -140,12 +142,12 @@ class _Fan(NamedTuple):
         inward = _unit(np.cross(normal[:, None], along))
         return cls(corners[:, 0], normal, np.linalg.norm(along[:, 0], axis=1), corners, inward)
 
-    def normal_at(self, point: Floats) -> Floats:
-        """Return the winding normal of the first of the triangles on which a point (3,) lies."""
+    def normals_at(self, point: Floats) -> Floats:
+        """Return (k, 3) the winding normals of the triangles on which a point (3,) lies: at least one."""
         off_plane = np.abs(((point - self.corner) * self.normal).sum(axis=1))
         off_edges = -((point - self.starts) * self.inward).sum(axis=2).min(axis=1)
         outside = np.maximum(off_plane, off_edges)
-        found: Floats = self.normal[np.argmax(outside <= outside.min() + ON_FACE * self.size)]
+        found: Floats = self.normal[outside <= outside.min() + ON_FACE * self.size]
         return found
 
 

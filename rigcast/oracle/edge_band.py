@@ -36,7 +36,7 @@ def _on_its_surface(world: World, start: Floats, unit: Floats, got: RayHits) -> 
     t, normal = got.distance[0], got.normal[0]
     point = start + t * unit
     above = 2 * MOVE * (1 + t)
-    foot = world.cast_at((point + above * normal)[None], -normal[None], got.geom_id).distance[0]
+    foot = world.cast_at((point + above * normal)[None], -normal[None], got.geom_id, normal[None]).distance[0]
     put: Floats = point + (above - foot if foot <= 2 * above else 0.0) * normal
     return put
 

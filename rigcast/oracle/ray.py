@@ -87,8 +87,12 @@ class Oracle:
         only.model = _with_hidden(self.model, np.ones(self.model.ngeom, bool))
         return only
 
-    def cast_at(self, origins: Floats, directions: Floats, geom_id: Ints) -> RayHits:
-        """Return what each ray hits when its own geom, `geom_id` (n,), is all that it could hit."""
+    def cast_at(self, origins: Floats, directions: Floats, geom_id: Ints, normals: Floats | None = None) -> RayHits:
+        """Return what each ray hits when its own geom, `geom_id` (n,), is all that it could hit.
+
+        normals: not used; mj_ray names one face of a geom.
+        """
+        del normals
         only = self._one_by_one
         hits = RayHits.misses(len(geom_id))
         for geom in np.unique(geom_id[geom_id >= 0]):

@@ -21,7 +21,7 @@ class _Part(Protocol):
 
     def cast(self, origins: Floats, directions: Floats) -> RayHits: ...
 
-    def cast_at(self, origins: Floats, directions: Floats, ids: Ints) -> RayHits: ...
+    def cast_at(self, origins: Floats, directions: Floats, ids: Ints, normals: Floats | None) -> RayHits: ...
 
 
 class World:
@@ -54,13 +54,16 @@ class World:
             first.put(nearer, _renumbered(hits.take(nearer), start))
         return first
 
-    def cast_at(self, origins: Floats, directions: Floats, ids: Ints) -> RayHits:
-        """Return what each ray hits when the thing `ids` (n,) is all that it could hit."""
+    def cast_at(self, origins: Floats, directions: Floats, ids: Ints, normals: Floats) -> RayHits:
+        """Return what each ray hits when the thing `ids` (n,) is all that it could hit.
+
+        Where two faces of a flex or skin lie in one place, it is the one whose normal is next to `normals` (n, 3).
+        """
         hits = RayHits.misses(len(ids))
         for start, part in self._parts.items():
             rays = np.flatnonzero((ids >= start) & (ids < start + part.count))
             if rays.size:
-                found = part.cast_at(origins[rays], directions[rays], ids[rays] - np.int32(start))
+                found = part.cast_at(origins[rays], directions[rays], ids[rays] - np.int32(start), normals[rays])
                 hits.put(rays, _renumbered(found, start))
         return hits
 

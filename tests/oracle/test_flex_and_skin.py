@@ -13,7 +13,7 @@ import trimesh
 
 import rigcast
 from rigcast import oracle
-from rigcast.oracle import Verdict
+from rigcast.oracle import RayHits, Verdict
 from rigcast.oracle.deformable import CAN_JUDGE
 from rigcast.oracle.ray import Floats
 
@@ -150,7 +150,7 @@ def test_no_ray_at_a_moving_skin_is_wrong(by: Floats) -> None:
     assert_moving_world_is_right(mujoco.MjModel.from_xml_string(f"<mujoco>{SKINS}</mujoco>"), "skins", by)
 
 
-def test_rays_from_inside_a_soft_body_are_as_long_as_mujocos() -> None:
+def test_no_ray_from_inside_a_soft_body_is_wrong() -> None:
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{SOFT}</worldbody></mujoco>")
     data = moved(model, 1, 1)
     scene = rigcast.Scene(model)
@@ -159,7 +159,46 @@ def test_rays_from_inside_a_soft_body_are_as_long_as_mujocos() -> None:
     origins = data.flexvert_xpos.mean(axis=0) + rng.uniform(-0.2, 0.2, (500, 3))
     directions = rng.normal(size=(500, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    expected = oracle.World(model, data).cast(origins, directions)
-    got = scene.cast(origins, directions).numpy()
-    np.testing.assert_allclose(got.distance, expected.distance, rtol=1e-5, atol=1e-5)
+    found = oracle.compare(model, data, origins, directions, scene.cast(origins, directions).numpy())
+    assert np.isfinite(found.expected.distance).all()
+    assert not found.where(Verdict.WRONG).size
     assert oracle.cast(model, data, origins, directions).geom_id.max() == -1, "mj_ray itself does not see flexes"
+
+
+# Two tetrahedra with a common side in the plane x = 0, the tip of one at x = 1, of the other at x = -1.
+PAIR = """<flexcomp name="pair" type="direct" dim="3" radius="1e-4" mass="1" point="0 -1 -1 0 1 -1 0 0 1 1 0 0 -1 0 0"
+element="0 1 2 3 0 2 1 4"><edge equality="true"/></flexcomp>"""
+ALONG = (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "distance", "normal", "verdict"),
+    [
+        pytest.param(-0.3, 0.3, (1, 0, 0), Verdict.AGREE, id="where two elements meet, out of the first"),
+        pytest.param(-0.3, 0.3, (-1, 0, 0), Verdict.AGREE, id="where two elements meet, out of the other"),
+        pytest.param(-0.3, 0.3, (0, 0, 1), Verdict.WRONG, id="where two elements meet, another normal"),
+        pytest.param(-0.3, 0.31, (1, 0, 0), Verdict.WRONG, id="where two elements meet, too far"),
+        pytest.param(-3.0, None, (-1, 0, 0), Verdict.AGREE, id="outer side"),
+        pytest.param(-3.0, None, (1, 0, 0), Verdict.WRONG, id="outer side, normal flipped"),
+        pytest.param(0.3, None, (1, 0, 0), Verdict.AGREE, id="outer side from inside"),
+        pytest.param(0.3, None, (-1, 0, 0), Verdict.WRONG, id="outer side from inside, normal flipped"),
+    ],
+)
+def test_either_element_counts_only_where_two_meet(
+    start: float, distance: float | None, normal: tuple[float, float, float], verdict: Verdict
+) -> None:
+    """distance None: the oracle's, and a normal along it or against it."""
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{PAIR}</worldbody></mujoco>")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    origin, direction = np.array([[start, -0.1, -0.2]]), np.array([ALONG])
+    expected = oracle.World(model, data).cast(origin, direction)
+    if distance is None:
+        side = np.sign(normal[0]) * np.sign(expected.normal[0, 0])
+        answer = expected._replace(normal=side * expected.normal)
+        assert np.sign(expected.normal[0, 0]) == np.sign(start)
+        assert np.isfinite(expected.distance[0])
+    else:
+        answer = RayHits(np.array([distance]), np.zeros(1, np.int32), np.array([normal], float))
+    found = oracle.compare(model, data, origin, direction, answer)
+    assert Verdict(found.verdict[0]) == verdict, f"got {answer}, expected {found.expected}"
