@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from peers import Answer, Caster
 
-from rigcast.check import geom_type_name
-from rigcast.oracle import Comparison, Oracle, RayHits, Verdict, compare
+import rigcast
+from rigcast.oracle import Comparison, Oracle, RayHits, Things, Verdict, compare
+from rigcast.oracle.things import TYPES
 
 Floats = npt.NDArray[np.float64]
 MOVE = 1e-5  # of 1 + t [m]: the edge band of rigcast.oracle
@@ -17,12 +18,13 @@ MOVE = 1e-5  # of 1 + t [m]: the edge band of rigcast.oracle
 
 @dataclass(frozen=True)
 class Batch:
-    """Rays through one state of a model: origins (n, 3) [m], unit directions (n, 3), in the world."""
+    """Rays through one state of a model, and props on it: origins (n, 3) [m], unit directions (n, 3), in the world."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
     origins: Floats
     directions: Floats
+    props: tuple[rigcast.Prop, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ def judge(caster: Caster, batch: Batch) -> Comparison:
     """Cast a batch and compare it with mj_ray, ray by ray."""
     model, data, origins, directions = batch.model, batch.data, batch.origins, batch.directions
     hits = completed(batch, caster.cast(model, data, origins, directions))
-    return compare(model, data, origins, directions, hits)
+    return compare(model, data, origins, directions, hits, props=batch.props)
 
 
 def completed(batch: Batch, answer: Answer) -> RayHits:
@@ -76,14 +78,12 @@ def _moves() -> Floats:
 
 def rows(batches: list[Batch], found: list[Comparison]) -> Iterator[Row]:
     """Yield one row for each type of geom that was hit, one for rays that miss, and one for all."""
-    kinds = [
-        np.where(f.geom_ids() >= 0, b.model.geom_type[f.geom_ids()], -1) for b, f in zip(batches, found, strict=True)
-    ]
-    kind = np.concatenate(kinds)
+    pairs = zip(batches, found, strict=True)
+    kind = np.concatenate([Things.of(batch.model, batch.props).types_of(f.things()) for batch, f in pairs])
     verdict = np.concatenate([f.verdict for f in found])
     error = np.concatenate([f.error for f in found])
-    for one in np.unique(kind):
-        yield _row(geom_type_name(int(one)), verdict[kind == one], error[kind == one])
+    for one in sorted(set(kind.tolist()), key=TYPES.index):
+        yield _row(one, verdict[kind == one], error[kind == one])
     yield _row("all", verdict, error)
 
 
