@@ -1,9 +1,13 @@
 """What holds for every cast, whatever the scene: culling, maximum distance, shapes and lengths of directions."""
 
 import functools
+from collections.abc import Callable
+from operator import itemgetter
+from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 import scenes
 from hypothesis import given
 from hypothesis import strategies as st
@@ -54,11 +58,19 @@ def assert_same(got: NumpyHits, expected: NumpyHits) -> None:
         np.testing.assert_array_equal(field, wanted, err_msg=name)
 
 
-def kept(hits: NumpyHits, keep: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> NumpyHits:
+def each(hits: NumpyHits, change: Callable[[Any], Any]) -> NumpyHits:
+    """The hits with every field changed."""
+    return hits._replace(**{name: change(field) for name, field in hits._asdict().items()})
+
+
+def kept(hits: NumpyHits, keep: npt.NDArray[np.bool_]) -> NumpyHits:
     """The hits, with misses wherever `keep` (n,) is False."""
-    miss = NumpyHits(np.float32(np.inf), *[np.int32(-1)] * 5, np.float32(0))  # type: ignore[arg-type]
-    chosen = (np.where(keep if f.ndim == 1 else keep[:, None], f, m) for f, m in zip(hits, miss, strict=True))
-    return NumpyHits(*chosen)  # type: ignore[arg-type]
+    miss = {"distance": np.float32(np.inf), "normal": np.float32(0)}
+    left = {
+        name: np.where(keep if field.ndim == 1 else keep[:, None], field, miss.get(name, np.int32(-1)))
+        for name, field in hits._asdict().items()
+    }
+    return hits._replace(**left)
 
 
 @given(given=casts())
@@ -101,11 +113,11 @@ def test_shapes_are_those_of_the_rays_and_change_nothing(
     flat = scene.cast(origins, unit).numpy()
     shape = (rows, COUNT // rows)
     shaped = scene.cast(origins.reshape(*shape, 3), unit.reshape(*shape, 3)).numpy()
-    assert_same(shaped, NumpyHits(*(field.reshape(shape + field.shape[1:]) for field in flat)))
+    assert_same(shaped, each(flat, lambda field: field.reshape(shape + field.shape[1:])))
     one = scene.cast(origins[0], unit).numpy()
     assert_same(one, scene.cast(np.tile(origins[0], (COUNT, 1)), unit).numpy())
     for k in (0, COUNT - 1):
-        assert_same(scene.cast(origins[k], unit[k]).numpy(), NumpyHits(*(field[k] for field in flat)))
+        assert_same(scene.cast(origins[k], unit[k]).numpy(), each(flat, itemgetter(k)))
 
 
 @given(given=casts(), exponent=st.integers(-900, 900))
