@@ -82,6 +82,8 @@ class Scene:
         self.ids = {
             owner: wp.array(np.where(owners == owner, ids, -1), dtype=int, device=self.device) for owner in OWNERS
         }
+        in_use = {"geom"} | {part.owner for part in self._parts if len(part.ids)}
+        self.ids_in_use = {owner: self.ids[owner] for owner in OWNERS if owner in in_use}
         bodies = np.concatenate([part.bodies for part in self._parts])
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"
