@@ -183,5 +183,5 @@ def normal_of_closed_form(
     """In the world, where a ray hits a closed form; offset as in distance_to_plane."""
     to_local = wp.transpose(rotation)
     point = to_float(to_local * (offset + wp.float64(distance) * direction))
-    normal = closed_form_normal(kind, size, point, to_float(to_local * direction))
+    normal = closed_form_normal(kind, size, point, to_float(to_local * direction), distance)
     return to_float(rotation * to_double(normal))

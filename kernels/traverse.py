@@ -33,7 +33,7 @@ def traversal(
         visit: (geometry, query, leaf, distance of its box, found) -> found.
     """
 
-    def traverse(g: Geometry, nodes: wp.array[Node], root: int, sought: query, best: found) -> found:  # type: ignore[valid-type]
+    def traverse(g: Geometry, nodes: wp.array[Node], root: int, sought: query, best: found) -> found:
         stack = stack_of_nodes()
         distance = stack_of_distances()
         stack[0] = root

@@ -52,8 +52,8 @@ DISTANCE_ROUNDING = wp.constant(4.0 * 2.0**-23)  # 8u
 GRAZING = wp.constant(0.02)  # |d . n| below which float32 loses the distance
 ROUNDING_64 = wp.constant(wp.float64(8.0 * 2.0**-52))
 EDGE_ON = wp.constant(wp.float64(1.0e-13))  # |d . n| below which float64 loses the distance
-NEARLY_EDGE_ON = wp.constant(wp.float64(1.0e-7))  # |d . n| which a tilt may make another
-NEAR_EDGE = wp.constant(wp.float64(1.0e7))  # room, in roundings, which a tilt may take
+NEARLY_EDGE_ON = wp.constant(wp.float64(1.0e-8))  # |d . n| which a tilt may make another
+NEAR_EDGE = wp.constant(wp.float64(100.0))  # roundings off an edge within which a ray may be aimed at it
 TILT = wp.constant(wp.vec3d(0.62e-9, -0.35e-9, 0.70e-9))
 
 

@@ -107,7 +107,7 @@ def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) ->
         distance[i] = larger(distance[i], 0.0)
     points = vectors(point_x, point_y, point_z)
     directions = vectors(direction_x, direction_y, direction_z)
-    local = closed_form_normals(g.kind[shape], g.size[shape], points, directions)
+    local = closed_form_normals(g.kind[shape], g.size[shape], points, directions, distance)
     local_x = local.x
     local_y = local.y
     local_z = local.z

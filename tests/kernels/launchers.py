@@ -129,10 +129,15 @@ def _closed_form(
 
 @wp.kernel
 def _closed_form_normal(
-    size: wp.array[wp.vec3], point: wp.array[wp.vec3], direction: wp.array[wp.vec3], kind: int, out: wp.array[wp.vec3]
+    size: wp.array[wp.vec3],
+    point: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    kind: int,
+    distance: float,
+    out: wp.array[wp.vec3],
 ) -> None:
     i = wp.tid()
-    out[i] = closed_form_normal(kind, size[i], point[i], direction[i])
+    out[i] = closed_form_normal(kind, size[i], point[i], direction[i], distance)
 
 
 def _over_rows(kernel: wp.Kernel, dtype: Any, vectors: Sequence[ArrayLike], scalars: Sequence[float] = ()) -> Any:
@@ -208,5 +213,5 @@ def closed_form(kind: int, size: ArrayLike, origin: ArrayLike, direction: ArrayL
     return _over_rows(_closed_form, wp.float32, [size, origin, direction], [kind, cull])
 
 
-def normal_at(kind: int, size: ArrayLike, point: ArrayLike, direction: ArrayLike) -> Floats:
-    return _over_rows(_closed_form_normal, wp.vec3, [size, point, direction], [kind])
+def normal_at(kind: int, size: ArrayLike, point: ArrayLike, direction: ArrayLike, distance: float = 1.0) -> Floats:
+    return _over_rows(_closed_form_normal, wp.vec3, [size, point, direction], [kind, distance])
