@@ -58,9 +58,7 @@ def philox_reference(counter: NDArray[np.uint32], key: NDArray[np.uint32], round
     return c.T.astype(np.uint32)
 
 
-def drawn(
-    source: RandomSource, draw: int = 0, count: int = COUNT, device: str = "cpu"
-) -> dict[str, NDArray[Any]]:
+def drawn(source: RandomSource, draw: int = 0, count: int = COUNT, device: str = "cpu") -> dict[str, NDArray[Any]]:
     arrays = {
         "bits": wp.empty(count, dtype=wp.vec4ui, device=device),
         "uniform": wp.empty(count, dtype=wp.vec4, device=device),
