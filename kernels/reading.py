@@ -3,6 +3,7 @@
 import warp as wp
 
 from .cast import HitArrays, Rays
+from .echoes import SurfaceArrays
 from .launch import launch_over_rays
 from .vectors import to_double, to_float
 
@@ -50,8 +51,9 @@ def points_in_frame(
     origins: wp.array[wp.vec3d],
     points: wp.array[wp.vec3],
 ) -> None:
-    i = first + wp.tid()
-    points[i] = to_float(point_in_frame(distance[i], directions[i], origins, i))
+    k = first + wp.tid()
+    i = k / (distance.shape[0] / directions.shape[0])
+    points[k] = to_float(point_in_frame(distance[k], directions[i], origins, i))
 
 
 @wp.kernel
@@ -64,8 +66,9 @@ def points_in_world(
     rotation: wp.array[wp.mat33d],
     points: wp.array[wp.vec3d],
 ) -> None:
-    i = first + wp.tid()
-    points[i] = position[0] + rotation[0] * point_in_frame(distance[i], directions[i], origins, i)
+    k = first + wp.tid()
+    i = k / (distance.shape[0] / directions.shape[0])
+    points[k] = position[0] + rotation[0] * point_in_frame(distance[k], directions[i], origins, i)
 
 
 @wp.kernel
@@ -89,8 +92,33 @@ def look_up(first: int, table: wp.array[int], index: wp.array[int], values: wp.a
         values[i] = table[index[i]]
 
 
+@wp.kernel
+def reflected_share(
+    first: int,
+    surfaces: SurfaceArrays,
+    directions: wp.array[wp.vec3d],
+    distance: wp.array[float],
+    shape: wp.array[int],
+    normal: wp.array[wp.vec3],
+    intensity: wp.array[float],
+) -> None:
+    i = first + wp.tid()
+    intensity[i] = 0.0
+    if wp.isfinite(distance[i]) and shape[i] >= 0:
+        cosine = wp.abs(float(wp.dot(to_double(normal[i]), directions[i])))
+        intensity[i] = surfaces.reflectivity[shape[i]] * wp.min(cosine, 1.0)
+
+
+def intensity(hits: HitArrays, rays: Rays, surfaces: SurfaceArrays) -> wp.array:
+    """(n,) rho cos(theta) of hits whose normals are in the rays' frame, 0 where there is none."""
+    out = wp.empty(hits.distance.size, dtype=float, device=hits.distance.device)
+    inputs = [surfaces, rays.directions, hits.distance, hits.shape, hits.normal]
+    launch_over_rays(reflected_share, out.size, inputs, [out], out.device)
+    return out
+
+
 def points(distance: wp.array, rays: Rays) -> wp.array:
-    """(n,) vec3 [m] in the rays' frame, NaN where the range is not finite."""
+    """(n k,) vec3 [m] in the frame of n rays with k distances each, NaN where one is not finite."""
     out = wp.empty(distance.size, dtype=wp.vec3, device=distance.device)
     inputs = [distance, rays.directions, rays.origins]
     launch_over_rays(points_in_frame, distance.size, inputs, [out], distance.device)
@@ -98,7 +126,7 @@ def points(distance: wp.array, rays: Rays) -> wp.array:
 
 
 def world_points(distance: wp.array, rays: Rays) -> wp.array:
-    """(n,) vec3d [m] in the world, NaN where the range is not finite."""
+    """(n k,) vec3d [m] in the world, of n rays with k distances each, NaN where one is not finite."""
     out = wp.empty(distance.size, dtype=wp.vec3d, device=distance.device)
     inputs = [distance, rays.directions, rays.origins, rays.position, rays.rotation]
     launch_over_rays(points_in_world, distance.size, inputs, [out], distance.device)

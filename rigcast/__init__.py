@@ -16,14 +16,21 @@ if TYPE_CHECKING:
     from .sensors.specs.filter import Filter as Filter
     from .sensors.specs.height_scan import HeightScan as HeightScan
     from .sensors.specs.lidar import Lidar as Lidar
+    from .sensors.specs.lidar_effects import Beam as Beam
+    from .sensors.specs.lidar_effects import Detection as Detection
+    from .sensors.specs.lidar_effects import Noise as Noise
+    from .sensors.specs.lidar_effects import Weather as Weather
     from .sensors.specs.mount import Mount as Mount
     from .sensors.specs.prop import Prop as Prop
+    from .sensors.specs.surface import Surface as Surface
 
     __version__: str
 
 _HOME = {
+    "Beam": "sensors.specs.lidar_effects",
     "CameraFrame": "sensors.rig.frame",
     "DepthCamera": "sensors.specs.depth_camera",
+    "Detection": "sensors.specs.lidar_effects",
     "Filter": "sensors.specs.filter",
     "Frame": "sensors.rig.frame",
     "HeightScan": "sensors.specs.height_scan",
@@ -32,9 +39,12 @@ _HOME = {
     "Lidar": "sensors.specs.lidar",
     "LidarFrame": "sensors.rig.frame",
     "Mount": "sensors.specs.mount",
+    "Noise": "sensors.specs.lidar_effects",
     "Prop": "sensors.specs.prop",
     "Rig": "sensors.rig.rig",
     "Scene": "sensors.scene.scene",
+    "Surface": "sensors.specs.surface",
+    "Weather": "sensors.specs.lidar_effects",
     "load_rig": "config",
 }
 

@@ -1,5 +1,6 @@
 """What a sensor reads: one frame per reading, on the device, as numpy on demand."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -75,10 +76,22 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class LidarFrame(Frame):
-    """A reading of a lidar. ring, column: (beams, columns) int32, the row and column of each ray."""
+    """A reading of a lidar. ring, column: (beams, columns) int32, the row and column of each ray.
+
+    With `returns: dual` every field of each ray has a last axis of 2, before that of vectors.
+    """
 
     ring: wp.array
     column: wp.array
+    _intensity: Callable[[], wp.array]
+
+    @cached_property
+    def intensity(self) -> wp.array:
+        """(beams, columns) float32: what a white surface facing the sensor would have to reflect to look the same.
+
+        reflectivity cos(incidence) of a plain surface in clear air; 0 where the range is not finite.
+        """
+        return self._intensity().reshape(self.shape)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,166 @@
+"""A lidar's way from rays to a reading: beams, surfaces, weather, returns, ranging."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+
+from rigcast.kernels import beams, echoes, ranging, returns, weather
+from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.random import RandomSource, random_source
+from rigcast.kernels.reading import read
+from rigcast.sensors.scene.looks import Looks
+from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidar_effects import Noise, Weather
+
+_MODES = {
+    "first": returns.FIRST,
+    "last": returns.LAST,
+    "strongest": returns.STRONGEST,
+    "dual": returns.DUAL,
+}
+_LISA_DIVERGENCE = 3e-3  # [rad], where the lidar's own is not given
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """hits: (n k) the returns, k for each of n rays, normals in the rays' frame. intensity: (n k) float32."""
+
+    hits: HitArrays
+    intensity: wp.array
+
+
+class LidarPhysics:
+    """The effects that the specification of one lidar asks for, ready on the device of a scene."""
+
+    def __init__(self, scene: Scene, spec: Lidar, rays: Rays) -> None:
+        self.scene, self.spec, self.count = scene, spec, rays.directions.size
+        noise = spec.noise or Noise()
+        angles, weights = _sub_rays(spec)
+        self.sub_rays = len(weights)
+        self._angles = wp.array(angles, dtype=wp.vec2, device=scene.device)
+        self._angle_std = math.radians(noise.angle_std_deg)
+        self._origins = beams.repeated(rays.origins, self.sub_rays)
+        self._directions = beams.aim(rays, self._angles, RandomSource(), 0.0)
+        self._travelled = wp.zeros(self.count * self.sub_rays, dtype=float, device=scene.device)
+        self._share = wp.array(np.tile(weights, self.count), dtype=float, device=scene.device)
+        self._medium = echoes.Medium(_extinction(spec.weather or Weather()), math.radians(spec.mirror_lobe_deg))
+        self._rain = weather.rain_of(spec.weather.rain_rate if spec.weather else 0.0, _divergence(spec))
+        self._fog = weather.fog_of(_fog_response(spec, self._medium.extinction), scene.device)
+        self._noise = _range_noise(spec)
+
+    def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> Reading:
+        """One reading of the scene. rays: those of the construction in the sensor's pose now."""
+        spec, source = self.spec, random_source(seed, self.spec.name, frame)
+        sub_rays = replace(rays, directions=self._directions, origins=self._origins)
+        if self._angle_std > 0:
+            sub_rays = replace(sub_rays, directions=beams.aim(rays, self._angles, source, self._angle_std))
+        found = self._echoes(sub_rays, visible, source)
+        least_power = spec.detection.least_power if spec.detection else 0.0
+        gap = 0.5 * weather.SPEED_OF_LIGHT * spec.pulse_length
+        hits, power = returns.choose(found, self.count, gap, least_power, _MODES[spec.returns])
+        per_beam = hits.distance.size // self.count
+        limits = (spec.min_range, spec.max_range)
+        intensity = ranging.measure(hits, power, per_beam, self._noise, source, limits)
+        read(hits, rays, spec.min_range)
+        return Reading(hits, intensity)
+
+    def _echoes(self, rays: Rays, visible: wp.array, source: RandomSource) -> echoes.Echoes:
+        """All that comes back: of surface after surface, of what is seen in a mirror, of rain and fog."""
+        looks, device = self.scene.looks(), self.scene.device
+        surfaces = self._surfaces(looks)
+        layers = self.spec.max_surfaces if looks.has_transparent else 1
+        shows_mirrors = self.spec.mirrors and looks.has_mirrors
+        slots = self.sub_rays * (layers + shows_mirrors)
+        found = echoes.new_echoes(slots + 2 * (self.spec.weather is not None), self.count, device)
+        nowhere = echoes.new_paths(0, device)
+        aside = echoes.new_paths(rays.directions.size, device) if shows_mirrors else nowhere
+        paths = echoes.started(rays, self._travelled, self._share)
+        for layer in range(layers):
+            is_last = layer == layers - 1
+            beyond = nowhere if is_last else echoes.new_paths(rays.directions.size, device)
+            self._reflect(rays, paths, visible, surfaces, found, layer, beyond, aside)
+            paths = beyond
+        if shows_mirrors:
+            self._reflect(rays, aside, visible, surfaces, found, layers, nowhere, nowhere)
+        if self.spec.weather is not None:
+            weather.add_weather(self._rain, self._fog, source, self._medium.extinction, found, self.count, slots)
+        return found
+
+    def _surfaces(self, looks: Looks) -> echoes.SurfaceArrays:
+        """Opaque and without mirrors, unless these effects are asked for."""
+        surfaces, none = echoes.SurfaceArrays(), wp.zeros_like(looks.reflectivity)
+        surfaces.reflectivity = looks.reflectivity
+        surfaces.transmission = looks.surfaces.transmission if self.spec.max_surfaces > 1 else none
+        surfaces.mirror = looks.surfaces.mirror if self.spec.mirrors else none
+        return surfaces
+
+    def _reflect(
+        self,
+        rays: Rays,
+        paths: echoes.Paths,
+        visible: wp.array,
+        surfaces: echoes.SurfaceArrays,
+        found: echoes.Echoes,
+        layer: int,
+        beyond: echoes.Paths,
+        aside: echoes.Paths,
+    ) -> None:
+        """Cast the light of these paths and write its echoes to the slots of a layer."""
+        limit = self.spec.max_range
+        hits = self.scene.cast_rays(replace(rays, directions=paths.direction, origins=paths.origin), visible, limit)
+        first_slot = layer * self.sub_rays
+        echoes.reflect(
+            surfaces,
+            hits,
+            paths,
+            rays.rotation,
+            limit,
+            self._medium,
+            found,
+            first_slot,
+            self.sub_rays,
+            beyond,
+            aside,
+        )
+
+
+def _sub_rays(spec: Lidar) -> tuple[np.ndarray, np.ndarray]:
+    if spec.beam is None:
+        return np.zeros((1, 2), np.float32), np.ones(1, np.float32)
+    across, up = np.deg2rad(spec.beam.divergence_deg)
+    return beams.hexagonal_rings(spec.beam.rings, (across, up))
+
+
+def _divergence(spec: Lidar) -> float:
+    """Of a round beam with the same cross-section [rad]."""
+    if spec.beam is None:
+        return _LISA_DIVERGENCE
+    return float(np.sqrt(np.prod(np.deg2rad(spec.beam.divergence_deg))))
+
+
+def _extinction(around: Weather) -> float:
+    """Of the air [1/m]."""
+    rain, fog = around.rain_rate, weather.fog_extinction(around.visibility)
+    if around.rain_extinction is None or rain == 0:
+        return weather.rain_extinction(rain) + fog
+    factor, exponent = around.rain_extinction
+    return float(factor * rain**exponent + fog)
+
+
+def _fog_response(spec: Lidar, extinction: float) -> weather.FogResponse | None:
+    if spec.weather is None or math.isinf(spec.weather.visibility):
+        return None
+    return weather.fog_response(spec.weather.visibility, extinction)
+
+
+def _range_noise(spec: Lidar) -> ranging.RangeNoise:
+    given, around = spec.noise or Noise(), spec.weather or Weather()
+    noise = ranging.RangeNoise()
+    noise.range_std, noise.resolution = given.range_std, given.range_resolution
+    noise.dropout, noise.dark_dropout, noise.dark_limit = given.dropout, given.dark_dropout, given.dark_limit
+    noise.power_std = spec.detection.power_std if spec.detection else 0.0
+    noise.rain_std = around.rain_range_noise * (1 - math.exp(-around.rain_rate)) ** 2
+    return noise
