@@ -24,7 +24,7 @@ import warp as wp
 
 from .cast import HitArrays, Rays
 from .launch import launch_over_rays
-from .traverse import to_double
+from .vectors import to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
