@@ -35,6 +35,32 @@ def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
     launch_over_rays(read_hits, hits.distance.size, [rays.rotation, min_range], outputs, hits.distance.device)
 
 
+@wp.kernel
+def bound_readings(
+    first: int,
+    min_range: float,
+    max_range: float,
+    # in and out:
+    distance: wp.array[float],
+    shape: wp.array[int],
+    normal: wp.array[wp.vec3],
+) -> None:
+    i = first + wp.tid()
+    if distance[i] < min_range:
+        distance[i] = -wp.inf
+    elif distance[i] > max_range:
+        distance[i] = wp.inf
+    if not wp.isfinite(distance[i]):
+        shape[i] = -1
+        normal[i] = wp.vec3(0.0, 0.0, 0.0)
+
+
+def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
+    """Make measured distances outside of these limits [m] -inf and +inf, in place; where none is, nothing is hit."""
+    outputs = [hits.distance, hits.shape, hits.normal]
+    launch_over_rays(bound_readings, hits.distance.size, [min_range, max_range], outputs, hits.distance.device)
+
+
 @wp.func
 def point_in_frame(distance: float, direction: wp.vec3d, origins: wp.array[wp.vec3d], i: int) -> wp.vec3d:
     """Where a ray of this range ends, NaN where the range is not finite."""
@@ -78,9 +104,21 @@ def depth_along_z(
     directions: wp.array[wp.vec3d],
     depth: wp.array[float],
 ) -> None:
-    """z-depth; +-inf where the range is, for no ray looks backwards."""
+    """z-depth, below 0 for rays that look backwards; +-inf and NaN where the range is."""
     i = first + wp.tid()
-    depth[i] = float(wp.float64(distance[i]) * directions[i][2])
+    depth[i] = distance[i]
+    if wp.isfinite(distance[i]):
+        depth[i] = float(wp.float64(distance[i]) * directions[i][2])
+
+
+@wp.kernel
+def depth_in_steps(first: int, depth: wp.array[float], scale: float, steps: wp.array[wp.uint16]) -> None:
+    """The nearest whole number of steps; 0 where that is none that 16 bits hold."""
+    i = first + wp.tid()
+    count = wp.round(depth[i] / scale)
+    steps[i] = wp.uint16(0)
+    if count >= 0.0 and count <= 65535.0:
+        steps[i] = wp.uint16(int(count))
 
 
 @wp.kernel
@@ -137,6 +175,13 @@ def z_depth(distance: wp.array, rays: Rays) -> wp.array:
     """(n,) float32 [m], the z coordinate of the points; +-inf and NaN where the range is."""
     out = wp.empty(distance.size, dtype=float, device=distance.device)
     launch_over_rays(depth_along_z, distance.size, [distance, rays.directions], [out], distance.device)
+    return out
+
+
+def depth_16bit(depth: wp.array, scale: float) -> wp.array:
+    """(n,) uint16: depth (n,) [m] in steps of scale [m], 0 where it is not finite or beyond 65535 steps."""
+    out = wp.empty(depth.size, dtype=wp.uint16, device=depth.device)
+    launch_over_rays(depth_in_steps, depth.size, [depth, scale], [out], depth.device)
     return out
 
 
