@@ -135,7 +135,9 @@ def _judge(rig: Rig, data: mujoco.MjData, sensor: str, step: int, quota: int, rn
     """Cast all of a sensor's rays, judge at most `quota` of those that end on no flex or skin."""
     rays, hits = rig.rays(data, [sensor])[sensor], rig.cast(data, [sensor])[sensor].numpy()
     shape = hits.distance.shape
-    can_judge = np.flatnonzero((hits.flex_id < 0) & (hits.skin_id < 0))
+    # pixels that a fisheye lens leaves dark have no ray
+    has_ray = np.isfinite(rays.directions).all(axis=-1)
+    can_judge = np.flatnonzero(has_ray & (hits.flex_id < 0) & (hits.skin_id < 0))
     index = np.sort(rng.choice(can_judge, min(quota, can_judge.size), replace=False))
     directions = rays.directions.reshape(-1, 3)[index]
     origins = np.broadcast_to(rays.origins, rays.directions.shape).reshape(-1, 3)[index]

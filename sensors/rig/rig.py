@@ -13,11 +13,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import Rays
+from rigcast.kernels.infrared import infrared
 from rigcast.kernels.packets.sorting import sort_into_packets
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.scene import Scene
@@ -161,12 +163,12 @@ class Rig:
         spec, pattern = mounted.spec, mounted.pattern
         if isinstance(spec, Lidar):
             return self._lidar_frame(mounted, spec, time)
+        if isinstance(spec, DepthCamera):
+            return self._camera_frame(mounted, spec, time)
         rays = mounted.rays(self._data)
         hits = self.scene.cast_rays(rays, mounted.visible(), spec.max_range)
         read(hits, rays, spec.min_range)
         common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, *self._tables())
-        if pattern.intrinsics is not None:
-            return CameraFrame(*common, pattern.intrinsics)
         return Frame(*common)
 
     def _lidar_frame(self, mounted: "_Mounted", spec: Lidar, time: float) -> LidarFrame:
@@ -181,6 +183,19 @@ class Rig:
             shape = (*shape, 2) if spec.returns == "dual" else shape
         common = (spec.name, time, mounted.pose(self._data), shape, hits, rays, *self._tables())
         return LidarFrame(*common, mounted.ring, mounted.column, bright)
+
+    def _camera_frame(self, mounted: "_Mounted", spec: DepthCamera, time: float) -> CameraFrame:
+        pattern, rays, visible = mounted.pattern, mounted.rays(self._data), mounted.visible()
+        if mounted.depth_physics is None:
+            hits = seen = self.scene.cast_rays(rays, visible, spec.max_range)
+            read(hits, rays, spec.min_range)
+        else:
+            reading = mounted.depth_physics.read(rays, visible, self.seed, next(mounted.frames))
+            hits, seen = reading.hits, reading.seen
+        bright = partial(infrared, seen, rays.directions, self.scene.looks().reflectivity)
+        common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, *self._tables())
+        assert pattern.intrinsics is not None
+        return CameraFrame(*common, pattern.intrinsics, pattern.lens, spec.depth_scale, bright)
 
     def _tables(self) -> tuple[wp.array, wp.array]:
         return self.scene.ids["geom"], self.scene.body_of_shape
@@ -207,6 +222,7 @@ class _Mounted:
     ring: wp.array | None
     column: wp.array | None
     physics: LidarPhysics | None
+    depth_physics: DepthPhysics | None
     frames: Iterator[int]
 
     @staticmethod
@@ -234,6 +250,7 @@ class _Mounted:
             upload(pattern.ring),
             upload(pattern.column),
             LidarPhysics(scene, spec, rays) if isinstance(spec, Lidar) and spec.has_effects else None,
+            DepthPhysics(scene, spec, pattern) if isinstance(spec, DepthCamera) and spec.has_effects else None,
             count(),
         )
 
