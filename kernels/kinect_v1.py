@@ -1,7 +1,8 @@
 """The error of the first Kinect, by two models of depth z [m].
 
 Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction and tracking" (3DIMPVT 2012),
-with theta the angle between the surface's normal and the camera's axis:
+with theta the angle between the surface's normal and the ray (they turned a board in the middle of the image; of a
+floor below a level camera the angle to the axis would say nothing):
 
     sigma_z = 0.0012 + 0.0019 (z - 0.4)^2 + (0.0001 / sqrt z) theta^2 / (pi/2 - theta)^2     [m]
     sigma_l = 0.8 + 0.035 theta / (pi/2 - theta)                                             [pixels], across and down
@@ -16,6 +17,7 @@ A shift of a pixel is made by casting its ray anew.
 
 import warp as wp
 
+from .infrared import cos_incidence
 from .launch import launch_over_rays
 from .random import RandomSource, random_normal
 
@@ -30,9 +32,9 @@ EIGHTHS = wp.constant(35130.0)  # disparity in eighths of a pixel times depth in
 
 
 @wp.func
-def angle_to_axis(normal: wp.vec3) -> float:
+def incidence(normal: wp.vec3, direction: wp.vec3d) -> float:
     """theta; 0 where nothing was hit."""
-    return wp.where(wp.length_sq(normal) > 0.0, wp.acos(wp.min(wp.abs(normal[2]), 1.0)), 0.0)
+    return wp.where(wp.length_sq(normal) > 0.0, wp.acos(cos_incidence(normal, direction)), 0.0)
 
 
 @wp.func
@@ -66,7 +68,7 @@ def shift_pixels(
     i = first + wp.tid()
     sigma = float(0.5)
     if model == NGUYEN:
-        theta = angle_to_axis(normal[i])
+        theta = incidence(normal[i], directions[i])
         sigma = 0.8 + 0.035 * theta / wp.max(HALF_PI - theta, 1.0e-6)
     shift = random_normal(source, i, DRAW_SHIFT)
     u = float(i % width) + sigma * shift[0]
@@ -127,7 +129,7 @@ def disturb_depth(
     chance = random_normal(source, i, DRAW_DEPTH)[0]
     measured = float(0.0)
     if model == NGUYEN:
-        measured = z + nguyen_sigma(z, angle_to_axis(normal[i])) * chance
+        measured = z + nguyen_sigma(z, incidence(normal[i], directions[i])) * chance
     else:
         centimetres = wp.max(wp.round(100.0 * z), 1.0)
         measured = 0.01 * EIGHTHS / wp.round(EIGHTHS / centimetres + chance / 6.0 + 0.5)

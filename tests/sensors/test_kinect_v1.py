@@ -70,6 +70,15 @@ def test_disparity_model_has_barron_and_maliks_distribution(z: float) -> None:
     assert_counts(counts[is_likely], share[is_likely] / share[is_likely].sum())
 
 
+def test_a_floor_below_a_level_camera_is_measured() -> None:
+    """At right angles to the camera's axis, yet seen at 45 deg and more."""
+    floor = '<geom type="plane" size="0 0 1" pos="0 0 -0.35"/>'
+    ideal, measured = depth_of(floor), kinect_depth(floor, "nguyen")
+    near = np.isfinite(ideal) & (ideal < 2)
+    sigma = np.abs(measured[near] - ideal[near]).mean()
+    assert 0.001 < sigma < 0.05
+
+
 def test_what_is_not_hit_stays_so() -> None:
     measured = kinect_depth('<geom size="0.1" pos="2 0 0"/>', "nguyen")
     assert 0.95 < (measured == np.inf).mean() < 1
