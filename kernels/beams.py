@@ -51,11 +51,11 @@ def horizontal_of(d: wp.vec3d) -> wp.vec3d:
 
 @wp.func
 def turned(d: wp.vec3d, h: wp.vec3d, v: wp.vec3d, angles: wp.vec2) -> wp.vec3d:
-    angle = wp.length(angles)
-    if angle == 0.0:
+    side = wp.float64(angles[0]) * h + wp.float64(angles[1]) * v
+    angle = wp.length(side)
+    if angle == wp.float64(0.0):
         return d
-    side = (wp.float64(angles[0]) * h + wp.float64(angles[1]) * v) / wp.float64(angle)
-    return wp.float64(wp.cos(angle)) * d + wp.float64(wp.sin(angle)) * side
+    return wp.cos(angle) * d + wp.sin(angle) / angle * side
 
 
 @wp.kernel
