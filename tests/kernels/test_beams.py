@@ -22,7 +22,7 @@ def vectors(values: NDArray[np.float64]) -> wp.array:
 
 def aimed(
     direction: tuple[float, float, float], spread: NDArray[np.float32], std: float, count: int = COUNT
-) -> NDArray:
+) -> NDArray[np.float64]:
     rays = Rays(vectors(np.tile(direction, (count, 1))), vectors(np.zeros((1, 3))), None, None)
     return aim(rays, wp.array(spread, dtype=wp.vec2, device="cpu"), SOURCE, std).numpy()
 

@@ -47,7 +47,9 @@ def test_extinction_of_fog_leaves_a_twentieth_at_the_visibility() -> None:
     assert weather.fog_extinction(math.inf) == weather.rain_extinction(0.0) == 0.0
 
 
-def brute_force(rate: float, divergence: float, target: float, extinction: float) -> tuple[NDArray, NDArray]:
+def brute_force(
+    rate: float, divergence: float, target: float, extinction: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """LISA's drops: all of those in the beam, the strongest taken. Ranges, +inf for none, and powers (COUNT,)."""
     rng = np.random.default_rng(SEED)
     slope = 4.1 * rate**-0.21

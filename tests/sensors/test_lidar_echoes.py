@@ -21,7 +21,7 @@ T = 2 / 3
 
 def only(frame: Any) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
     """Range, intensity and geom of the one ray."""
-    return tuple(getattr(frame, field).numpy().reshape(-1) for field in ("range", "intensity", "geom_id"))  # type: ignore[return-value]
+    return tuple(getattr(frame, field).numpy().reshape(-1) for field in ("range", "intensity", "geom_id"))
 
 
 @pytest.mark.parametrize("surfaces", [1, 2, 3, 4])

@@ -172,7 +172,8 @@ def test_noise_depends_on_seed_and_name_and_reading_only(monkeypatch: pytest.Mon
     assert len(set(alone)) == 3, "readings must differ"
     scan = HeightScan(name="feet", mount=Mount(), size=(1, 1), spacing=0.5)
     changed = LIDARS[1].model_copy(update={"noise": Noise(range_std=1.0)})
-    for others in ([LIDARS[0], *LIDARS[1:]], [scan, *LIDARS[::-1]], [changed, LIDARS[0]]):
+    rigs: list[list[Lidar | HeightScan]] = [[*LIDARS], [scan, *LIDARS[::-1]], [changed, LIDARS[0]]]
+    for others in rigs:
         assert bits(Rig(model, others, seed=SEED), model, "a") == alone
     assert bits(Rig(model, LIDARS, seed=SEED), model, "b") != alone
     assert bits(Rig(model, LIDARS, seed=SEED + 1), model, "a") != alone

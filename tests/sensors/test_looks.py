@@ -2,13 +2,14 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 from lidar_scenes import ahead, model_of, sense, wall
 
-from rigcast import InputError, Prop, Rig, Scene, Surface, load_rig
+from rigcast import InputError, LidarFrame, Prop, Rig, Scene, Surface, load_rig
 
 ASSET = """
 <material name="blue" rgba="0 0 1 0.25" reflectance="0.3"/>
@@ -75,6 +76,12 @@ def test_colours_edited_at_run_time_are_seen(model: mujoco.MjModel) -> None:
     assert looks(scene)["transmission"][0] == 0.5
 
 
+def lidar_frame(rig: Rig, data: mujoco.MjData) -> LidarFrame:
+    frame = rig.sense(data)["top"]
+    assert isinstance(frame, LidarFrame)
+    return frame
+
+
 @pytest.mark.parametrize("slope", [0, 30, 60])
 def test_the_intensity_of_an_ideal_lidar_is_reflectivity_times_cosine(slope: float) -> None:
     room = model_of(f'<geom type="plane" size="0 0 1" euler="0 {slope - 90} 0" pos="5 0 0" rgba="0.8 0.8 0.8 1"/>')
@@ -88,9 +95,9 @@ def test_the_intensity_of_a_miss_is_0_and_colours_edited_later_do_not_show() -> 
     model = model_of(wall("wall", 5))
     rig = Rig(model, [ahead()])
     data = mujoco.MjData(model)
-    frame = rig.sense(data)["top"]
+    frame = lidar_frame(rig, data)
     model.geom_rgba[0, :3] = 1
-    later = rig.sense(data)["top"]
+    later = lidar_frame(rig, data)
     assert frame.intensity.numpy().item() == pytest.approx(0.5)
     assert later.intensity.numpy().item() == pytest.approx(1.0)
 
@@ -107,7 +114,7 @@ def test_the_intensity_of_a_miss_is_0_and_colours_edited_later_do_not_show() -> 
         ({"prop": "crate"}, "surfaces[0]: prop: no prop 'crate', expected one of (there is none)"),
     ],
 )
-def test_names_that_are_not_there_are_refused(model: mujoco.MjModel, surface: dict[str, str], message: str) -> None:
+def test_names_that_are_not_there_are_refused(model: mujoco.MjModel, surface: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=re.escape(message)):
         Rig(model, [ahead()], surfaces=[Surface(**surface)])
 
@@ -121,7 +128,7 @@ def test_names_that_are_not_there_are_refused(model: mujoco.MjModel, surface: di
         ({"geom": "a", "reflectivity": -1}, "reflectivity: must be greater than or equal to 0, got -1"),
     ],
 )
-def test_surfaces_that_make_no_sense_are_refused(given: dict[str, object], message: str) -> None:
+def test_surfaces_that_make_no_sense_are_refused(given: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=re.escape(message)):
         Surface(**given)
 
@@ -152,7 +159,7 @@ def test_a_rig_file_takes_all_of_it(model: mujoco.MjModel, tmp_path: Path) -> No
     (lidar,) = rig.sensors
     assert lidar.noise.range_std == 0.02  # type: ignore[union-attr]
     assert looks(rig.scene)["reflectivity"][0] == pytest.approx(0.9)
-    frame = rig.sense(mujoco.MjData(model))["top"]
+    frame = lidar_frame(rig, mujoco.MjData(model))
     assert frame.range.shape == frame.intensity.shape == frame.ring.shape == frame.stamp.shape == (1, 1, 2)
     assert frame.points.shape == frame.normal.shape == frame.points_world.shape == (1, 1, 2, 3)
 
