@@ -38,7 +38,8 @@ class _Look:
 
     def cast(self, directions: wp.array) -> HitArrays:
         """What rays from the camera hit, to any distance, with normals in its frame."""
-        rays = replace(self.rays, directions=directions)
+        packets = self.rays.packets if directions is self.rays.directions else None
+        rays = replace(self.rays, directions=directions, packets=packets)
         hits = self.scene.cast_rays(rays, self.visible, math.inf)
         read(hits, rays, min_range=0.0)
         return hits

@@ -8,6 +8,7 @@ import warp as wp
 
 from rigcast.kernels import beams, echoes, ranging, returns, weather
 from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.packets import sort_into_packets
 from rigcast.kernels.random import RandomSource, random_source
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
@@ -44,6 +45,9 @@ class LidarPhysics:
         self._angle_std = math.radians(noise.angle_std_deg)
         self._origins = beams.repeated(rays.origins, self.sub_rays)
         self._directions = beams.aim(rays, self._angles, RandomSource(), 0.0)
+        self._packets = rays.packets
+        if rays.packets is not None and self.sub_rays > 1:
+            self._packets = sort_into_packets(self._directions.numpy())
         self._travelled = wp.zeros(self.count * self.sub_rays, dtype=float, device=scene.device)
         self._share = wp.array(np.tile(weights, self.count), dtype=float, device=scene.device)
         self._medium = echoes.Medium(_extinction(spec.weather or Weather()), math.radians(spec.mirror_lobe_deg))
@@ -54,9 +58,10 @@ class LidarPhysics:
     def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> Reading:
         """One reading of the scene. rays: those of the construction in the sensor's pose now."""
         spec, source = self.spec, random_source(seed, self.spec.name, frame)
-        sub_rays = replace(rays, directions=self._directions, origins=self._origins)
+        sub_rays = replace(rays, directions=self._directions, origins=self._origins, packets=self._packets)
         if self._angle_std > 0:
-            sub_rays = replace(sub_rays, directions=beams.aim(rays, self._angles, source, self._angle_std))
+            directions = beams.aim(rays, self._angles, source, self._angle_std)
+            sub_rays = replace(sub_rays, directions=directions, packets=None)
         found = self._echoes(sub_rays, visible, source)
         least_power = spec.detection.least_power if spec.detection else 0.0
         gap = 0.5 * weather.SPEED_OF_LIGHT * spec.pulse_length
@@ -110,7 +115,9 @@ class LidarPhysics:
     ) -> None:
         """Cast the light of these paths and write its echoes to the slots of a layer."""
         limit = self.spec.max_range
-        hits = self.scene.cast_rays(replace(rays, directions=paths.direction, origins=paths.origin), visible, limit)
+        if layer > 0:
+            rays = replace(rays, directions=paths.direction, origins=paths.origin, packets=None)
+        hits = self.scene.cast_rays(rays, visible, limit)
         first_slot = layer * self.sub_rays
         echoes.reflect(
             surfaces,
