@@ -22,6 +22,8 @@ demo: .venv/installed
 
 pictures: .venv/installed
 	$(BIN)/python examples/sensor_effects.py docs/sensors
+	$(BIN)/python examples/lidar_effects.py docs/sensors
+	$(BIN)/python examples/lidar_weather.py docs/sensors
 
 test: .venv/installed
 	$(BIN)/python -m pytest -n $(JOBS)

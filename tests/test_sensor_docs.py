@@ -29,8 +29,9 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pictures")
-    script = CHECKOUT / "examples" / "sensor_effects.py"
-    subprocess.run([sys.executable, script, folder], check=True, capture_output=True, timeout=300)
+    for name in re.findall(r"examples/(\w+\.py) docs/sensors", (CHECKOUT / "Makefile").read_text()):
+        script = CHECKOUT / "examples" / name
+        subprocess.run([sys.executable, script, folder], check=True, capture_output=True, timeout=300)
     return folder
 
 
