@@ -22,7 +22,7 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 SCENE = CHECKOUT / "configs" / "effects.xml"
 MARGIN, TITLE = 8, 30  # [pixels]
 Rgb = NDArray[np.uint8]
-Draw = Callable[[rigcast.CameraFrame], Rgb]
+Draw = Callable[[Any], Rgb]  # from a frame
 
 OPTICS = {"resolution": (400, 300), "fx": 300.0, "fy": 300.0, "cx": 200.0, "cy": 150.0}
 BARREL = rigcast.BrownConrady(k1=-0.35, k2=0.12)
@@ -121,8 +121,8 @@ def main(folder: Path) -> None:
     sensors = [camera(f"{pair.name}_{k}", pair.arguments[k]) for pair in PAIRS for k in (0, 1)]
     frames = rigcast.Rig(model, sensors).sense(data)
     for pair in PAIRS:
-        pictures = tuple(pair.draw[k](frames[f"{pair.name}_{k}"]) for k in (0, 1))
-        sheet(pictures, pair.titles).save(folder / f"{pair.name}.png", optimize=True)
+        without, with_it = (pair.draw[k](frames[f"{pair.name}_{k}"]) for k in (0, 1))
+        sheet((without, with_it), pair.titles).save(folder / f"{pair.name}.png", optimize=True)
     print(f"{len(PAIRS)} pictures in {folder}")
 
 

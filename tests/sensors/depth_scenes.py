@@ -35,9 +35,9 @@ def look(worldbody: str, spec: DepthCamera, seed: int = 0) -> CameraFrame:
 
 def depth_of(worldbody: str, seed: int = 0, **arguments: Any) -> NDArray[np.float64]:
     """The depth that a camera with these arguments measures."""
-    return np.asarray(look(worldbody, camera(**arguments), seed).depth.numpy(), np.float64)
+    return look(worldbody, camera(**arguments), seed).depth.numpy().astype(np.float64)
 
 
 def columns() -> NDArray[np.float64]:
     """(WIDTH,) where the pixels' centres are across the image."""
-    return np.arange(WIDTH) + 0.5
+    return np.arange(WIDTH, dtype=np.float64) + 0.5
