@@ -8,7 +8,7 @@ import warp as wp
 
 from rigcast.kernels import beams, echoes, ranging, returns, weather
 from rigcast.kernels.cast import HitArrays, Rays
-from rigcast.kernels.packets import sort_into_packets
+from rigcast.kernels.packets.sorting import sort_into_packets
 from rigcast.kernels.random import RandomSource, random_source
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks

@@ -255,7 +255,9 @@ def test_on_a_terminal_a_bar_shows_time_and_frames() -> None:
 
 
 def test_two_returns_of_each_ray_are_written(folder: Path) -> None:
-    (folder / "dual.yaml").write_text(RIG.replace("columns: 36", "columns: 36\n    returns: dual\n    max_surfaces: 2\n    pulse_length: 1.0e-10"))
+    (folder / "dual.yaml").write_text(
+        RIG.replace("columns: 36", "columns: 36\n    returns: dual\n    max_surfaces: 2\n    pulse_length: 1.0e-10")
+    )
     (folder / "cart.xml").write_text(MODEL.replace('size="0.1 3 1"', 'size="0.1 3 1" rgba="1 1 1 0.5"'))
     code, output = run("dual.yaml", "--duration", "0.02", "--out", "o", "--format", "ply,npz")
     assert code == 0, output
