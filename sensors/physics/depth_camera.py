@@ -9,6 +9,7 @@ import warp as wp
 from rigcast.kernels import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.cast import HitArrays, Rays
 from rigcast.kernels.infrared import Losses, lose
+from rigcast.kernels.packets.sorting import Packets, sort_into_packets
 from rigcast.kernels.random import RandomSource, random_source
 from rigcast.kernels.reading import bound, read
 from rigcast.sensors.scene.scene import Scene
@@ -36,9 +37,8 @@ class _Look:
     visible: wp.array
     source: RandomSource
 
-    def cast(self, directions: wp.array) -> HitArrays:
+    def cast(self, directions: wp.array, packets: Packets | None) -> HitArrays:
         """What rays from the camera hit, to any distance, with normals in its frame."""
-        packets = self.rays.packets if directions is self.rays.directions else None
         rays = replace(self.rays, directions=directions, packets=packets)
         hits = self.scene.cast_rays(rays, self.visible, math.inf)
         read(hits, rays, min_range=0.0)
@@ -80,7 +80,7 @@ class _ReadStereo:
 
     def __call__(self, look: _Look) -> DepthReading:
         spec, directions = self._spec, look.rays.directions
-        seen = look.cast(directions)
+        seen = look.cast(directions, look.rays.packets)
         surface = seen if spec.kinect_v1 is None else self._shifted(look, seen)
         hits = _copy(surface)
         if spec.shadow:
@@ -97,7 +97,7 @@ class _ReadStereo:
         assert self._spec.kinect_v1 is not None
         model, size = _KINECT_V1[self._spec.kinect_v1], (self._pair.width, self._pair.height)
         shifted = kinect_v1.shift(model, size, look.source, look.rays.directions, seen.normal)
-        hits = look.cast(shifted)
+        hits = look.cast(shifted, None)
         kinect_v1.at_own_pixel(hits.distance, shifted, look.rays.directions)
         return hits
 
@@ -116,16 +116,17 @@ class _ReadTimeOfFlight:
     def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern) -> None:
         assert spec.time_of_flight is not None
         self._spec: TimeOfFlight = spec.time_of_flight
-        self._subrays = None
+        self._subrays, self._packets = None, None
         if pattern.subrays is not None:
             self._subrays = scene.rays_in_frame(pattern.subrays, np.zeros(3), np.eye(4)).directions
+            self._packets = sort_into_packets(pattern.subrays.reshape(-1, 3)) if scene.device.is_cpu else None
 
     def __call__(self, look: _Look) -> DepthReading:
         spec = self._spec
         if self._subrays is None:
-            seen = look.cast(look.rays.directions)
+            seen = look.cast(look.rays.directions, look.rays.packets)
         else:
-            rays, looks = look.cast(self._subrays), look.scene.looks()
+            rays, looks = look.cast(self._subrays, self._packets), look.scene.looks()
             seen = time_of_flight.mix(rays, self._subrays, looks.reflectivity, spec.subrays**2)
         hits = _copy(seen)
         look.lose(spec, 0.0, hits)
