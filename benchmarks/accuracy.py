@@ -8,6 +8,7 @@ A peer that is not installed is named in the report as missing.
 import copy
 import platform
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from rigcast.oracle import Verdict
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "tests" / "oracle"))
 import scenes  # noqa: E402  the random scenes and rays of the tests
+from other_kinds import other_batches, with_props  # noqa: E402
 
 PAGE = ROOT / "docs" / "accuracy.md"
 FOLDER = ROOT / "docs" / "accuracy"
@@ -129,7 +131,19 @@ def unit(vectors: Floats) -> Floats:
 
 def table(batches: list[Batch], casters: list[Caster]) -> str:
     """Return one table: the types of geoms in turn, each with all casters."""
-    by_caster = {caster.name: list(rows(batches, [judge(caster, batch) for batch in batches])) for caster in casters}
+    return lines_of({c.name: list(rows(batches, [judge(c, batch) for batch in batches])) for c in casters})
+
+
+def table_of_other_kinds(rigcast_caster: Caster) -> str:
+    """Return the table of SDF geoms, flexes, skins and props."""
+    with tempfile.TemporaryDirectory() as folder:
+        batches = list(other_batches(Path(folder)))
+        found = [judge(with_props(rigcast_caster, batch), batch) for batch in batches]
+    return lines_of({rigcast_caster.name: list(rows(batches, found))})
+
+
+def lines_of(by_caster: dict[str, list[Row]]) -> str:
+    """Return the lines of a table, type by type."""
     order = list(dict.fromkeys(row.geom_type for found in by_caster.values() for row in found))
     order = [*(name for name in order if name not in ("none", "all")), "none", "all"]
     lines = [
@@ -170,6 +184,14 @@ CAPTIONS = {
     "random_far": "The same scene more than 10 km away: float32 poses are no longer where the geoms are.",
 }
 
+OTHER_KINDS = """## What the others do not cast against: SDF geoms, flexes, skins, props
+
+`mj_ray` does not see flexes and skins; they are judged by `mj_rayFlex` and `mju_raySkin`, ray by ray. Props are judged
+by `mj_ray` on a model of their meshes, SDF geoms by `mj_ray` on a mesh geom with the mesh that rigcast casts against:
+docs/sdf.md has the difference to the sphere tracing of `mj_ray`. Scenes are those of mujoco_warp's tests for SDF
+geoms, ropes, cloth, soft bodies and skins on the move, and three meshes as props, each near the origin and 10 km away.
+"""
+
 HEAD = """# Accuracy
 
 *Written by `make accuracy` (`python benchmarks/accuracy.py`); not edited by hand.*
@@ -209,6 +231,7 @@ def main() -> None:
     parts = [HEAD, f"Compared: {versions}; with {machine}.\n"]
     parts += [f"Not compared: {reason}\n" for reason in missing]
     parts += [f"## {title}\n\n{table(batches, casters)}\n" for title, batches in sets.items()]
+    parts += [f"{OTHER_KINDS}\n{table_of_other_kinds(casters[0])}\n"]
     parts += ["## Where they disagree\n\nRed: wrong. Orange: edge band. Grey: agrees, darker farther away.\n"]
     PAGE.write_text("\n".join([*parts, draw(casters)]))
 

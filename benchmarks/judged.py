@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from peers import Answer, Caster
 
-from rigcast.check import geom_type_name
-from rigcast.oracle import Comparison, Oracle, RayHits, Verdict, compare
+import rigcast
+from rigcast.oracle import Comparison, Oracle, RayHits, Things, Verdict, compare
+from rigcast.oracle.things import TYPES
 
 Floats = npt.NDArray[np.float64]
 MOVE = 1e-5  # of 1 + t [m]: the edge band of rigcast.oracle
@@ -17,12 +18,13 @@ MOVE = 1e-5  # of 1 + t [m]: the edge band of rigcast.oracle
 
 @dataclass(frozen=True)
 class Batch:
-    """Rays through one state of a model: origins (n, 3) [m], unit directions (n, 3), in the world."""
+    """Rays through one state of a model, and props on it: origins (n, 3) [m], unit directions (n, 3), in the world."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
     origins: Floats
     directions: Floats
+    props: tuple[rigcast.Prop, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ def judge(caster: Caster, batch: Batch) -> Comparison:
     """Cast a batch and compare it with mj_ray, ray by ray."""
     model, data, origins, directions = batch.model, batch.data, batch.origins, batch.directions
     hits = completed(batch, caster.cast(model, data, origins, directions))
-    return compare(model, data, origins, directions, hits)
+    return compare(model, data, origins, directions, hits, props=batch.props)
 
 
 def completed(batch: Batch, answer: Answer) -> RayHits:
@@ -55,12 +57,12 @@ def completed(batch: Batch, answer: Answer) -> RayHits:
     missed = np.isposinf(distance)
     if answer.geom_id is not None and answer.normal is not None:
         return RayHits(distance, answer.geom_id, answer.normal)
-    oracle = Oracle(batch.model)
-    nearest = oracle.cast(batch.data, batch.origins, batch.directions)
+    oracle = Oracle(batch.model, batch.data)
+    nearest = oracle.cast(batch.origins, batch.directions)
     rays = np.flatnonzero(~missed & ~np.isclose(nearest.distance, distance, rtol=0, atol=MOVE))
     for move in _moves():
         reach = MOVE * (1 + np.minimum(distance[rays], nearest.distance[rays]))[:, None]
-        other = oracle.cast(batch.data, batch.origins[rays] + reach * move, batch.directions[rays])
+        other = oracle.cast(batch.origins[rays] + reach * move, batch.directions[rays])
         closer = np.abs(other.distance - distance[rays]) < np.abs(nearest.distance[rays] - distance[rays])
         nearest.put(rays[closer], other.take(closer))
     return RayHits(distance, np.where(missed, -1, nearest.geom_id), np.where(missed[:, None], 0.0, nearest.normal))
@@ -76,14 +78,12 @@ def _moves() -> Floats:
 
 def rows(batches: list[Batch], found: list[Comparison]) -> Iterator[Row]:
     """Yield one row for each type of geom that was hit, one for rays that miss, and one for all."""
-    kinds = [
-        np.where(f.geom_ids() >= 0, b.model.geom_type[f.geom_ids()], -1) for b, f in zip(batches, found, strict=True)
-    ]
-    kind = np.concatenate(kinds)
+    pairs = zip(batches, found, strict=True)
+    kind = np.concatenate([Things.of(batch.model, batch.props).types_of(f.things()) for batch, f in pairs])
     verdict = np.concatenate([f.verdict for f in found])
     error = np.concatenate([f.error for f in found])
-    for one in np.unique(kind):
-        yield _row(geom_type_name(int(one)), verdict[kind == one], error[kind == one])
+    for one in sorted(set(kind.tolist()), key=TYPES.index):
+        yield _row(one, verdict[kind == one], error[kind == one])
     yield _row("all", verdict, error)
 
 

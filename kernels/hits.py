@@ -11,7 +11,7 @@ import warp as wp
 from .geometry import Geometry, TriangleBlock
 from .solids import SHEET, closed_form_normal, has_triangles, intersect_closed_form
 from .tree import WIDTH
-from .triangle import CULL_NONE, GRAZING, decide_triangle, tilted
+from .triangle import CULL_NONE, GRAZING, decide_triangle
 from .vectors import larger, to_double, to_float
 
 NO_SHAPE = wp.constant(2**31 - 1)
@@ -64,7 +64,7 @@ def decide_lane(block: TriangleBlock, j: int, origin: wp.vec3d, direction: wp.ve
     v0 = to_double(wp.vec3(block.x0[j], block.y0[j], block.z0[j])) - origin
     v1 = to_double(wp.vec3(block.x1[j], block.y1[j], block.z1[j])) - origin
     v2 = to_double(wp.vec3(block.x2[j], block.y2[j], block.z2[j])) - origin
-    return decide_triangle(tilted(direction), v0, v1, v2, cull)
+    return decide_triangle(direction, v0, v1, v2, cull)
 
 
 @wp.func
@@ -142,7 +142,7 @@ def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
         place.normal = outward(kind, normal, slope)
         place.face = block.face[lane]
     else:
-        place.distance = hit.near
+        place.distance = larger(hit.near, 0.0)  # which makes +0 of -0
         place.normal = normal_of_closed_form(kind, g.size[hit.shape], rotation, offset, ray.direction, hit.near)
         place.face = -1
     return place
@@ -181,5 +181,7 @@ def normal_of_closed_form(
     kind: int, size: wp.vec3, rotation: wp.mat33d, offset: wp.vec3d, direction: wp.vec3d, distance: float
 ) -> wp.vec3:
     """In the world, where a ray hits a closed form; offset as in distance_to_plane."""
-    point = to_float(wp.transpose(rotation) * (offset + wp.float64(distance) * direction))
-    return to_float(rotation * to_double(closed_form_normal(kind, size, point)))
+    to_local = wp.transpose(rotation)
+    point = to_float(to_local * (offset + wp.float64(distance) * direction))
+    normal = closed_form_normal(kind, size, point, to_float(to_local * direction))
+    return to_float(rotation * to_double(normal))

@@ -44,6 +44,7 @@ BOX = wp.constant(5)
 TRIANGLES = wp.constant(6)
 SHEET = wp.constant(7)  # triangles with two outer sides: the normal is that of the side that the ray comes from
 
+PLACE_ROUNDING = wp.constant(2.0**-22)
 MINIMUM = wp.constant(1.0e-15)  # MuJoCo's mjMINVAL: a ray less steep than this runs along a plane
 
 
@@ -208,56 +209,65 @@ def normalized(a: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def plane_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
+def plane_normal(p: wp.vec3, d: wp.vec3, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
     return wp.vec3(0.0, 0.0, 1.0)
 
 
 @wp.func
-def sphere_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
+def sphere_normal(p: wp.vec3, d: wp.vec3, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
     return normalized(p)
 
 
 @wp.func
-def capsule_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:
+def capsule_normal(p: wp.vec3, d: wp.vec3, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
     return normalized(wp.vec3(p[0], p[1], p[2] - larger(-size[1], smaller(p[2], size[1]))))
 
 
 @wp.func
-def ellipsoid_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:
+def ellipsoid_normal(p: wp.vec3, d: wp.vec3, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
     """The gradient of (x / a)^2 + (y / b)^2 + (z / c)^2, scaled against overflow."""
     return normalized(wp.cw_div(wp.cw_div(p, size), size / wp.max(size)))
 
 
 @wp.func
-def cylinder_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:
-    """Of the side and the caps, the surface that p lies nearer to."""
-    out = wp.sqrt(p[0] * p[0] + p[1] * p[1])
-    on_side = wp.where(wp.abs(p[2]) - size[1] > out - size[0], 0.0, wp.where(out > 0.0, 1.0 / out, 0.0))
-    return wp.vec3(p[0] * on_side, p[1] * on_side, wp.where(on_side == 0.0, wp.sign(p[2]), 0.0))
+def time_off(gap: float, speed: float, size: float) -> float:
+    """How far along a ray a face is whose plane lies a gap away, rounding included: never 0 within the plane."""
+    return (wp.abs(gap) + PLACE_ROUNDING * size) / wp.abs(speed)
 
 
 @wp.func
-def box_normal(p: wp.vec3, size: wp.vec3) -> wp.vec3:
-    """Of the six faces, the one that p lies nearest to."""
-    x = wp.abs(p[0]) - size[0]
-    y = wp.abs(p[1]) - size[1]
-    z = wp.abs(p[2]) - size[2]
-    on_x = wp.where(x >= y, wp.where(x >= z, 1.0, 0.0), 0.0)
-    on_y = wp.where(y >= z, 1.0 - on_x, 0.0)
+def cylinder_normal(p: wp.vec3, d: wp.vec3, size: wp.vec3) -> wp.vec3:
+    """Of the side and the caps, the surface that the ray crosses nearest to p."""
+    out = wp.sqrt(p[0] * p[0] + p[1] * p[1])
+    per_out = wp.where(out > 0.0, 1.0 / out, 0.0)
+    side = time_off(out - size[0], (p[0] * d[0] + p[1] * d[1]) * per_out, out + size[0])
+    cap = time_off(wp.abs(p[2]) - size[1], d[2], wp.abs(p[2]) + size[1])
+    on_side = wp.where(cap < side, 0.0, per_out)
+    return wp.vec3(p[0] * on_side, p[1] * on_side, wp.where(cap < side, wp.sign(p[2]), 0.0))
+
+
+@wp.func
+def box_normal(p: wp.vec3, d: wp.vec3, size: wp.vec3) -> wp.vec3:
+    """Of the six faces, the one that the ray crosses nearest to p."""
+    x = time_off(wp.abs(p[0]) - size[0], d[0], size[0])
+    y = time_off(wp.abs(p[1]) - size[1], d[1], size[1])
+    z = time_off(wp.abs(p[2]) - size[2], d[2], size[2])
+    on_x = wp.where(x <= y, wp.where(x <= z, 1.0, 0.0), 0.0)
+    on_y = wp.where(y <= z, 1.0 - on_x, 0.0)
     return wp.vec3(on_x * wp.sign(p[0]), on_y * wp.sign(p[1]), (1.0 - on_x - on_y) * wp.sign(p[2]))
 
 
 @wp.func
-def closed_form_normal(kind: int, size: wp.vec3, p: wp.vec3) -> wp.vec3:
-    """Unit outward normal of a closed-form geom at the point p of its surface."""
+def closed_form_normal(kind: int, size: wp.vec3, p: wp.vec3, d: wp.vec3) -> wp.vec3:
+    """Unit outward normal of a closed-form geom where a ray along d hits it at the point p."""
     if kind == SPHERE:
-        return sphere_normal(p, size)
+        return sphere_normal(p, d, size)
     if kind == CAPSULE:
-        return capsule_normal(p, size)
+        return capsule_normal(p, d, size)
     if kind == ELLIPSOID:
-        return ellipsoid_normal(p, size)
+        return ellipsoid_normal(p, d, size)
     if kind == CYLINDER:
-        return cylinder_normal(p, size)
+        return cylinder_normal(p, d, size)
     if kind == BOX:
-        return box_normal(p, size)
-    return plane_normal(p, size)
+        return box_normal(p, d, size)
+    return plane_normal(p, d, size)

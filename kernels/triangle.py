@@ -32,10 +32,11 @@ Together 6u |w| + 6u t, over |d . n| (which is > GRAZING there, so that second o
 
 It says from where to where t may be by 8u instead of 6u, which is more by the rounding of that itself.
 
-Float64 is off by its tilt (below), 1.1e-9 t / |cos|, and by u t where the result is stored: less, down to |cos| = 1e-8.
+Float64 is off by u t where the result is stored, and by its tilt (below), 1.1e-9 t / |cos|: less, down to |cos| = 1e-8.
 
-A ray that is aimed at a vertex, or runs within a face, has no one answer. Float64 therefore decides for a ray tilted by
-1e-9 rad in an odd direction, `tilted`, for which things are as they seem: it meets one face first, and that one shows.
+A ray that is aimed at a vertex, or runs within a face, has no one answer. Near edges and nearly edge-on float64 decides
+for a ray tilted by 1e-9 rad in an odd direction, `tilted`, for which things are as they seem: it meets one face first,
+and that one shows. No ray slips through for it: all triangles whose edges it is near judge the same tilted ray.
 """
 
 import warp as wp
@@ -51,6 +52,8 @@ DISTANCE_ROUNDING = wp.constant(4.0 * 2.0**-23)  # 8u
 GRAZING = wp.constant(0.02)  # |d . n| below which float32 loses the distance
 ROUNDING_64 = wp.constant(wp.float64(8.0 * 2.0**-52))
 EDGE_ON = wp.constant(wp.float64(1.0e-13))  # |d . n| below which float64 loses the distance
+NEARLY_EDGE_ON = wp.constant(wp.float64(1.0e-7))  # |d . n| which a tilt may make another
+NEAR_EDGE = wp.constant(wp.float64(1.0e7))  # room, in roundings, which a tilt may take
 TILT = wp.constant(wp.vec3d(0.62e-9, -0.35e-9, 0.70e-9))
 
 
@@ -175,11 +178,24 @@ def norm1_64(a: wp.vec3d) -> wp.float64:
 
 
 @wp.func
-def edge_room(direction: wp.vec3d, a: wp.vec3d, b: wp.vec3d, side: wp.float64) -> wp.float64:
-    """side * s(a, b) plus its error: >= 0 where the ray may pass the edge on that side (1: left, -1: right)."""
-    e = a - b
-    room = ROUNDING_64 * norm1_64(e) * (norm1_64(a) + norm1_64(b))
-    return side * wp.dot(direction, wp.cross(e, a + b)) + room
+def edge_side_64(direction: wp.vec3d, a: wp.vec3d, b: wp.vec3d) -> wp.float64:
+    return wp.dot(direction, wp.cross(a - b, a + b))
+
+
+@wp.func
+def edge_rounding_64(a: wp.vec3d, b: wp.vec3d) -> wp.float64:
+    """More than edge_side_64 can be wrong by."""
+    return ROUNDING_64 * norm1_64(a - b) * (norm1_64(a) + norm1_64(b))
+
+
+@wp.func
+def least_room(direction: wp.vec3d, v0: wp.vec3d, v1: wp.vec3d, v2: wp.vec3d, normal: wp.vec3d) -> wp.float64:
+    """How far inside its nearest edge the ray passes, in multiples of that edge's rounding: >= -1 may be inside."""
+    side = wp.where(wp.dot(direction, normal) > wp.float64(0.0), wp.float64(1.0), wp.float64(-1.0))
+    room0 = side * edge_side_64(direction, v0, v1) / edge_rounding_64(v0, v1)
+    room1 = side * edge_side_64(direction, v1, v2) / edge_rounding_64(v1, v2)
+    room2 = side * edge_side_64(direction, v2, v0) / edge_rounding_64(v2, v0)
+    return wp.min(room0, wp.min(room1, room2))
 
 
 @wp.func
@@ -190,20 +206,20 @@ def tilted(direction: wp.vec3d) -> wp.vec3d:
 
 @wp.func
 def decide_triangle(direction: wp.vec3d, v0: wp.vec3d, v1: wp.vec3d, v2: wp.vec3d, cull: int) -> wp.float64:
-    """Distance to the triangle along the unit direction, +inf on a miss, decided in float64."""
-    miss = wp.float64(wp.inf)
+    """Distance to the triangle along the unit direction, +inf on a miss, decided in float64.
+
+    Where the ray is near an edge or nearly within the plane, it is the tilted one that is asked.
+    """
     normal = wp.cross(v1 - v0, v2 - v0)
+    size = wp.length(normal)
     slope = wp.dot(direction, normal)
-    if wp.abs(slope) <= EDGE_ON * wp.length(normal) or is_culled(float(slope), cull):
-        return miss
-    side = wp.where(slope > wp.float64(0.0), wp.float64(1.0), wp.float64(-1.0))
-    if (
-        edge_room(direction, v0, v1, side) < wp.float64(0.0)
-        or edge_room(direction, v1, v2, side) < wp.float64(0.0)
-        or edge_room(direction, v2, v0, side) < wp.float64(0.0)
-    ):
-        return miss
+    ray = direction
+    if wp.abs(slope) <= NEARLY_EDGE_ON * size or least_room(direction, v0, v1, v2, normal) < NEAR_EDGE:
+        ray = tilted(direction)
+        slope = wp.dot(ray, normal)
+        if wp.abs(slope) <= EDGE_ON * size or least_room(ray, v0, v1, v2, normal) < wp.float64(-1.0):
+            return wp.float64(wp.inf)
     t = wp.dot(v0, normal) / slope
-    if t < wp.float64(0.0):
-        return miss
+    if t < wp.float64(0.0) or is_culled(float(slope), cull):
+        return wp.float64(wp.inf)
     return t

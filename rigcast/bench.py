@@ -72,12 +72,11 @@ def _bench_sensor(rig: Rig, data: mujoco.MjData, name: str, rounds: int, sample:
     spec = next(spec for spec in rig.sensors if spec.name == name)
     every = np.arange(len(directions))
     some = np.unique(np.linspace(0, len(directions) - 1, min(sample, len(directions))).astype(np.intp))
-    oracle = Oracle(rig.model, spec.filter)
-    posed = _posed(rig.model, data)
+    oracle = Oracle(rig.model, _posed(rig.model, data), spec.filter)
     casters = (
         _Caster("rigcast", every, lambda: rig.cast(data, [name])[name].numpy()),
-        _Caster("mj_multiRay", every, lambda: _multi_ray(oracle, posed, origin, directions)),
-        _Caster("mj_ray", some, lambda: oracle.cast(posed, origin, directions[some])),
+        _Caster("mj_multiRay", every, lambda: _multi_ray(oracle, origin, directions)),
+        _Caster("mj_ray", some, lambda: oracle.cast(origin, directions[some])),
     )
     seconds, hits = _take_turns(casters, rounds)
     answers = [RayHits.of(hit) for hit in hits]
@@ -95,14 +94,12 @@ def _posed(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
     return posed
 
 
-def _multi_ray(
-    oracle: Oracle, data: mujoco.MjData, origin: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
-) -> RayHits:
+def _multi_ray(oracle: Oracle, origin: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]) -> RayHits:
     count = len(directions)
     hits = RayHits(np.empty(count), np.empty(count, np.int32), np.empty((count, 3)))
     mujoco.mj_multiRay(
         oracle.model,
-        data,
+        oracle.data,
         origin,
         directions.ravel(),
         oracle.groups,

@@ -1,4 +1,4 @@
-"""A rig against MuJoCo: every sensor's rays in several states of the simulation, judged by mj_ray."""
+"""A rig against MuJoCo: every sensor's rays in several states of the simulation, judged by `rigcast.oracle`."""
 
 import copy
 from collections.abc import Iterator
@@ -9,17 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from rigcast import oracle
-from rigcast.oracle import Comparison, RayHits, Verdict
-from rigcast.sensors.errors import InputError
+from rigcast.oracle import Comparison, RayHits, Things, Verdict, deformable
+from rigcast.oracle.things import TYPES
 from rigcast.sensors.rig.rig import Rig
+from rigcast.sensors.scene.part import Owner
 
-NO_GEOM = "none"  # rays that miss, and are expected to
 WRONG_SHOWN = 5
 
 
 @dataclass(frozen=True)
 class Row:
-    """The rays of one sensor at one type of geom.
+    """The rays of one sensor at one type of geom, at flexes, skins or props, or ("none") at nothing.
 
     Errors are |t - t_ref| [m] of rays that agree on a hit, and the same over the bound that agreeing allows;
     0 where there are none.
@@ -39,11 +39,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Hit:
-    """What a ray met: distance [m], geom, outward normal. A miss has no distance, geom -1 and normal 0."""
+    """What a ray met: distance [m], its kind, id and name, outward normal. A miss has no distance, id -1, normal 0."""
 
     distance: float | None
-    geom_id: int
-    geom: str | None
+    kind: Owner | None
+    id: int
+    name: str | None
     normal: tuple[float, ...]
 
 
@@ -66,11 +67,15 @@ class WrongRay:
 
 @dataclass(frozen=True)
 class Report:
-    """What a check found: rows by sensor and geom type, the first few wrong rays, the times checked [s]."""
+    """What a check found: rows by sensor and geom type, the first few wrong rays, the times checked [s].
+
+    not_judged: how many rays were passed over, because they end on a flex or skin and MuJoCo is older than 4.
+    """
 
     rows: tuple[Row, ...]
     wrong_rays: tuple[WrongRay, ...]
     times: tuple[float, ...]
+    not_judged: int = 0
 
     def total(self, field: str) -> int:
         """Return the sum over all rows of `rays`, `agree`, `edge` or `wrong`."""
@@ -79,7 +84,10 @@ class Report:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """The judged rays of one sensor in one state; index (n,) is the place of each in the flat reading."""
+    """The judged rays of one sensor in one state.
+
+    index (n,) is the place of each in the flat reading, not_judged how many rays of the reading cannot be judged.
+    """
 
     sensor: str
     step: int
@@ -89,6 +97,7 @@ class _Part:
     origins: npt.NDArray[np.float64]
     directions: npt.NDArray[np.float64]
     found: Comparison
+    not_judged: int
 
 
 def check(
@@ -105,20 +114,23 @@ def check(
     rays: about how many in all, shared evenly among sensors and states and drawn at random from each reading;
     a sensor that has fewer is checked whole. states: how many, evenly over `duration` [s].
 
-    mj_ray sees neither flexes nor skins: rays that end on one are not judged.
-
-    Raises InputError for a rig with props, which mj_ray does not see either.
+    Geoms are judged by mj_ray, SDF geoms and props by mj_ray on their meshes, flexes and skins by mj_rayFlex and
+    mju_raySkin; MuJoCo before 4 cannot answer for these last two, and rays that end on them are passed over.
     """
-    if rig.props:
-        raise InputError("check: mj_ray does not see props, expected a rig without")
     parts: list[_Part] = []
     rng = np.random.default_rng(seed)
     quota = max(1, rays // (states * len(rig.sensors)))
     for step in _states(rig.model, data, states, duration):
         parts += [_judge(rig, data, spec.name, step, quota, rng) for spec in rig.sensors]
-    rows = [row for spec in rig.sensors for row in _rows(rig.model, [p for p in parts if p.sensor == spec.name])]
-    wrong = [_wrong_ray(rig.model, part, ray) for part in parts for ray in part.found.where(Verdict.WRONG)]
-    return Report(tuple(rows), tuple(wrong[:WRONG_SHOWN]), tuple(dict.fromkeys(part.time for part in parts)))
+    things = Things.of(rig.model, rig.props)
+    rows = [row for spec in rig.sensors for row in _rows(things, [p for p in parts if p.sensor == spec.name])]
+    wrong = [(part, ray) for part in parts for ray in part.found.where(Verdict.WRONG).tolist()]
+    return Report(
+        tuple(rows),
+        tuple(_wrong_ray(things, part, ray) for part, ray in wrong[:WRONG_SHOWN]),
+        tuple(dict.fromkeys(part.time for part in parts)),
+        sum(part.not_judged for part in parts),
+    )
 
 
 def _states(model: mujoco.MjModel, data: mujoco.MjData, states: int, duration: float) -> Iterator[int]:
@@ -132,59 +144,62 @@ def _states(model: mujoco.MjModel, data: mujoco.MjData, states: int, duration: f
 
 
 def _judge(rig: Rig, data: mujoco.MjData, sensor: str, step: int, quota: int, rng: np.random.Generator) -> _Part:
-    """Cast all of a sensor's rays, judge at most `quota` of those that end on no flex or skin."""
+    """Cast all of a sensor's rays, judge at most `quota` of them."""
     rays, hits = rig.rays(data, [sensor])[sensor], rig.cast(data, [sensor])[sensor].numpy()
     shape = hits.distance.shape
     # pixels that a fisheye lens leaves dark have no ray
-    has_ray = np.isfinite(rays.directions).all(axis=-1)
-    can_judge = np.flatnonzero(has_ray & (hits.flex_id < 0) & (hits.skin_id < 0))
+    has_ray = np.isfinite(rays.directions).all(axis=-1).reshape(-1)
+    is_geom = ((hits.flex_id < 0) & (hits.skin_id < 0)).reshape(-1)
+    can_judge = np.flatnonzero(has_ray & (is_geom | deformable.CAN_JUDGE))
     index = np.sort(rng.choice(can_judge, min(quota, can_judge.size), replace=False))
     directions = rays.directions.reshape(-1, 3)[index]
     origins = np.broadcast_to(rays.origins, rays.directions.shape).reshape(-1, 3)[index]
-    got = RayHits.of(hits).take(index)
+    numbers = Things.of(rig.model, rig.props).numbers(hits)
+    got = RayHits.of(hits)._replace(geom_id=numbers).take(index)
     spec = next(spec for spec in rig.sensors if spec.name == sensor)
-    found = oracle.compare(rig.model, _posed(rig.model, data), origins, directions, got, spec.filter)
-    return _Part(sensor, step, data.time, shape, index, origins, directions, found)
+    posed = _posed(rig.model, data)
+    found = oracle.compare(rig.model, posed, origins, directions, got, spec.filter, rig.props)
+    not_judged = int(has_ray.sum()) - can_judge.size
+    return _Part(sensor, step, data.time, shape, index, origins, directions, found, not_judged)
 
 
 def _posed(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    """Return a copy whose poses are those of `data.time`: mj_step leaves them one step behind."""
+    """Return a copy with all that rays meet, and mounts hang on, as of `data.time`: mj_step leaves it a step behind."""
     posed = copy.copy(data)
     mujoco.mj_kinematics(model, posed)
+    mujoco.mj_comPos(model, posed)
+    mujoco.mj_flex(model, posed)
+    mujoco.mj_camlight(model, posed)
     return posed
 
 
-def _rows(model: mujoco.MjModel, parts: list[_Part]) -> Iterator[Row]:
-    """Yield one sensor's rows, by geom type."""
-    geom = np.concatenate([part.found.geom_ids() for part in parts])
+def _rows(things: Things, parts: list[_Part]) -> Iterator[Row]:
+    """Yield one sensor's rows, by type."""
+    kind = things.types_of(np.concatenate([part.found.things() for part in parts]))
     verdict = np.concatenate([part.found.verdict for part in parts])
     error = np.concatenate([part.found.error for part in parts])
     scaled = np.concatenate([part.found.scaled for part in parts])
-    kind = np.where(geom >= 0, model.geom_type[geom], -1)
-    for one in np.unique(kind):
+    for one in sorted(set(kind.tolist()), key=TYPES.index):
         of, good = kind == one, (kind == one) & (verdict == Verdict.AGREE)
         counts = [int((verdict[of] == each).sum()) for each in Verdict]
         errors = [*_worst_and_p999(error[good]), *_worst_and_p999(scaled[good])]
-        yield Row(parts[0].sensor, geom_type_name(int(one)), int(of.sum()), *counts, *errors)
+        yield Row(parts[0].sensor, one, int(of.sum()), *counts, *errors)
 
 
 def _worst_and_p999(values: npt.NDArray[np.float64]) -> tuple[float, float]:
     return (float(values.max()), float(np.quantile(values, 0.999))) if values.size else (0.0, 0.0)
 
 
-def geom_type_name(kind: int) -> str:
-    """Return MuJoCo's name of a geom type as MJCF writes it, "none" for -1."""
-    return NO_GEOM if kind < 0 else mujoco.mjtGeom(kind).name.removeprefix("mjGEOM_").lower()
-
-
-def _wrong_ray(model: mujoco.MjModel, part: _Part, ray: int) -> WrongRay:
+def _wrong_ray(things: Things, part: _Part, ray: int) -> WrongRay:
     place = tuple(int(i) for i in np.unravel_index(part.index[ray], part.shape))
     start, towards = tuple(part.origins[ray].tolist()), tuple(part.directions[ray].tolist())
-    got, expected = (_hit(model, hits, ray) for hits in (part.found.got, part.found.expected))
+    got, expected = (_hit(things, hits, ray) for hits in (part.found.got, part.found.expected))
     return WrongRay(part.sensor, part.step, part.time, place, start, towards, got, expected)
 
 
-def _hit(model: mujoco.MjModel, hits: RayHits, ray: int) -> Hit:
-    distance, geom = float(hits.distance[ray]), int(hits.geom_id[ray])
-    name = (model.geom(geom).name or None) if 0 <= geom < model.ngeom else None
-    return Hit(distance if np.isfinite(distance) else None, geom, name, tuple(hits.normal[ray].tolist()))
+def _hit(things: Things, hits: RayHits, ray: int) -> Hit:
+    number, normal = int(hits.geom_id[ray]), tuple(hits.normal[ray].tolist())
+    distance = float(hits.distance[ray]) if np.isfinite(hits.distance[ray]) else None
+    if not 0 <= number < len(things.kinds):
+        return Hit(distance, None, number, None, normal)
+    return Hit(distance, things.kinds[number], things.ids[number], things.names[number], normal)

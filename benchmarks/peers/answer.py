@@ -14,7 +14,7 @@ Floats = npt.NDArray[np.float64]
 @dataclass(frozen=True)
 class Answer:
     """What n rays hit: distance (n,) [m], +inf on a miss; geom_id (n,) and outward normal (n, 3), or None where
-    the caster does not report them."""
+    the caster does not report them. geom_id counts on to flexes, skins and props as `rigcast.oracle.Things` does."""
 
     distance: Floats
     geom_id: npt.NDArray[np.int32] | None

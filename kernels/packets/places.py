@@ -7,7 +7,7 @@ from rigcast.kernels.hits import distance_of, distance_to_plane, outward
 from rigcast.kernels.solids import has_triangles
 from rigcast.kernels.tree import WIDTH
 from rigcast.kernels.triangle import GRAZING
-from rigcast.kernels.vectors import to_double, to_float
+from rigcast.kernels.vectors import larger, to_double, to_float
 
 from .packet import LANES, TileRays, Vectors, int_lanes, lanes, world_ray
 from .solids import closed_form_normals
@@ -91,12 +91,23 @@ def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) ->
     point_x = lanes()
     point_y = lanes()
     point_z = lanes()
+    direction_x = lanes()
+    direction_y = lanes()
+    direction_z = lanes()
     for i in range(LANES):
-        point = to_float(to_local * (offset + wp.float64(distance[i]) * wp.vec3d(x[i], y[i], z[i])))
+        d = wp.vec3d(x[i], y[i], z[i])
+        point = to_float(to_local * (offset + wp.float64(distance[i]) * d))
+        direction = to_float(to_local * d)
         point_x[i] = point[0]
         point_y[i] = point[1]
         point_z[i] = point[2]
-    local = closed_form_normals(g.kind[shape], g.size[shape], vectors(point_x, point_y, point_z))
+        direction_x[i] = direction[0]
+        direction_y[i] = direction[1]
+        direction_z[i] = direction[2]
+        distance[i] = larger(distance[i], 0.0)
+    points = vectors(point_x, point_y, point_z)
+    directions = vectors(direction_x, direction_y, direction_z)
+    local = closed_form_normals(g.kind[shape], g.size[shape], points, directions)
     local_x = local.x
     local_y = local.y
     local_z = local.z

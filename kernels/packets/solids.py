@@ -44,17 +44,20 @@ def intersections(intersect: Any) -> Any:
 
 
 def normals(normal: Any) -> Any:
-    """normal(point, size) for every lane's point."""
+    """normal(point, direction, size) for every lane's point and direction."""
 
-    def over_lanes(p: Vectors, size: wp.vec3) -> Vectors:
+    def over_lanes(p: Vectors, d: Vectors, size: wp.vec3) -> Vectors:
         x = p.x
         y = p.y
         z = p.z
+        d_x = d.x
+        d_y = d.y
+        d_z = d.z
         normal_x = lanes()
         normal_y = lanes()
         normal_z = lanes()
         for i in range(LANES):
-            n = normal(wp.vec3(x[i], y[i], z[i]), size)
+            n = normal(wp.vec3(x[i], y[i], z[i]), wp.vec3(d_x[i], d_y[i], d_z[i]), size)
             normal_x[i] = n[0]
             normal_y[i] = n[1]
             normal_z[i] = n[2]
@@ -98,15 +101,15 @@ def intersect_closed_forms(kind: int, size: wp.vec3, origin: wp.vec3, d: Vectors
 
 
 @wp.func
-def closed_form_normals(kind: int, size: wp.vec3, p: Vectors) -> Vectors:
+def closed_form_normals(kind: int, size: wp.vec3, p: Vectors, d: Vectors) -> Vectors:
     if kind == PLANE:
-        return plane_normals(p, size)
+        return plane_normals(p, d, size)
     if kind == SPHERE:
-        return sphere_normals(p, size)
+        return sphere_normals(p, d, size)
     if kind == CAPSULE:
-        return capsule_normals(p, size)
+        return capsule_normals(p, d, size)
     if kind == ELLIPSOID:
-        return ellipsoid_normals(p, size)
+        return ellipsoid_normals(p, d, size)
     if kind == CYLINDER:
-        return cylinder_normals(p, size)
-    return box_normals(p, size)
+        return cylinder_normals(p, d, size)
+    return box_normals(p, d, size)

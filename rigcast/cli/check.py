@@ -1,7 +1,7 @@
 """`rigcast check`: cast a rig's rays and compare each with MuJoCo's own."""
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -28,17 +28,17 @@ def check(
     json_file: Annotated[Path | None, typer.Option("--json", help="file to write the result to")] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
 ) -> None:
-    """Compare every sensor's rays with mj_ray, which sees no props, flexes or skins. Exits with 1 if any is wrong."""
+    """Compare every sensor's rays with MuJoCo's own, ray by ray. Exits with 1 if any is wrong."""
     console = Console(highlight=False)
     config, compiled = open_rig(rig, model)
     data = initial_data(compiled, config.keyframe)
-    loaded = ready_rig(console, replace(config, props=()), compiled, data, device)
+    loaded = ready_rig(console, config, compiled, data, device)
     report = check_rig(loaded, data, rays=rays)
     console.print(_table(report))
     for wrong in report.wrong_rays:
         console.print(escape(_sentence(wrong)), soft_wrap=True)
-    if config.props:
-        console.print(f"{len(config.props)} props left out: mj_ray does not see them", soft_wrap=True)
+    if report.not_judged:
+        console.print(f"{report.not_judged} rays end on flexes or skins: not judged before MuJoCo 4", soft_wrap=True)
     console.print(escape(_verdict(rig, report)), soft_wrap=True)
     if json_file is not None:
         with replacing(json_file) as temporary:
@@ -56,7 +56,7 @@ def as_json(rig: Path, report: Report) -> str:
 def _table(report: Report) -> Table:
     table = Table("sensor", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.caption = "worst, 99.9 %: |t - t_ref| [µm] of rays that agree"
-    table.add_column("geom", no_wrap=True)
+    table.add_column("hit", no_wrap=True)
     for column in ("rays", "agree", "edge band", "wrong", "worst", "99.9 %", "of allowed"):
         table.add_column(column, justify="right", no_wrap=True)
     previous = None
@@ -86,11 +86,11 @@ def _sentence(wrong: WrongRay) -> str:
 
 
 def _hit(hit: Hit) -> str:
-    if hit.geom_id < 0 and hit.distance is None:
+    if hit.id == -1 and hit.distance is None:
         return "no hit"
-    name = f" {hit.geom!r}" if hit.geom else ""
+    name = f" {hit.name!r}" if hit.name else ""
     distance = "no distance" if hit.distance is None else f"{hit.distance:.9g} m"
-    return f"{distance}, geom {hit.geom_id}{name}, normal {[round(x, 6) for x in hit.normal]}"
+    return f"{distance}, {hit.kind or 'id'} {hit.id}{name}, normal {[round(x, 6) for x in hit.normal]}"
 
 
 def _verdict(rig: Path, report: Report) -> str:

@@ -2,5 +2,7 @@
 
 from rigcast.oracle.judge import Comparison, Verdict, compare
 from rigcast.oracle.ray import Oracle, RayHits, cast
+from rigcast.oracle.things import Things
+from rigcast.oracle.world import World
 
-__all__ = ["Comparison", "Oracle", "RayHits", "Verdict", "cast", "compare"]
+__all__ = ["Comparison", "Oracle", "RayHits", "Things", "Verdict", "World", "cast", "compare"]

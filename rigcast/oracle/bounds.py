@@ -3,20 +3,22 @@
 import numpy as np
 
 from rigcast.oracle.ray import Bools, Floats, RayHits
+from rigcast.oracle.world import World
 
 DISTANCE_BOUND = 1e-5  # of 1 + t, over |cos| of the angle of incidence
 SMALLEST_COS = 1e-3
 NORMAL_BOUND = 1e-3  # of 1 - n . n_ref
+TIE = 2e-6  # of 1 + t: things this close along the ray are at the same distance
 
 
 def missed(hits: RayHits) -> Bools:
     return np.isposinf(hits.distance) & (hits.geom_id == -1) & (hits.normal == 0).all(axis=1)
 
 
-def well_formed(hits: RayHits, ngeom: int) -> Bools:
-    """Return (n,) True for misses as they must be, and for hits with a distance, geom and unit normal."""
+def well_formed(hits: RayHits, count: int) -> Bools:
+    """Return (n,) True for misses as they must be, and hits on one of `count` things, with distance and unit normal."""
     unit = np.abs(np.linalg.norm(hits.normal, axis=1) - 1) <= NORMAL_BOUND
-    hit = np.isfinite(hits.distance) & (hits.distance >= 0) & (hits.geom_id >= 0) & (hits.geom_id < ngeom) & unit
+    hit = np.isfinite(hits.distance) & (hits.distance >= 0) & (hits.geom_id >= 0) & (hits.geom_id < count) & unit
     return hit | missed(hits)
 
 
@@ -38,3 +40,18 @@ def agrees(unit: Floats, got: RayHits, reference: RayHits) -> Bools:
     normal = (turned <= NORMAL_BOUND) & (np.abs(length - 1) <= NORMAL_BOUND)
     same = (got.geom_id == reference.geom_id) & (scaled <= 1)
     return same & (normal | (missed(got) & missed(reference)))
+
+
+def tied(world: World, starts: Floats, unit: Floats, got: RayHits, expected: RayHits) -> RayHits:
+    """Return what each ray is held to: `expected`, or the oracle's on the tied thing or face that the caster names."""
+    both_hit = (expected.geom_id >= 0) & (got.geom_id >= 0) & (got.geom_id < world.count)
+    other_side = (got.normal * expected.normal).sum(axis=1) < 0
+    rays = np.flatnonzero(both_hit & ((got.geom_id != expected.geom_id) | other_side))
+    if not rays.size:
+        return expected
+    other = world.cast_at(starts[rays], unit[rays], got.geom_id[rays], got.normal[rays])
+    nearest = expected.distance[rays]
+    close = np.abs(other.distance - nearest) <= TIE * (1 + nearest)
+    held = expected.take(np.arange(len(unit)))
+    held.put(rays[close], other.take(close))
+    return held

@@ -2,18 +2,16 @@
 
 import functools
 
-import mujoco
 import numpy as np
 
-from rigcast.oracle.bounds import DISTANCE_BOUND, SMALLEST_COS, agrees
-from rigcast.oracle.ray import Floats, Oracle, RayHits, flat_rays
+from rigcast.oracle.bounds import DISTANCE_BOUND, SMALLEST_COS, agrees, tied
+from rigcast.oracle.ray import Floats, RayHits, flat_rays
+from rigcast.oracle.world import World
 
 MOVE = 1e-5  # origins move by at most this times 1 + t [m], directions by at most this [rad]
 
 
-def in_edge_band(
-    oracle: Oracle, data: mujoco.MjData, start: Floats, unit: Floats, got: RayHits, expected: RayHits
-) -> bool:
+def in_edge_band(world: World, start: Floats, unit: Floats, got: RayHits, expected: RayHits) -> bool:
     """Return whether a neighbour of one ray makes mj_ray give the caster's own answer."""
     reach = MOVE * (1 + min(got.distance[0], expected.distance[0]))  # both cannot be inf: that would agree
     moves, tilts = _neighbours()
@@ -21,23 +19,24 @@ def in_edge_band(
     _, towards = flat_rays(start, unit + MOVE * tilts @ frame[:2])
     candidates = [(start + reach * moves @ frame, towards)]
     if np.isfinite(got.distance[0]):
-        point = _on_its_geom(oracle, data, start, unit, got)
+        point = _on_its_surface(world, start, unit, got)
         candidates += _through(point, got.distance[0], got.normal[0], unit, towards, reach)
     origins, directions = (np.vstack(part) for part in zip(*candidates, strict=True))
     near = np.flatnonzero(np.linalg.norm(origins - start, axis=1) <= reach * (1 + 1e-9))
     for part in np.split(near, [16, 64, 256]):  # most disputes end within the first few
-        answers = oracle.cast(data, origins[part], directions[part])
-        if agrees(directions[part], got.take(np.zeros(len(part), int)), answers).any():
+        starts, along, own = origins[part], directions[part], got.take(np.zeros(len(part), int))
+        answers = tied(world, starts, along, own, world.cast(starts, along))
+        if agrees(along, own, answers).any():
             return True
     return False
 
 
-def _on_its_geom(oracle: Oracle, data: mujoco.MjData, start: Floats, unit: Floats, got: RayHits) -> Floats:
-    """Return the point that the caster claims to have hit, put onto its geom along its normal."""
+def _on_its_surface(world: World, start: Floats, unit: Floats, got: RayHits) -> Floats:
+    """Return the point that the caster claims to have hit, put onto the surface that it names, along its normal."""
     t, normal = got.distance[0], got.normal[0]
     point = start + t * unit
     above = 2 * MOVE * (1 + t)
-    foot = oracle.cast_at(data, (point + above * normal)[None], -normal[None], got.geom_id).distance[0]
+    foot = world.cast_at((point + above * normal)[None], -normal[None], got.geom_id, normal[None]).distance[0]
     put: Floats = point + (above - foot if foot <= 2 * above else 0.0) * normal
     return put
 

@@ -1,6 +1,7 @@
 """`mj_ray`, ray by ray in float64: what MuJoCo itself says that a ray hits."""
 
 import copy
+import functools
 from typing import Any, NamedTuple
 
 import mujoco
@@ -15,7 +16,10 @@ Bools = npt.NDArray[np.bool_]
 
 
 class RayHits(NamedTuple):
-    """What n rays hit: distance (n,) [m], geom_id (n,), outward unit normal (n, 3). A miss is +inf, -1, 0."""
+    """What n rays hit: distance (n,) [m], geom_id (n,), outward unit normal (n, 3). A miss is +inf, -1, 0.
+
+    Where flexes, skins or props are judged as well, `geom_id` counts on beyond the geoms: see `Things`.
+    """
 
     distance: Floats
     geom_id: Ints
@@ -28,6 +32,10 @@ class RayHits(NamedTuple):
         geom_id = np.asarray(hits.geom_id, np.int32).reshape(-1)
         return cls(distance, geom_id, np.asarray(hits.normal, np.float64).reshape(-1, 3))
 
+    @classmethod
+    def misses(cls, count: int) -> "RayHits":
+        return cls(np.full(count, np.inf), np.full(count, -1, np.int32), np.zeros((count, 3)))
+
     def take(self, rays: Any) -> "RayHits":
         """Return the hits of some of the rays, by index, slice or mask."""
         return RayHits(self.distance[rays], self.geom_id[rays], self.normal[rays])
@@ -38,24 +46,25 @@ class RayHits(NamedTuple):
 
 
 class Oracle:
-    """mj_ray over one model, seeing what a filter lets it see.
+    """mj_ray over the geoms of a model in the poses of `data` as they stand, seeing what a filter lets it see.
 
     Groups, static geoms and one excluded body are mj_ray's own arguments. What they cannot say (several
     bodies, subtrees, visual or collision geometry) is hidden in a private copy of the model, as alpha 0
     without a material.
     """
 
-    def __init__(self, model: mujoco.MjModel, filter: Filter | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, filter: Filter | None = None) -> None:
         filter = filter or Filter()
         bodies = _excluded_bodies(model, filter)
-        self.ngeom = int(model.ngeom)
+        self.count = int(model.ngeom)
+        self.data = data
         self.groups = _group_flags(filter)
         self.static = filter.static
         self.body = bodies.pop() if len(bodies) == 1 else -1
         self.model = _with_hidden(model, _unsayable(model, filter, bodies))
 
-    def cast(self, data: mujoco.MjData, origins: npt.ArrayLike, directions: npt.ArrayLike) -> RayHits:
-        """Return what rays in the world frame hit, in the poses of `data` as they stand.
+    def cast(self, origins: npt.ArrayLike, directions: npt.ArrayLike) -> RayHits:
+        """Return what rays in the world frame hit.
 
         origins (3,) or (..., 3) [m]; directions (..., 3), any non-zero length. The answer is flat, in C
         order. Raises ValueError for a zero or non-finite direction, which would end the process inside
@@ -65,22 +74,32 @@ class Oracle:
         distance = np.empty(len(unit))
         geom_id = np.empty(len(unit), np.int32)
         normal = np.empty((len(unit), 3))
-        ray, model, groups, static, body = mujoco.mj_ray, self.model, self.groups, self.static, self.body
+        ray, (model, data), seen = mujoco.mj_ray, (self.model, self.data), (self.groups, self.static, self.body)
         for i, (start, direction) in enumerate(zip(starts, unit, strict=True)):
-            distance[i] = ray(model, data, start, direction, groups, static, body, geom_id[i : i + 1], normal[i])
+            distance[i] = ray(model, data, start, direction, *seen, geom_id[i : i + 1], normal[i])
         distance[geom_id < 0] = np.inf
         return RayHits(distance, geom_id, normal)
 
-    def cast_at(self, data: mujoco.MjData, origins: Floats, directions: Floats, geom_id: Ints) -> RayHits:
-        """Return what each ray hits when its own geom, `geom_id` (n,), is all that it could hit."""
+    @functools.cached_property
+    def _one_by_one(self) -> "Oracle":
+        """This oracle with all geoms hidden."""
         only = copy.copy(self)
         only.model = _with_hidden(self.model, np.ones(self.model.ngeom, bool))
-        hits = RayHits(np.full(len(geom_id), np.inf), np.full(len(geom_id), -1, np.int32), np.zeros_like(origins))
+        return only
+
+    def cast_at(self, origins: Floats, directions: Floats, geom_id: Ints, normals: Floats | None = None) -> RayHits:
+        """Return what each ray hits when its own geom, `geom_id` (n,), is all that it could hit.
+
+        normals: not used; mj_ray names one face of a geom.
+        """
+        del normals
+        only = self._one_by_one
+        hits = RayHits.misses(len(geom_id))
         for geom in np.unique(geom_id[geom_id >= 0]):
             rays = geom_id == geom
             only.model.geom_matid[geom] = self.model.geom_matid[geom]
             only.model.geom_rgba[geom] = self.model.geom_rgba[geom]
-            hits.put(rays, only.cast(data, origins[rays], directions[rays]))
+            hits.put(rays, only.cast(origins[rays], directions[rays]))
             only.model.geom_matid[geom] = -1
             only.model.geom_rgba[geom, 3] = 0
         return hits
@@ -93,8 +112,8 @@ def cast(
     directions: npt.ArrayLike,
     filter: Filter | None = None,
 ) -> RayHits:
-    """Return what mj_ray hits along each ray: `Oracle(model, filter).cast(data, origins, directions)`."""
-    return Oracle(model, filter).cast(data, origins, directions)
+    """Return what mj_ray hits along each ray: `Oracle(model, data, filter).cast(origins, directions)`."""
+    return Oracle(model, data, filter).cast(origins, directions)
 
 
 def _excluded_bodies(model: mujoco.MjModel, filter: Filter) -> set[int]:

@@ -1,6 +1,6 @@
 """What a sensor reads: one frame per reading, on the device, as numpy on demand."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels import reading
 from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.sensors.scene.part import Owner
 from rigcast.sensors.specs.lens import Lens
 
 
@@ -23,7 +24,7 @@ class Frame:
     (beams, columns) for a spinning lidar, (height, width) for a camera, (rays,) for others. They belong to the
     frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out when asked for.
 
-    Where `range` is not finite: points are NaN, ids -1, normals 0.
+    Where `range` is not finite: points are NaN, ids -1, normals 0. A hit on a flex, skin or prop has `geom_id` -1.
     """
 
     sensor: str
@@ -32,7 +33,7 @@ class Frame:
     shape: tuple[int, ...]
     _hits: HitArrays
     _rays: Rays
-    _geom_of_shape: wp.array
+    _ids_of_shape: Mapping[Owner, wp.array]
     _body_of_shape: wp.array
 
     @cached_property
@@ -47,12 +48,27 @@ class Frame:
 
     @cached_property
     def geom_id(self) -> wp.array:
-        """(...) int32: MuJoCo's id of the geom, -1 where nothing was hit."""
-        return reading.take(self._geom_of_shape, self._hits.shape).reshape(self.shape)
+        """(...) int32: MuJoCo's id of the geom, -1 where none was hit."""
+        return self._ids("geom")
+
+    @cached_property
+    def flex_id(self) -> wp.array | None:
+        """(...) int32: MuJoCo's id of the flex, -1 where none was hit; None in a scene without flexes."""
+        return self._ids("flex")
+
+    @cached_property
+    def skin_id(self) -> wp.array | None:
+        """(...) int32: MuJoCo's id of the skin, -1 where none was hit; None in a scene without skins."""
+        return self._ids("skin")
+
+    @cached_property
+    def prop_id(self) -> wp.array | None:
+        """(...) int32: the place of the prop in the list of props, -1 where none was hit; None without props."""
+        return self._ids("prop")
 
     @cached_property
     def body_id(self) -> wp.array:
-        """(...) int32: MuJoCo's id of the geom's body, -1 where nothing was hit."""
+        """(...) int32: MuJoCo's id of the body of what was hit, -1 where nothing was, or a thing of several bodies."""
         return reading.take(self._body_of_shape, self._hits.shape).reshape(self.shape)
 
     @cached_property
@@ -69,6 +85,10 @@ class Frame:
     def stamp(self) -> wp.array:
         """(...) float64 [s]: when each ray was fired."""
         return wp.full(self.shape, self.time, dtype=wp.float64, device=self._hits.distance.device)
+
+    def _ids(self, owner: Owner) -> wp.array | None:
+        table = self._ids_of_shape.get(owner)
+        return None if table is None else reading.take(table, self._hits.shape).reshape(self.shape)
 
     def _vectors(self, array: wp.array, scalar: type) -> wp.array:
         """n vectors as scalars of shape (..., 3), without a copy."""

@@ -1,7 +1,7 @@
 """A rig: sensors mounted on a MuJoCo model, read together."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
@@ -22,6 +22,7 @@ from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
 from rigcast.sensors.scene.hits import Hits
+from rigcast.sensors.scene.part import Owner
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
@@ -197,8 +198,8 @@ class Rig:
         assert pattern.intrinsics is not None
         return CameraFrame(*common, pattern.intrinsics, pattern.lens, spec.depth_scale, bright)
 
-    def _tables(self) -> tuple[wp.array, wp.array]:
-        return self.scene.ids["geom"], self.scene.body_of_shape
+    def _tables(self) -> tuple[Mapping[Owner, wp.array], wp.array]:
+        return self.scene.ids_in_use, self.scene.body_of_shape
 
 
 def _as_sensors(sensors: object) -> tuple[Sensor, ...]:

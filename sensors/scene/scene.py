@@ -87,6 +87,8 @@ class Scene:
         self.ids = {
             owner: wp.array(np.where(owners == owner, ids, -1), dtype=int, device=self.device) for owner in OWNERS
         }
+        in_use = {"geom"} | {part.owner for part in self._parts if len(part.ids)}
+        self.ids_in_use = {owner: self.ids[owner] for owner in OWNERS if owner in in_use}
         bodies = np.concatenate([part.bodies for part in self._parts])
         self._looks_table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)

@@ -19,7 +19,6 @@ from rigcast.kernels.triangle import (
     intersect_triangle_reference,
     is_inside_triangle,
     plane_distance,
-    tilted,
     triage_triangle,
     triangle_normal,
 )
@@ -106,15 +105,13 @@ def _decide(
     v1: wp.array[wp.vec3],
     v2: wp.array[wp.vec3],
     cull: int,
-    is_tilted: bool,
     out: wp.array[wp.float64],
 ) -> None:
     i = wp.tid()
     o = to_double(origin[i])
-    d = to_double(direction[i])
-    if is_tilted:
-        d = tilted(d)
-    out[i] = decide_triangle(d, to_double(v0[i]) - o, to_double(v1[i]) - o, to_double(v2[i]) - o, cull)
+    out[i] = decide_triangle(
+        to_double(direction[i]), to_double(v0[i]) - o, to_double(v1[i]) - o, to_double(v2[i]) - o, cull
+    )
 
 
 @wp.kernel
@@ -131,9 +128,11 @@ def _closed_form(
 
 
 @wp.kernel
-def _closed_form_normal(size: wp.array[wp.vec3], point: wp.array[wp.vec3], kind: int, out: wp.array[wp.vec3]) -> None:
+def _closed_form_normal(
+    size: wp.array[wp.vec3], point: wp.array[wp.vec3], direction: wp.array[wp.vec3], kind: int, out: wp.array[wp.vec3]
+) -> None:
     i = wp.tid()
-    out[i] = closed_form_normal(kind, size[i], point[i])
+    out[i] = closed_form_normal(kind, size[i], point[i], direction[i])
 
 
 def _over_rows(kernel: wp.Kernel, dtype: Any, vectors: Sequence[ArrayLike], scalars: Sequence[float] = ()) -> Any:
@@ -191,16 +190,10 @@ def triage(
 
 
 def decide(
-    origin: ArrayLike,
-    direction: ArrayLike,
-    v0: ArrayLike,
-    v1: ArrayLike,
-    v2: ArrayLike,
-    cull: int = CULL_NONE,
-    is_tilted: bool = False,
+    origin: ArrayLike, direction: ArrayLike, v0: ArrayLike, v1: ArrayLike, v2: ArrayLike, cull: int = CULL_NONE
 ) -> NDArray[np.float64]:
     """The cast's second look, in float64."""
-    return _over_rows(_decide, wp.float64, [origin, direction, v0, v1, v2], [cull, is_tilted])
+    return _over_rows(_decide, wp.float64, [origin, direction, v0, v1, v2], [cull])
 
 
 def intersect(
@@ -208,12 +201,12 @@ def intersect(
 ) -> NDArray[np.float64]:
     """Both looks, as the cast takes them."""
     first = triage(origin, direction, v0, v1, v2, cull)
-    return np.where(first == UNDECIDED, decide(origin, direction, v0, v1, v2, cull, is_tilted=True), first)
+    return np.where(first == UNDECIDED, decide(origin, direction, v0, v1, v2, cull), first)
 
 
 def closed_form(kind: int, size: ArrayLike, origin: ArrayLike, direction: ArrayLike, cull: int = CULL_NONE) -> Floats:
     return _over_rows(_closed_form, wp.float32, [size, origin, direction], [kind, cull])
 
 
-def normal_at(kind: int, size: ArrayLike, point: ArrayLike) -> Floats:
-    return _over_rows(_closed_form_normal, wp.vec3, [size, point], [kind])
+def normal_at(kind: int, size: ArrayLike, point: ArrayLike, direction: ArrayLike) -> Floats:
+    return _over_rows(_closed_form_normal, wp.vec3, [size, point, direction], [kind])

@@ -267,7 +267,27 @@ def test_small_and_far_round_solids(kind: int, distance: float) -> None:
     ],
 )
 def test_normal_at_known_points(kind: int, size: Point, point: Point, expected: Point) -> None:
-    np.testing.assert_allclose(launchers.normal_at(kind, size, point)[0], expected, atol=2 * EPS)
+    for aside in (0.0, 0.7):
+        direction = unit(-np.array(expected, np.float64) + aside * np.array([0.3, -0.5, 0.4]))
+        np.testing.assert_allclose(launchers.normal_at(kind, size, point, direction)[0], expected, atol=2 * EPS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "point", "direction", "expected"),
+    [
+        (BOX, (1, 1, 1), (-1, 0, 1), (1, 0, 0), (-1, 0, 0)),
+        (BOX, (1, 1, 1), (-1, 0, 1), (1, 0, -1e-8), (-1, 0, 0)),
+        (BOX, (1, 2, 3), (1, 2, -1), (0, -1, 0), (0, 1, 0)),
+        (BOX, (1, 2, 3), (1, 2, -3), (0.1, 0, 1), (0, 0, -1)),
+        (CYLINDER, (1, 2, 0), (-1, 0, 2), (1, 0, 0), (-1, 0, 0)),
+        (CYLINDER, (1, 2, 0), (-1, 0, 2), (0, 0, -1), (0, 0, 1)),
+    ],
+)
+def test_a_ray_within_a_face_hits_the_face_that_it_crosses(
+    kind: int, size: Point, point: Point, direction: Point, expected: Point
+) -> None:
+    """The point, on an edge, tells nothing."""
+    np.testing.assert_allclose(launchers.normal_at(kind, size, point, direction)[0], expected, atol=2 * EPS)
 
 
 @by_name
@@ -275,8 +295,8 @@ def test_normal_is_the_gradient(kind: int) -> None:
     """By differences in float64, at points of the surface that are not on an edge of it."""
     size, o, d = random_rays(np.random.default_rng(SEED + 1))
     t = launchers.closed_form(kind, size, o, d).astype(np.float64)
-    size, p = size[t < INF], (o + np.where(t < INF, t, 0)[:, None] * d)[t < INF]
-    got = launchers.normal_at(kind, size, p)
+    size, p, d = size[t < INF], (o + np.where(t < INF, t, 0)[:, None] * d)[t < INF], d[t < INF]
+    got = launchers.normal_at(kind, size, p, d)
     step = 1e-4 * size.min(axis=1)
     slopes = [
         implicit(kind, size, p + step[:, None] * axis) - implicit(kind, size, p - step[:, None] * axis)

@@ -107,7 +107,7 @@ def in_every_order() -> Iterator[NDArray[np.int64]]:
         yield np.array([a, c, b])
 
 
-@forms("reference", "float64")  # of the cast's, a ray aimed at the border may or may not meet a triangle alone
+@forms("reference")  # of the cast's, a ray aimed at the border may or may not meet a triangle alone
 @pytest.mark.parametrize(("x", "y"), [(0, 0), (4, 0), (0, 4), (2, 0), (2, 2), (0, 2), (1, 3), (3, 1)])
 def test_border_is_part_of_the_triangle(form: Form, x: float, y: float) -> None:
     for corners in in_every_order():

@@ -140,6 +140,54 @@ def test_every_kind_of_disagreement_gets_its_verdict(
     assert Verdict(got.verdict[0]) == verdict, f"got {answer}, mj_ray says {got.expected}"
 
 
+# Boxes "low" and "high" are one and the same cube; the faces of "back" lie 100 um behind theirs, or before them.
+TWINS = mujoco.MjModel.from_xml_string("""
+<mujoco><worldbody>
+  <geom name="low" type="box" size="1 1 1"/><geom name="high" type="box" size="1 1 1"/>
+  <geom name="back" type="box" size="1 1 1" pos="1e-4 0 0"/><geom name="ball" type="sphere" size="3" pos="9 0 0"/>
+</worldbody></mujoco>
+""")
+LOW, HIGH, BACK, BEHIND = range(4)
+INTO = ((-4.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+BESIDE = ((-4.0, 1 + 5e-6, 0.0), (1.0, 0.0, 0.0))  # 5 um past the cubes' edge, to the ball at 10
+BESIDE_FAR = ((-4.0, 1 + 1e-4, 0.0), (1.0, 0.0, 0.0))
+WITHIN = ((-4.0, 0.0, 1.0), (1.0, 0.0, 0.0))  # in the plane of the cubes' tops
+OUT_OF = ((1 - 5e-6, 0.0, 0.0), (1.0, 0.0, 0.0))  # from 5 um inside the cubes' right sides
+
+
+@pytest.mark.parametrize(
+    ("ray", "answer", "verdict"),
+    [
+        pytest.param(INTO, (3.0, HIGH, (-1, 0, 0)), Verdict.AGREE, id="tied, no band needed"),
+        pytest.param(INTO, (3.0001, BACK, (-1, 0, 0)), Verdict.WRONG, id="not tied, no band"),
+        pytest.param(BESIDE, (3.0, LOW, (-1, 0, 0)), Verdict.EDGE, id="what the neighbour hits"),
+        pytest.param(BESIDE, (3.0, HIGH, (-1, 0, 0)), Verdict.EDGE, id="what is tied with what the neighbour hits"),
+        pytest.param(BESIDE, (3.0001, BACK, (-1, 0, 0)), Verdict.WRONG, id="100 um behind what the neighbour hits"),
+        pytest.param(BESIDE, (3.0, BACK, (-1, 0, 0)), Verdict.WRONG, id="where the other is, by a third's name"),
+        pytest.param(BESIDE, (3.0, HIGH, (1, 0, 0)), Verdict.WRONG, id="tied, normal flipped"),
+        pytest.param(BESIDE, (3.0, HIGH, (0, 0, 1)), Verdict.WRONG, id="tied, normal of a face that is not met"),
+        pytest.param(BESIDE, (3.0003, HIGH, (-1, 0, 0)), Verdict.WRONG, id="tied, distance out of the band"),
+        pytest.param(BESIDE, (3.0, BEHIND, (-1, 0, 0)), Verdict.WRONG, id="the ball where the cubes are"),
+        pytest.param(BESIDE_FAR, (3.0, HIGH, (-1, 0, 0)), Verdict.WRONG, id="tied, 100 um past the edge"),
+        pytest.param(WITHIN, (3.0, HIGH, (-1, 0, 0)), Verdict.AGREE, id="within a face, by the side"),
+        pytest.param(WITHIN, (3.0, HIGH, (0, 0, 1)), Verdict.EDGE, id="within a face, by the face"),
+        pytest.param(WITHIN, (3.0, HIGH, (0, 1, 0)), Verdict.WRONG, id="within a face, by another"),
+        pytest.param(WITHIN, (2.9, HIGH, (0, 0, 1)), Verdict.WRONG, id="within a face's plane, before the face"),
+        pytest.param(OUT_OF, (5e-6, HIGH, (1, 0, 0)), Verdict.AGREE, id="out of both"),
+        pytest.param(OUT_OF, (0.0, HIGH, (1, 0, 0)), Verdict.AGREE, id="out of both, on the surface"),
+        pytest.param(OUT_OF, (1.05e-4, BACK, (1, 0, 0)), Verdict.EDGE, id="out of the third, as from just outside"),
+        pytest.param(OUT_OF, (3e-4, BACK, (1, 0, 0)), Verdict.WRONG, id="out of the third, too far"),
+    ],
+)
+def test_a_tie_in_the_band_excuses_only_what_lies_in_one_place(
+    ray: tuple[tuple[float, float, float], tuple[float, float, float]], answer: Answer, verdict: Verdict
+) -> None:
+    data = mujoco.MjData(TWINS)
+    mujoco.mj_kinematics(TWINS, data)
+    got = oracle.compare(TWINS, data, ray[0], [ray[1]], hits(answer))
+    assert Verdict(got.verdict[0]) == verdict, f"got {answer}, mj_ray says {got.expected}"
+
+
 def test_errors_are_those_of_the_rays_and_the_judge_keeps_their_order() -> None:
     directions = np.array([(1.0, 0, 0), (0, 0, 1), (1, 0, 0)])
     got = oracle.compare(MODEL, DATA, (-4, 0, 0), directions, hits((3 + 2e-5, BOX, (-1, 0, 0)), MISS, MISS))
@@ -147,7 +195,7 @@ def test_errors_are_those_of_the_rays_and_the_judge_keeps_their_order() -> None:
     np.testing.assert_allclose(got.scaled, [0.5, 0, np.inf], rtol=1e-6)
     assert got.verdict.tolist() == [Verdict.AGREE, Verdict.AGREE, Verdict.WRONG]
     assert got.where(Verdict.WRONG).tolist() == [2]
-    assert got.geom_ids().tolist() == [BOX, -1, BOX]
+    assert got.things().tolist() == [BOX, -1, BOX]
 
 
 def test_hits_of_other_rays_are_refused() -> None:

@@ -12,7 +12,7 @@ import typer
 from typer.testing import CliRunner
 
 from rigcast import DepthCamera, Filter, HeightScan, Lidar, Mount, Rig, oracle
-from rigcast.check import Report, check, geom_type_name
+from rigcast.check import Report, check
 from rigcast.cli.check import as_json
 from rigcast.cli.check import check as command
 from rigcast.sensors.rig.rig import Sensor
@@ -96,8 +96,8 @@ def test_wrong_rays_are_counted_where_they_are_and_can_be_replayed() -> None:
         spec = next(spec for spec in SENSORS if spec.name == wrong.sensor)
         again = oracle.cast(MODEL, data, wrong.origin, [wrong.direction], spec.filter)
         assert again.distance[0] == wrong.expected.distance
-        assert again.geom_id[0] == wrong.expected.geom_id
-        assert wrong.expected.geom == "post"
+        assert (wrong.expected.kind, wrong.expected.id) == ("geom", again.geom_id[0])
+        assert wrong.expected.name == "post"
         assert wrong.got.distance == pytest.approx(1.01 * again.distance[0], rel=1e-5)
         rays = Rig(MODEL, [spec]).rays(data)[spec.name]
         np.testing.assert_allclose(rays.directions[wrong.ray], wrong.direction, atol=1e-12)
@@ -105,18 +105,13 @@ def test_wrong_rays_are_counted_where_they_are_and_can_be_replayed() -> None:
 
 def test_json_is_strict_and_whole() -> None:
     report = checked(Broken(MODEL, SENSORS), rays=900)
-    missed = replace(report.wrong_rays[0], got=replace(report.wrong_rays[0].got, distance=None, geom_id=-1))
+    missed = replace(report.wrong_rays[0], got=replace(report.wrong_rays[0].got, distance=None, id=-1))
     read = json.loads(as_json(Path("rig.yaml"), replace(report, wrong_rays=(missed,))))
-    assert set(read) == {"rig", "rays", "agree", "edge", "wrong", "rows", "wrong_rays", "times"}
+    assert set(read) == {"rig", "rays", "agree", "edge", "wrong", "rows", "wrong_rays", "times", "not_judged"}
     assert read["rays"] == sum(row["rays"] for row in read["rows"])
     assert read["wrong_rays"][0]["got"]["distance"] is None
-    assert read["wrong_rays"][0]["expected"]["geom"] == "post"
+    assert read["wrong_rays"][0]["expected"]["name"] == "post"
     assert set(read["rows"][0]) >= {"sensor", "geom_type", "worst_error", "p999_error", "worst_of_bound"}
-
-
-@pytest.mark.parametrize(("kind", "name"), [(-1, "none"), (0, "plane"), (1, "hfield"), (6, "box"), (7, "mesh")])
-def test_geom_types_are_named_as_in_mjcf(kind: int, name: str) -> None:
-    assert geom_type_name(kind) == name
 
 
 RIG = """model: world.xml
