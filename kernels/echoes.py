@@ -66,11 +66,19 @@ class Paths:
 
 
 @dataclass(frozen=True)
-class Medium:
-    """extinction: of the air [1/m]. lobe: half angle within which a mirror sends light back to the receiver [rad]."""
+class Setting:
+    """What the light of one reading meets.
 
+    rotation: (1,) mat33d of the rays' frame. limit: the farthest echo [m]. extinction: of the air [1/m]. lobe: half
+    angle within which a mirror sends light back to the receiver [rad]. sub_rays: of each beam.
+    """
+
+    surfaces: SurfaceArrays
+    rotation: wp.array
+    limit: float
     extinction: float
     lobe: float
+    sub_rays: int
 
 
 @wp.func
@@ -90,6 +98,16 @@ def diffuse_share(surfaces: SurfaceArrays, shape: int, cosine: float) -> float:
     """(1 - T) (1 - s) rho cos(theta)."""
     opaque = 1.0 - surfaces.transmission[shape]
     return opaque * (1.0 - surfaces.mirror[shape]) * surfaces.reflectivity[shape] * cosine
+
+
+@wp.func
+def go_on(paths: Paths, j: int, direction: wp.vec3d, distance: float, share: float, out: Paths) -> None:
+    """Light that goes on from this far along path j, a share of it each way."""
+    start = paths.origin[wp.min(j, paths.origin.shape[0] - 1)]
+    out.direction[j] = direction
+    out.origin[j] = start + wp.float64(distance) * paths.direction[j]
+    out.travelled[j] = paths.travelled[j] + distance
+    out.share[j] = paths.share[j] * share * share
 
 
 @wp.kernel
@@ -142,21 +160,16 @@ def reflect_paths(
     echoes.shape[slot] = hit
     echoes.face[slot] = face[j]
     echoes.normal[slot] = normal[j]
+    let_through = surfaces.transmission[hit]
     # a little on, so as not to hit the same surface again
     step = 1.0e-5 * (1.0 + distance[j]) / wp.max(cosine, SHALLOWEST)
-    start = paths.origin[wp.min(j, paths.origin.shape[0] - 1)]
-    if beyond.direction.shape[0] > 0 and surfaces.transmission[hit] > 0.0:
-        beyond.direction[j] = paths.direction[j]
-        beyond.origin[j] = start + wp.float64(distance[j] + step) * paths.direction[j]
-        beyond.travelled[j] = travelled + step
-        beyond.share[j] = paths.share[j] * surfaces.transmission[hit] * surfaces.transmission[hit]
+    if beyond.direction.shape[0] > 0 and let_through > 0.0:
+        go_on(paths, j, paths.direction[j], distance[j] + step, let_through, beyond)
     is_seen_aside = aside.direction.shape[0] > 0 and mirrored > 0.0 and cosine < lobe_cosine
     # one bounce: the first mirror on the way
     if is_seen_aside and not wp.isfinite(aside.direction[j]):
-        aside.direction[j] = wp.transpose(rotation[0]) * (d - wp.float64(2.0) * along * n)
-        aside.origin[j] = start + wp.float64(distance[j] - step) * paths.direction[j]
-        aside.travelled[j] = travelled - step
-        aside.share[j] = paths.share[j] * mirrored * mirrored
+        reflected_direction = wp.transpose(rotation[0]) * (d - wp.float64(2.0) * along * n)
+        go_on(paths, j, reflected_direction, distance[j] - step, mirrored, aside)
 
 
 def new_echoes(slots: int, beams: int, device: wp.DeviceLike) -> Echoes:
@@ -189,23 +202,12 @@ def new_paths(count: int, device: wp.DeviceLike) -> Paths:
 
 
 def reflect(
-    surfaces: SurfaceArrays,
-    hits: HitArrays,
-    paths: Paths,
-    rotation: wp.array,
-    limit: float,
-    medium: Medium,
-    echoes: Echoes,
-    first_slot: int,
-    sub_rays: int,
-    beyond: Paths,
-    aside: Paths,
+    setting: Setting, hits: HitArrays, paths: Paths, first_slot: int, echoes: Echoes, beyond: Paths, aside: Paths
 ) -> None:
-    """Write the echo of each path's hit to slots first_slot..first_slot + sub_rays - 1, and the light that goes on.
+    """Write the echo of each path's hit to the slots from first_slot on, and the light that goes on.
 
-    limit: the farthest echo [m]. beyond: what goes through a surface. aside: what the first mirror throws elsewhere.
+    beyond: what goes through a surface. aside: what the first mirror throws elsewhere.
     """
-    inputs = [surfaces, hits.distance, hits.shape, hits.face, hits.normal, paths, rotation, limit, medium.extinction]
-    inputs += [math.cos(medium.lobe), sub_rays, first_slot]
-    device = hits.distance.device
-    launch_over_rays(reflect_paths, hits.distance.size, inputs, [echoes, beyond, aside], device)
+    inputs = [setting.surfaces, hits.distance, hits.shape, hits.face, hits.normal, paths, setting.rotation]
+    inputs += [setting.limit, setting.extinction, math.cos(setting.lobe), setting.sub_rays, first_slot]
+    launch_over_rays(reflect_paths, hits.distance.size, inputs, [echoes, beyond, aside], hits.distance.device)

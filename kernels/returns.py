@@ -41,8 +41,8 @@ def no_return() -> Return:
 
 
 @wp.func
-def next_group(echoes: Echoes, i: int, beams: int, gap: float, after: float) -> Return:
-    """The nearest group of echoes beyond a range."""
+def group_extent(echoes: Echoes, i: int, beams: int, gap: float, after: float) -> wp.vec2:
+    """The nearest and farthest range of the nearest group of echoes beyond a range; +inf if there is none."""
     slots = echoes.distance.shape[0] / beams
     start = float(wp.inf)
     for q in range(slots):
@@ -52,35 +52,41 @@ def next_group(echoes: Echoes, i: int, beams: int, gap: float, after: float) -> 
     end = float(start)
     grows = bool(start < wp.inf)
     while grows:
-        reach = end + gap
         farther = float(end)
         for q in range(slots):
             d = echoes.distance[q * beams + i]
-            if d <= reach:
+            if d <= end + gap:
                 farther = wp.max(farther, d)
         grows = farther > end
         end = farther
+    return wp.vec2(start, end)
+
+
+@wp.func
+def next_group(echoes: Echoes, i: int, beams: int, gap: float, after: float) -> Return:
+    """The nearest group of echoes beyond a range."""
+    extent = group_extent(echoes, i, beams, gap, after)
     group = no_return()
-    if start == wp.inf:
+    if extent[0] == wp.inf:
         return group
-    group.end = end
+    group.end = extent[1]
     group.power = 0.0
     best = float(-1.0)
     weights = float(0.0)
     moment = float(0.0)
-    for q in range(slots):
+    for q in range(echoes.distance.shape[0] / beams):
         slot = q * beams + i
         d = echoes.distance[slot]
-        if d >= start and d <= end:
+        if d >= extent[0] and d <= extent[1]:
             power = echoes.power[slot]
             weight = wp.max(power, WEAKEST)
             group.power += power
             weights += weight
-            moment += weight * (d - start)
+            moment += weight * (d - extent[0])
             if power > best:
                 best = power
                 group.slot = slot
-    group.distance = start + moment / weights
+    group.distance = extent[0] + moment / weights
     return group
 
 

@@ -50,9 +50,9 @@ class LidarPhysics:
             self._packets = sort_into_packets(self._directions.numpy())
         self._travelled = wp.zeros(self.count * self.sub_rays, dtype=float, device=scene.device)
         self._share = wp.array(np.tile(weights, self.count), dtype=float, device=scene.device)
-        self._medium = echoes.Medium(_extinction(spec.weather or Weather()), math.radians(spec.mirror_lobe_deg))
+        self._extinction = _extinction(spec.weather or Weather())
         self._rain = weather.rain_of(spec.weather.rain_rate if spec.weather else 0.0, _divergence(spec))
-        self._fog = weather.fog_of(_fog_response(spec, self._medium.extinction), scene.device)
+        self._fog = weather.fog_of(_fog_response(spec, self._extinction), scene.device)
         self._noise = _range_noise(spec)
 
     def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> Reading:
@@ -74,64 +74,40 @@ class LidarPhysics:
 
     def _echoes(self, rays: Rays, visible: wp.array, source: RandomSource) -> echoes.Echoes:
         """All that comes back: of surface after surface, of what is seen in a mirror, of rain and fog."""
-        looks, device = self.scene.looks(), self.scene.device
-        surfaces = self._surfaces(looks)
-        layers = self.spec.max_surfaces if looks.has_transparent else 1
-        shows_mirrors = self.spec.mirrors and looks.has_mirrors
+        spec, looks, device, count = self.spec, self.scene.looks(), self.scene.device, rays.directions.size
+        layers = spec.max_surfaces if looks.has_transparent else 1
+        shows_mirrors = spec.mirrors and looks.has_mirrors
         slots = self.sub_rays * (layers + shows_mirrors)
-        found = echoes.new_echoes(slots + 2 * (self.spec.weather is not None), self.count, device)
+        found = echoes.new_echoes(slots + 2 * (spec.weather is not None), self.count, device)
+        setting = self._setting(looks, rays)
         nowhere = echoes.new_paths(0, device)
-        aside = echoes.new_paths(rays.directions.size, device) if shows_mirrors else nowhere
+        aside = echoes.new_paths(count, device) if shows_mirrors else nowhere
         paths = echoes.started(rays, self._travelled, self._share)
         for layer in range(layers):
-            is_last = layer == layers - 1
-            beyond = nowhere if is_last else echoes.new_paths(rays.directions.size, device)
-            self._reflect(rays, paths, visible, surfaces, found, layer, beyond, aside)
+            beyond = echoes.new_paths(count, device) if layer + 1 < layers else nowhere
+            hits = self.scene.cast_rays(rays if layer == 0 else _along(paths, rays), visible, spec.max_range)
+            echoes.reflect(setting, hits, paths, layer * self.sub_rays, found, beyond, aside)
             paths = beyond
         if shows_mirrors:
-            self._reflect(rays, aside, visible, surfaces, found, layers, nowhere, nowhere)
-        if self.spec.weather is not None:
-            weather.add_weather(self._rain, self._fog, source, self._medium.extinction, found, self.count, slots)
+            hits = self.scene.cast_rays(_along(aside, rays), visible, spec.max_range)
+            echoes.reflect(setting, hits, aside, layers * self.sub_rays, found, nowhere, nowhere)
+        if spec.weather is not None:
+            weather.add_weather(self._rain, self._fog, source, self._extinction, found, self.count, slots)
         return found
 
-    def _surfaces(self, looks: Looks) -> echoes.SurfaceArrays:
-        """Opaque and without mirrors, unless these effects are asked for."""
+    def _setting(self, looks: Looks, rays: Rays) -> echoes.Setting:
+        """Surfaces are opaque and no mirrors, unless these effects are asked for."""
         surfaces, none = echoes.SurfaceArrays(), wp.zeros_like(looks.reflectivity)
         surfaces.reflectivity = looks.reflectivity
         surfaces.transmission = looks.surfaces.transmission if self.spec.max_surfaces > 1 else none
         surfaces.mirror = looks.surfaces.mirror if self.spec.mirrors else none
-        return surfaces
+        lobe = math.radians(self.spec.mirror_lobe_deg)
+        return echoes.Setting(surfaces, rays.rotation, self.spec.max_range, self._extinction, lobe, self.sub_rays)
 
-    def _reflect(
-        self,
-        rays: Rays,
-        paths: echoes.Paths,
-        visible: wp.array,
-        surfaces: echoes.SurfaceArrays,
-        found: echoes.Echoes,
-        layer: int,
-        beyond: echoes.Paths,
-        aside: echoes.Paths,
-    ) -> None:
-        """Cast the light of these paths and write its echoes to the slots of a layer."""
-        limit = self.spec.max_range
-        if layer > 0:
-            rays = replace(rays, directions=paths.direction, origins=paths.origin, packets=None)
-        hits = self.scene.cast_rays(rays, visible, limit)
-        first_slot = layer * self.sub_rays
-        echoes.reflect(
-            surfaces,
-            hits,
-            paths,
-            rays.rotation,
-            limit,
-            self._medium,
-            found,
-            first_slot,
-            self.sub_rays,
-            beyond,
-            aside,
-        )
+
+def _along(paths: echoes.Paths, rays: Rays) -> Rays:
+    """The rays of light on its way, in the frame of these rays."""
+    return replace(rays, directions=paths.direction, origins=paths.origin, packets=None)
 
 
 def _sub_rays(spec: Lidar) -> tuple[np.ndarray, np.ndarray]:

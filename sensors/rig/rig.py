@@ -81,7 +81,9 @@ class Rig:
         require_type("Rig: model", model, mujoco.MjModel)
         self.sensors = _as_sensors(sensors)
         self.props = tuple(props)
-        self.seed = seed
+        if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
+            raise InputError(f"Rig: seed: got {seed!r}, expected a whole number from 0 to 2^63 - 1")
+        self.seed = int(seed)
         repeated = [name for name, n in Counter(s.name for s in self.sensors).items() if n > 1]
         if repeated:
             raise InputError(f"Rig: names must differ, got {', '.join(map(repr, repeated))} more than once")

@@ -10,7 +10,7 @@ import pytest
 from confidence import assert_normal, assert_share, assert_uncorrelated
 from lidar_scenes import SEED, ahead, bubble, model_of, sense, wall, wide
 
-from rigcast import Detection, HeightScan, Lidar, Mount, Noise, Rig, Weather
+from rigcast import Detection, HeightScan, InputError, Lidar, Mount, Noise, Rig, Weather
 
 
 @pytest.mark.parametrize(("radius", "std"), [(10, 0.02), (80, 0.1)])
@@ -212,3 +212,9 @@ def test_a_pose_that_is_not_a_number_gives_a_frame_that_is_none() -> None:
         frame = Rig(model, [lidar]).sense(data)["l"]
     assert frame.range.shape == (1, 8, 2)
     assert np.isnan(frame.range.numpy()).all()
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63, 1.5, "7", None])
+def test_a_seed_that_is_none_is_refused(seed: Any) -> None:
+    with pytest.raises(InputError, match=r"Rig: seed: got .*, expected a whole number from 0 to 2\^63 - 1"):
+        Rig(model_of(wall("wall", 10)), LIDARS, seed=seed)
