@@ -1,6 +1,7 @@
 # Every target works by itself on a fresh clone with git and Python >= 3.11; all it downloads is PyPI packages.
 #   make demo [DURATION=seconds] [OUT=folder]    drive the demo robot and write what its sensors see
 #   make test | fuzz | check | bench | test-oldest | clean
+#   make pictures                                draw the errors of sensors: docs/sensors.md
 #   make accuracy                                compare with mj_ray and with other ray casters: docs/accuracy.md
 
 PYTHON ?= python3
@@ -13,11 +14,16 @@ OLDEST := .venv-oldest/bin
 # The oldest dependencies have no wheels for the newest Pythons.
 OLDEST_PYTHON ?= $(firstword $(foreach v,3.11 3.12 3.13,$(shell command -v python$(v))) $(PYTHON))
 
-.PHONY: demo test fuzz check bench accuracy test-oldest clean
+.PHONY: demo pictures test fuzz check bench accuracy test-oldest clean
 .DELETE_ON_ERROR:
 
 demo: .venv/installed
 	$(BIN)/rigcast run configs/demo.yaml --duration $(DURATION) --out $(OUT)
+
+pictures: .venv/installed
+	$(BIN)/python examples/sensor_effects.py docs/sensors
+	$(BIN)/python examples/lidar_effects.py docs/sensors
+	$(BIN)/python examples/lidar_weather.py docs/sensors
 
 test: .venv/installed
 	$(BIN)/python -m pytest -n $(JOBS)

@@ -3,6 +3,7 @@
 import warp as wp
 
 from .cast import HitArrays, Rays
+from .echoes import SurfaceArrays
 from .launch import launch_over_rays
 from .vectors import to_double, to_float
 
@@ -34,6 +35,32 @@ def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
     launch_over_rays(read_hits, hits.distance.size, [rays.rotation, min_range], outputs, hits.distance.device)
 
 
+@wp.kernel
+def bound_readings(
+    first: int,
+    min_range: float,
+    max_range: float,
+    # in and out:
+    distance: wp.array[float],
+    shape: wp.array[int],
+    normal: wp.array[wp.vec3],
+) -> None:
+    i = first + wp.tid()
+    if distance[i] < min_range:
+        distance[i] = -wp.inf
+    elif distance[i] > max_range:
+        distance[i] = wp.inf
+    if not wp.isfinite(distance[i]):
+        shape[i] = -1
+        normal[i] = wp.vec3(0.0, 0.0, 0.0)
+
+
+def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
+    """Make measured distances outside of these limits [m] -inf and +inf, in place; where none is, nothing is hit."""
+    outputs = [hits.distance, hits.shape, hits.normal]
+    launch_over_rays(bound_readings, hits.distance.size, [min_range, max_range], outputs, hits.distance.device)
+
+
 @wp.func
 def point_in_frame(distance: float, direction: wp.vec3d, origins: wp.array[wp.vec3d], i: int) -> wp.vec3d:
     """Where a ray of this range ends, NaN where the range is not finite."""
@@ -50,8 +77,9 @@ def points_in_frame(
     origins: wp.array[wp.vec3d],
     points: wp.array[wp.vec3],
 ) -> None:
-    i = first + wp.tid()
-    points[i] = to_float(point_in_frame(distance[i], directions[i], origins, i))
+    k = first + wp.tid()
+    i = k / (distance.shape[0] / directions.shape[0])
+    points[k] = to_float(point_in_frame(distance[k], directions[i], origins, i))
 
 
 @wp.kernel
@@ -64,8 +92,9 @@ def points_in_world(
     rotation: wp.array[wp.mat33d],
     points: wp.array[wp.vec3d],
 ) -> None:
-    i = first + wp.tid()
-    points[i] = position[0] + rotation[0] * point_in_frame(distance[i], directions[i], origins, i)
+    k = first + wp.tid()
+    i = k / (distance.shape[0] / directions.shape[0])
+    points[k] = position[0] + rotation[0] * point_in_frame(distance[k], directions[i], origins, i)
 
 
 @wp.kernel
@@ -75,9 +104,21 @@ def depth_along_z(
     directions: wp.array[wp.vec3d],
     depth: wp.array[float],
 ) -> None:
-    """z-depth; +-inf where the range is, for no ray looks backwards."""
+    """z-depth, below 0 for rays that look backwards; +-inf and NaN where the range is."""
     i = first + wp.tid()
-    depth[i] = float(wp.float64(distance[i]) * directions[i][2])
+    depth[i] = distance[i]
+    if wp.isfinite(distance[i]):
+        depth[i] = float(wp.float64(distance[i]) * directions[i][2])
+
+
+@wp.kernel
+def depth_in_steps(first: int, depth: wp.array[float], scale: float, steps: wp.array[wp.uint16]) -> None:
+    """The nearest whole number of steps; 0 where that is none that 16 bits hold."""
+    i = first + wp.tid()
+    count = wp.round(depth[i] / scale)
+    steps[i] = wp.uint16(0)
+    if count >= 0.0 and count <= 65535.0:
+        steps[i] = wp.uint16(int(count))
 
 
 @wp.kernel
@@ -89,8 +130,33 @@ def look_up(first: int, table: wp.array[int], index: wp.array[int], values: wp.a
         values[i] = table[index[i]]
 
 
+@wp.kernel
+def reflected_share(
+    first: int,
+    surfaces: SurfaceArrays,
+    directions: wp.array[wp.vec3d],
+    distance: wp.array[float],
+    shape: wp.array[int],
+    normal: wp.array[wp.vec3],
+    intensity: wp.array[float],
+) -> None:
+    i = first + wp.tid()
+    intensity[i] = 0.0
+    if wp.isfinite(distance[i]) and shape[i] >= 0:
+        cosine = wp.abs(float(wp.dot(to_double(normal[i]), directions[i])))
+        intensity[i] = surfaces.reflectivity[shape[i]] * wp.min(cosine, 1.0)
+
+
+def intensity(hits: HitArrays, rays: Rays, surfaces: SurfaceArrays) -> wp.array:
+    """(n,) rho cos(theta) of hits whose normals are in the rays' frame, 0 where there is none."""
+    out = wp.empty(hits.distance.size, dtype=float, device=hits.distance.device)
+    inputs = [surfaces, rays.directions, hits.distance, hits.shape, hits.normal]
+    launch_over_rays(reflected_share, out.size, inputs, [out], out.device)
+    return out
+
+
 def points(distance: wp.array, rays: Rays) -> wp.array:
-    """(n,) vec3 [m] in the rays' frame, NaN where the range is not finite."""
+    """(n k,) vec3 [m] in the frame of n rays with k distances each, NaN where one is not finite."""
     out = wp.empty(distance.size, dtype=wp.vec3, device=distance.device)
     inputs = [distance, rays.directions, rays.origins]
     launch_over_rays(points_in_frame, distance.size, inputs, [out], distance.device)
@@ -98,7 +164,7 @@ def points(distance: wp.array, rays: Rays) -> wp.array:
 
 
 def world_points(distance: wp.array, rays: Rays) -> wp.array:
-    """(n,) vec3d [m] in the world, NaN where the range is not finite."""
+    """(n k,) vec3d [m] in the world, of n rays with k distances each, NaN where one is not finite."""
     out = wp.empty(distance.size, dtype=wp.vec3d, device=distance.device)
     inputs = [distance, rays.directions, rays.origins, rays.position, rays.rotation]
     launch_over_rays(points_in_world, distance.size, inputs, [out], distance.device)
@@ -109,6 +175,13 @@ def z_depth(distance: wp.array, rays: Rays) -> wp.array:
     """(n,) float32 [m], the z coordinate of the points; +-inf and NaN where the range is."""
     out = wp.empty(distance.size, dtype=float, device=distance.device)
     launch_over_rays(depth_along_z, distance.size, [distance, rays.directions], [out], distance.device)
+    return out
+
+
+def depth_16bit(depth: wp.array, scale: float) -> wp.array:
+    """(n,) uint16: depth (n,) [m] in steps of scale [m], 0 where it is not finite or beyond 65535 steps."""
+    out = wp.empty(depth.size, dtype=wp.uint16, device=depth.device)
+    launch_over_rays(depth_in_steps, depth.size, [depth, scale], [out], depth.device)
     return out
 
 

@@ -15,26 +15,44 @@ if TYPE_CHECKING:
     from .sensors.specs.depth_camera import DepthCamera as DepthCamera
     from .sensors.specs.filter import Filter as Filter
     from .sensors.specs.height_scan import HeightScan as HeightScan
+    from .sensors.specs.lens import BrownConrady as BrownConrady
+    from .sensors.specs.lens import KannalaBrandt as KannalaBrandt
     from .sensors.specs.lidar import Lidar as Lidar
+    from .sensors.specs.lidar_effects import Beam as Beam
+    from .sensors.specs.lidar_effects import Detection as Detection
+    from .sensors.specs.lidar_effects import Noise as Noise
+    from .sensors.specs.lidar_effects import Weather as Weather
     from .sensors.specs.mount import Mount as Mount
     from .sensors.specs.prop import Prop as Prop
+    from .sensors.specs.ranging import Stereo as Stereo
+    from .sensors.specs.ranging import TimeOfFlight as TimeOfFlight
+    from .sensors.specs.surface import Surface as Surface
 
     __version__: str
 
 _HOME = {
+    "Beam": "sensors.specs.lidar_effects",
+    "BrownConrady": "sensors.specs.lens",
     "CameraFrame": "sensors.rig.frame",
     "DepthCamera": "sensors.specs.depth_camera",
+    "Detection": "sensors.specs.lidar_effects",
     "Filter": "sensors.specs.filter",
     "Frame": "sensors.rig.frame",
     "HeightScan": "sensors.specs.height_scan",
     "Hits": "sensors.scene.hits",
     "InputError": "sensors.errors",
+    "KannalaBrandt": "sensors.specs.lens",
     "Lidar": "sensors.specs.lidar",
     "LidarFrame": "sensors.rig.frame",
     "Mount": "sensors.specs.mount",
+    "Noise": "sensors.specs.lidar_effects",
     "Prop": "sensors.specs.prop",
     "Rig": "sensors.rig.rig",
     "Scene": "sensors.scene.scene",
+    "Stereo": "sensors.specs.ranging",
+    "Surface": "sensors.specs.surface",
+    "TimeOfFlight": "sensors.specs.ranging",
+    "Weather": "sensors.specs.lidar_effects",
     "load_rig": "config",
 }
 

@@ -147,7 +147,10 @@ def _judge(rig: Rig, data: mujoco.MjData, sensor: str, step: int, quota: int, rn
     """Cast all of a sensor's rays, judge at most `quota` of them."""
     rays, hits = rig.rays(data, [sensor])[sensor], rig.cast(data, [sensor])[sensor].numpy()
     shape = hits.distance.shape
-    can_judge = np.flatnonzero(((hits.flex_id < 0) & (hits.skin_id < 0)).reshape(-1) | deformable.CAN_JUDGE)
+    # pixels that a fisheye lens leaves dark have no ray
+    has_ray = np.isfinite(rays.directions).all(axis=-1).reshape(-1)
+    is_geom = ((hits.flex_id < 0) & (hits.skin_id < 0)).reshape(-1)
+    can_judge = np.flatnonzero(has_ray & (is_geom | deformable.CAN_JUDGE))
     index = np.sort(rng.choice(can_judge, min(quota, can_judge.size), replace=False))
     directions = rays.directions.reshape(-1, 3)[index]
     origins = np.broadcast_to(rays.origins, rays.directions.shape).reshape(-1, 3)[index]
@@ -156,7 +159,7 @@ def _judge(rig: Rig, data: mujoco.MjData, sensor: str, step: int, quota: int, rn
     spec = next(spec for spec in rig.sensors if spec.name == sensor)
     posed = _posed(rig.model, data)
     found = oracle.compare(rig.model, posed, origins, directions, got, spec.filter, rig.props)
-    not_judged = hits.distance.size - can_judge.size
+    not_judged = int(has_ray.sum()) - can_judge.size
     return _Part(sensor, step, data.time, shape, index, origins, directions, found, not_judged)
 
 

@@ -18,6 +18,7 @@ from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.spec import Spec
+from rigcast.sensors.specs.surface import Surface
 
 from .yaml_positions import YamlFile, read_yaml
 
@@ -41,6 +42,9 @@ class RigFile(Spec):
     )
     props: tuple[Prop, ...] = Field(
         default=(), description="meshes that rays hit and the model does not have, each with a name of its own"
+    )
+    surfaces: tuple[Surface, ...] = Field(
+        default=(), description="how things reflect, in place of the model's colours; the last entry for one counts"
     )
     sensors: tuple[AnySensor, ...] = Field(
         description="the sensors, each with a name of its own", json_schema_extra={"minItems": 1}
@@ -67,6 +71,7 @@ class RigConfig:
     keyframe: str | None
     on_unsupported: Literal["error", "warn"]
     props: tuple[Prop, ...]
+    surfaces: tuple[Surface, ...]
     sensors: tuple[AnySensor, ...]
 
     def build(self, model: mujoco.MjModel, device: str | None = None, seed: int | None = None) -> "Rig":
@@ -74,7 +79,15 @@ class RigConfig:
         from rigcast.sensors.rig.rig import Rig  # here, as reading and checking files needs no Warp
 
         own_seed = self.seed if seed is None else seed
-        return Rig(model, self.sensors, device, own_seed, props=self.props, on_unsupported=self.on_unsupported)
+        return Rig(
+            model,
+            self.sensors,
+            device,
+            own_seed,
+            props=self.props,
+            surfaces=self.surfaces,
+            on_unsupported=self.on_unsupported,
+        )
 
 
 def read_rig(path: str | Path) -> RigConfig:
@@ -188,6 +201,9 @@ def _binding_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) ->
         unbound += [fault.under("sensors", i) for fault in _SENSOR.validate_python(raw).faults(model)]
     for i, raw in _sound_items("props", content, faults):
         unbound += [fault.under("props", i) for fault in Prop.model_validate(raw).faults(model)]
+    props = [str(raw.get("name")) for raw in _raw_items("props", content) if isinstance(raw, dict)]
+    for i, raw in _sound_items("surfaces", content, faults):
+        unbound += [fault.under("surfaces", i) for fault in Surface.model_validate(raw).faults(model, props)]
     return unbound
 
 
@@ -240,4 +256,6 @@ def _config(document: YamlFile) -> RigConfig:
     file, folder = RigFile.model_validate(document.content), document.path.parent
     model = None if file.model is None else folder / file.model
     props = tuple(prop.model_copy(update={"file": folder / prop.file}) for prop in file.props)
-    return RigConfig(document.path, model, file.seed, file.keyframe, file.on_unsupported, props, file.sensors)
+    return RigConfig(
+        document.path, model, file.seed, file.keyframe, file.on_unsupported, props, file.surfaces, file.sensors
+    )

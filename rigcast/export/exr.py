@@ -5,8 +5,9 @@ frame), `geom_id`, `body_id` (32-bit unsigned). In Z and range +inf is no return
 minimum, NaN invalid; there the normal is 0 and the ids are 4294967295.
 
 Attributes: `sensor`, `units`, `conventions`, `ids` (JSON, see IdTable.json) are strings; `time` [s] is one
-float64, `pose` (4x4, sensor in world) and `intrinsics` (3x3) are float64 matrices. OpenEXR would round a
-Python float to float32, so no number is handed over as one.
+float64, `pose` (4x4, sensor in world) and `intrinsics` (3x3) are float64 matrices. A camera with a lens adds
+`distortion_model`, "brown_conrady" or "kannala_brandt", and `distortion_k1`... by OpenCV's names, one float64 each.
+OpenEXR would round a Python float to float32, so no number is handed over as one.
 """
 
 from pathlib import Path
@@ -23,7 +24,9 @@ CONVENTIONS = (
     "pose maps the sensor's optical frame (x right, y down, z forward) into the world; "
     "Z is the depth along z, range the distance from the sensor; +inf no return, -inf nearer than the "
     "minimum, NaN invalid; normals are in the optical frame, 0 on a miss; an id of 4294967295 is a miss; "
-    "intrinsics count pixels from the top left corner of the image, pixel centres are at +0.5"
+    "intrinsics count pixels from the top left corner of the image, pixel centres are at +0.5; "
+    "distortion_model, if any, is OpenCV's: brown_conrady with distortion_k1 k2 p1 p2 k3 k4 k5 k6, "
+    "kannala_brandt (fisheye) with distortion_k1 k2 k3 k4"
 )
 
 
@@ -46,7 +49,16 @@ def _header(frame: CameraFrame, ids: IdTable) -> dict[str, Any]:
         "units": "metres, seconds, pixels",
         "conventions": CONVENTIONS,
         "ids": ids.json(),
+        **_distortion(frame),
     }
+
+
+def _distortion(frame: CameraFrame) -> dict[str, Any]:
+    if frame.lens is None:
+        return {}
+    coefficients = frame.lens.model_dump(exclude={"type"})
+    numbers = {f"distortion_{name}": np.array([value], dtype=np.float64) for name, value in coefficients.items()}
+    return {"distortion_model": frame.lens.type, **numbers}
 
 
 def _channels(frame: CameraFrame) -> dict[str, NDArray[Any]]:

@@ -5,6 +5,8 @@ Frames, F rows in the order written: `sensor` (F,) str, `frame` (F,) int64, its 
 `ply`, `npz`) the file (F,) str, relative to the folder of frames.npz, "" where that sensor is not written so.
 Sensors, S rows in the order of the rig: `sensor_name`, `sensor_type` (S,) str, `sensor_shape` (S, 2) int64,
 the last 0 where rays have one axis only, `sensor_intrinsics` (S, 3, 3) float64, NaN unless a camera,
+`sensor_distortion_model` (S,) str, "" without a lens, `sensor_distortion` (S, 8) float64, its coefficients in OpenCV's
+order, then NaN,
 `sensor_spec` (S,) str, JSON of everything the rig says about it, with Infinity as Python writes and reads it.
 Ids: `geom_name`, `geom_body`, `body_name` of `IdTable`.
 """
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 
 from rigcast.export.ids import IdTable
 from rigcast.sensors.rig.frame import Frame
+from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
@@ -68,14 +71,23 @@ class FrameIndex:
 def _sensor_table(sensors: Sequence[SensorSpec], patterns: Mapping[str, Pattern]) -> dict[str, NDArray[Any]]:
     nothing = np.full((3, 3), np.nan)
     shapes = [patterns[spec.name].shape for spec in sensors]
+    lenses = [patterns[spec.name].lens for spec in sensors]
     matrices = [patterns[spec.name].intrinsics for spec in sensors]
     return {
         "sensor_name": np.array([spec.name for spec in sensors], dtype=np.str_),
         "sensor_type": np.array([spec.type for spec in sensors], dtype=np.str_),
         "sensor_shape": np.array([(*shape, 0)[:2] for shape in shapes], dtype=np.int64),
         "sensor_intrinsics": np.array([nothing if matrix is None else matrix for matrix in matrices]),
+        "sensor_distortion_model": np.array(["" if lens is None else lens.type for lens in lenses], dtype=np.str_),
+        "sensor_distortion": np.array([_coefficients(lens) for lens in lenses]),
         "sensor_spec": np.array([_spec_json(spec) for spec in sensors], dtype=np.str_),
     }
+
+
+def _coefficients(lens: Lens | None) -> NDArray[np.float64]:
+    """(8,) those of a lens, then NaN."""
+    own = np.empty(0) if lens is None else lens.coefficients
+    return np.concatenate([own, np.full(8 - own.size, np.nan)])
 
 
 def _spec_json(spec: SensorSpec) -> str:

@@ -23,8 +23,12 @@ _WIDTH = WIDTH - 2 * MARGIN - BAR_SPACE
 
 
 def draw_lidar(frame: LidarFrame, pattern: Pattern) -> Image.Image:
-    """Draw ranges over azimuth (left is left, the middle forward) and elevation, and points from above."""
-    distance = frame.range.numpy()
+    """Draw ranges over azimuth (left is left, the middle forward) and elevation, and points from above.
+
+    Of several returns the range image shows the first reported, and the points are of all.
+    """
+    every = frame.range.numpy()
+    distance = every if every.ndim == 2 else every[..., 0]
     beams, columns = distance.shape
     height = int(np.clip(beams * 6, 120, 300))
     top = TITLE_HEIGHT + CAPTION_HEIGHT
@@ -33,7 +37,7 @@ def draw_lidar(frame: LidarFrame, pattern: Pattern) -> Image.Image:
     page = Page(below + MAP_HEIGHT + MARGIN, title, "last frame of the run · range image, and the points from above")
     _range_image(page, top, height, distance, pattern)
     page.legend(MARGIN, top + height + CAPTION_HEIGHT + LEGEND_HEIGHT // 2, distance)
-    _from_above(page, below, frame.points.numpy()[np.isfinite(distance)])
+    _from_above(page, below, frame.points.numpy()[np.isfinite(every)])
     return page.image
 
 

@@ -1,6 +1,6 @@
 """What a sensor reads: one frame per reading, on the device, as numpy on demand."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rigcast.kernels import reading
 from rigcast.kernels.cast import HitArrays, Rays
 from rigcast.sensors.scene.part import Owner
+from rigcast.sensors.specs.lens import Lens
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,19 +97,52 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class LidarFrame(Frame):
-    """A reading of a lidar. ring, column: (beams, columns) int32, the row and column of each ray."""
+    """A reading of a lidar. ring, column: (beams, columns) int32, the row and column of each ray.
+
+    With `returns: dual` every field of each ray has a last axis of 2, before that of vectors.
+    """
 
     ring: wp.array
     column: wp.array
+    _intensity: Callable[[], wp.array]
+
+    @cached_property
+    def intensity(self) -> wp.array:
+        """(beams, columns) float32: what a white surface facing the sensor would have to reflect to look the same.
+
+        reflectivity cos(incidence) of a plain surface in clear air; 0 where the range is not finite.
+        """
+        return self._intensity().reshape(self.shape)
 
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame(Frame):
-    """A reading of a depth camera. intrinsics: (3, 3) float64 [pixels], the camera matrix."""
+    """A reading of a depth camera.
+
+    intrinsics: (3, 3) float64 [pixels], the camera matrix. lens: its distortion, None for a pinhole.
+    depth_scale: depth of one step of `depth_16bit` [m].
+    """
 
     intrinsics: NDArray[np.float64]
+    lens: Lens | None
+    depth_scale: float
+    _intensity: Callable[[], wp.array]
 
     @cached_property
     def depth(self) -> wp.array:
         """(height, width) float32 [m]: z-depth in the optical frame; +-inf and NaN where the range is."""
         return reading.z_depth(self._hits.distance, self._rays).reshape(self.shape)
+
+    @cached_property
+    def depth_16bit(self) -> wp.array:
+        """(height, width) uint16 [depth_scale]: depth as drivers give it, 0 where it is not known or too large."""
+        return reading.depth_16bit(self.depth.flatten(), self.depth_scale).reshape(self.shape)
+
+    @cached_property
+    def intensity(self) -> wp.array:
+        """(height, width) float32: infrared light that comes back, reflectivity |cos incidence| / range^2.
+
+        1 is a white surface that faces the camera at 1 m, 0 where nothing is. An error of the depth does not show in
+        it: where `stereo` or `time_of_flight` give no reading it is that of what is there.
+        """
+        return self._intensity().reshape(self.shape)

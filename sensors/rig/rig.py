@@ -1,8 +1,10 @@
 """A rig: sensors mounted on a MuJoCo model, read together."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count
 from typing import Literal, NamedTuple
 
 import mujoco
@@ -11,12 +13,16 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import Rays
+from rigcast.kernels.infrared import infrared
 from rigcast.kernels.packets.sorting import sort_into_packets
-from rigcast.kernels.reading import read
+from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.physics.depth_camera import DepthPhysics
+from rigcast.sensors.physics.lidar import LidarPhysics
 from rigcast.sensors.scene.hits import Hits
+from rigcast.sensors.scene.part import Owner
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
@@ -25,6 +31,7 @@ from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
+from rigcast.sensors.specs.surface import Surface
 
 from .frame import CameraFrame, Frame, LidarFrame
 from .schedule import Schedule
@@ -48,6 +55,7 @@ class Rig:
         device: a Warp device; None takes CUDA if it is present, else "cpu".
         seed: of all random numbers of the rig.
         props: meshes that are not in the model, as for `Scene`.
+        surfaces: how some of the model and props reflects, as for `Scene`.
         on_unsupported: "error" or "warn", as for `Scene`.
 
     Raises:
@@ -67,19 +75,22 @@ class Rig:
         seed: int = 0,
         *,
         props: Sequence[Prop] = (),
+        surfaces: Sequence[Surface] = (),
         on_unsupported: Literal["error", "warn"] = "error",
     ) -> None:
         require_type("Rig: model", model, mujoco.MjModel)
         self.sensors = _as_sensors(sensors)
         self.props = tuple(props)
-        self.seed = seed
+        if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
+            raise InputError(f"Rig: seed: got {seed!r}, expected a whole number from 0 to 2^63 - 1")
+        self.seed = int(seed)
         repeated = [name for name, n in Counter(s.name for s in self.sensors).items() if n > 1]
         if repeated:
             raise InputError(f"Rig: names must differ, got {', '.join(map(repr, repeated))} more than once")
         for sensor in self.sensors:
             refuse(f"sensor {sensor.name!r}", sensor.faults(model))
         self.model = model
-        self.scene = Scene(model, device, self.props, on_unsupported=on_unsupported)
+        self.scene = Scene(model, device, self.props, surfaces=surfaces, on_unsupported=on_unsupported)
         self._data = mujoco.MjData(model)
         self._mounted = {s.name: _Mounted.on(self.scene, s) for s in self.sensors}
         self._schedules = {s.name: Schedule(s.rate_hz, model.opt.timestep) for s in self.sensors}
@@ -153,16 +164,44 @@ class Rig:
 
     def _frame(self, mounted: "_Mounted", time: float) -> Frame:
         spec, pattern = mounted.spec, mounted.pattern
+        if isinstance(spec, Lidar):
+            return self._lidar_frame(mounted, spec, time)
+        if isinstance(spec, DepthCamera):
+            return self._camera_frame(mounted, spec, time)
         rays = mounted.rays(self._data)
         hits = self.scene.cast_rays(rays, mounted.visible(), spec.max_range)
         read(hits, rays, spec.min_range)
-        tables = (self.scene.ids_in_use, self.scene.body_of_shape)
-        common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, *tables)
-        if mounted.ring is not None and mounted.column is not None:
-            return LidarFrame(*common, mounted.ring, mounted.column)
-        if pattern.intrinsics is not None:
-            return CameraFrame(*common, pattern.intrinsics)
+        common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, *self._tables())
         return Frame(*common)
+
+    def _lidar_frame(self, mounted: "_Mounted", spec: Lidar, time: float) -> LidarFrame:
+        rays, visible, shape = mounted.rays(self._data), mounted.visible(), mounted.pattern.shape
+        if mounted.physics is None:
+            hits = self.scene.cast_rays(rays, visible, spec.max_range)
+            read(hits, rays, spec.min_range)
+            bright = partial(intensity, hits, rays, self.scene.looks().surfaces)
+        else:
+            reading = mounted.physics.read(rays, visible, self.seed, next(mounted.frames))
+            hits, bright = reading.hits, partial(wp.array.flatten, reading.intensity)
+            shape = (*shape, 2) if spec.returns == "dual" else shape
+        common = (spec.name, time, mounted.pose(self._data), shape, hits, rays, *self._tables())
+        return LidarFrame(*common, mounted.ring, mounted.column, bright)
+
+    def _camera_frame(self, mounted: "_Mounted", spec: DepthCamera, time: float) -> CameraFrame:
+        pattern, rays, visible = mounted.pattern, mounted.rays(self._data), mounted.visible()
+        if mounted.depth_physics is None:
+            hits = seen = self.scene.cast_rays(rays, visible, spec.max_range)
+            read(hits, rays, spec.min_range)
+        else:
+            reading = mounted.depth_physics.read(rays, visible, self.seed, next(mounted.frames))
+            hits, seen = reading.hits, reading.seen
+        bright = partial(infrared, seen, rays.directions, self.scene.looks().reflectivity)
+        common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, *self._tables())
+        assert pattern.intrinsics is not None
+        return CameraFrame(*common, pattern.intrinsics, pattern.lens, spec.depth_scale, bright)
+
+    def _tables(self) -> tuple[Mapping[Owner, wp.array], wp.array]:
+        return self.scene.ids_in_use, self.scene.body_of_shape
 
 
 def _as_sensors(sensors: object) -> tuple[Sensor, ...]:
@@ -185,26 +224,37 @@ class _Mounted:
     fixed_rays: Rays
     ring: wp.array | None
     column: wp.array | None
+    physics: LidarPhysics | None
+    depth_physics: DepthPhysics | None
+    frames: Iterator[int]
 
     @staticmethod
     def on(scene: Scene, spec: Sensor) -> "_Mounted":
         pattern = spec.pattern(scene.model)
         origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
 
+        copies = 2 if isinstance(spec, Lidar) and spec.returns == "dual" else 1
         has_packets = pattern.origins is None and scene.device.is_cpu
         packets = sort_into_packets(pattern.directions.reshape(-1, 3)) if has_packets else None
+        rays = replace(scene.rays_in_frame(pattern.directions, origins, np.eye(4)), packets=packets)
 
         def upload(index: NDArray[np.int32] | None) -> wp.array | None:
-            return None if index is None else wp.array(index, dtype=int, device=scene.device)
+            if index is None:
+                return None
+            every = index if copies == 1 else np.repeat(index[..., None], copies, axis=-1)
+            return wp.array(every, dtype=int, device=scene.device)
 
         return _Mounted(
             scene,
             spec,
             spec.mount.bind(scene.model),
             pattern,
-            replace(scene.rays_in_frame(pattern.directions, origins, np.eye(4)), packets=packets),
+            rays,
             upload(pattern.ring),
             upload(pattern.column),
+            LidarPhysics(scene, spec, rays) if isinstance(spec, Lidar) and spec.has_effects else None,
+            DepthPhysics(scene, spec, pattern) if isinstance(spec, DepthCamera) and spec.has_effects else None,
+            count(),
         )
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:

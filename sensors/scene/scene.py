@@ -21,10 +21,12 @@ from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
+from rigcast.sensors.specs.surface import Surface
 
 from .flexes import Flexes
 from .geoms import Geoms
 from .hits import Hits
+from .looks import Looks, LooksTable
 from .model_geometry import unsupported_parts
 from .part import OWNERS, Part
 from .props import Props
@@ -34,11 +36,12 @@ Cull = Literal["none", "back", "front"]
 
 _CULL: dict[str, int] = {"none": CULL_NONE, "back": CULL_BACK, "front": CULL_FRONT}
 
-# What filters ask of a model, besides the tree of its bodies.
+# What filters and surfaces ask of a model, besides the tree of its bodies.
 _LOOKS = (
     *("geom_rgba", "geom_matid", "geom_group", "geom_contype", "geom_conaffinity", "mat_rgba"),
     *("flex_rgba", "flex_matid", "flex_group", "flex_contype", "flex_conaffinity"),
     *("skin_rgba", "skin_matid", "skin_group"),
+    *("mat_reflectance", "mat_texid"),
 )
 
 
@@ -49,6 +52,7 @@ class Scene:
         model: the model. Its meshes are read now, all the rest at every `update`.
         device: a Warp device; None takes CUDA if it is present, else "cpu".
         props: meshes that are not in the model, with different names.
+        surfaces: how some of it reflects, in place of the model's colours; for sensors that measure intensity.
         on_unsupported: what to do about geometry that rays cannot hit (SDF geoms without a mesh): "error"
             raises InputError, "warn" warns and leaves it out.
 
@@ -63,6 +67,7 @@ class Scene:
         device: wp.DeviceLike = None,
         props: Sequence[Prop] = (),
         *,
+        surfaces: Sequence[Surface] = (),
         on_unsupported: Literal["error", "warn"] = "error",
     ) -> None:
         require_type("Scene: model", model, mujoco.MjModel)
@@ -85,10 +90,12 @@ class Scene:
         in_use = {"geom"} | {part.owner for part in self._parts if len(part.ids)}
         self.ids_in_use = {owner: self.ids[owner] for owner in OWNERS if owner in in_use}
         bodies = np.concatenate([part.bodies for part in self._parts])
+        self._looks_table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"
-        self._looks: list[bytes] = []
+        self._looks_read: list[bytes] = []
         self._visible: dict[Filter, wp.array] = {}
+        self._looks: Looks | None = None
 
     def update(self, data: mujoco.MjData) -> None:
         """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
@@ -185,14 +192,24 @@ class Scene:
 
     def visible(self, filter: Filter | None) -> wp.array:
         """(shapes,) bool on the device: which shapes a filter lets rays hit, as the model looks now."""
-        looks = [getattr(self.model, name).tobytes() for name in _LOOKS]
-        if looks != self._looks:
-            self._looks, self._visible = looks, {}
+        self._forget_old_looks()
         wanted = filter or Filter()
         if wanted not in self._visible:
             seen = np.concatenate([part.visible(wanted) for part in self._parts])
             self._visible[wanted] = wp.array(seen, dtype=wp.bool, device=self.device)
         return self._visible[wanted]
+
+    def looks(self) -> Looks:
+        """How the shapes look to a sensor's light, as the model looks now."""
+        self._forget_old_looks()
+        if self._looks is None:
+            self._looks = self._looks_table.read(self.device)
+        return self._looks
+
+    def _forget_old_looks(self) -> None:
+        looks = [getattr(self.model, name).tobytes() for name in _LOOKS]
+        if looks != self._looks_read:
+            self._looks_read, self._visible, self._looks = looks, {}, None
 
     def cast_rays(self, rays: Rays, visible: wp.array, max_distance: float, cull: Cull = "none") -> HitArrays:
         """The first hit of each ray that is on the device already, among the visible geoms."""

@@ -1,4 +1,4 @@
-"""Depth cameras: one ray through the centre of each pixel of a pinhole camera."""
+"""Depth cameras: one ray through the centre of each pixel, through a lens or a pinhole."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -9,8 +9,10 @@ from pydantic import Field, model_validator
 
 from rigcast.sensors.faults import Fault, refuse
 
+from .lens import AnyLens, BrownConrady, Lens
 from .mount import BoundMount
 from .pattern import Pattern
+from .ranging import Stereo, TimeOfFlight
 from .sensor_spec import SensorSpec
 
 Pixels = Annotated[int, Field(ge=1)]
@@ -22,12 +24,16 @@ _OPTICAL.setflags(write=False)
 
 
 class DepthCamera(SensorSpec):
-    """A pinhole depth camera. Readings have shape (height, width).
+    """A depth camera. Readings have shape (height, width).
 
     The optics are `fov_y_deg`, or `fx`, `fy`, `cx` and `cy`, or, on an MJCF camera and with neither given,
-    those of that camera as MuJoCo renders it. Pixel (u, v) looks along
-    ((u + 0.5 - cx) / fx, (v + 0.5 - cy) / fy, 1) in the ROS optical frame: z forward, x right, y down.
-    `min_range` and `max_range` bound the distance along the ray, not the depth.
+    those of that camera as MuJoCo renders it. Without `distortion` pixel (u, v) looks along
+    ((u + 0.5 - cx) / fx, (v + 0.5 - cy) / fy, 1) in the ROS optical frame: z forward, x right, y down. With it, that
+    is where the lens shows the ray of the pixel. OpenCV puts the centre of pixel (u, v) at (u, v): add 0.5 to its
+    cx and cy.
+
+    `min_range` and `max_range` bound the distance along the ray, not the depth; with `stereo` or `time_of_flight` they
+    bound what is measured.
 
     >>> DepthCamera(name="front", mount=Mount(camera="head"), resolution=(640, 480), fov_y_deg=58)
     """
@@ -47,6 +53,24 @@ class DepthCamera(SensorSpec):
     cx: float | None = Field(default=None, description="principal point from the image's left edge [pixels]")
     cy: float | None = Field(default=None, description="principal point from the image's top edge [pixels]")
 
+    distortion: AnyLens | None = Field(
+        default=None, description="the lens, with fx, fy, cx and cy or those of the MJCF camera; null: a pinhole"
+    )
+    stereo: Stereo | None = Field(default=None, description="measures by stereo or structured light, with its errors")
+    time_of_flight: TimeOfFlight | None = Field(default=None, description="measures by time of flight, with its errors")
+    depth_scale: float = Field(default=0.001, gt=0, description="depth of one step of the 16-bit depth image [m]")
+
+    @property
+    def has_effects(self) -> bool:
+        """Whether it measures in a way that has errors."""
+        return self.stereo is not None or self.time_of_flight is not None
+
+    @model_validator(mode="after")
+    def _one_principle(self) -> "DepthCamera":
+        if self.stereo is not None and self.time_of_flight is not None:
+            raise ValueError("give stereo or time_of_flight, got both")
+        return self
+
     @model_validator(mode="after")
     def _one_kind_of_optics(self) -> "DepthCamera":
         given = [key for key in _FOCAL if getattr(self, key) is not None]
@@ -54,6 +78,8 @@ class DepthCamera(SensorSpec):
             raise ValueError(f"give fov_y_deg or fx, fy, cx and cy, got fov_y_deg and {', '.join(given)}")
         if given and len(given) < len(_FOCAL):
             raise ValueError(f"give all of fx, fy, cx and cy, got only {', '.join(given)}")
+        if self.distortion is not None and self.fov_y_deg is not None:
+            raise ValueError("fx, fy, cx and cy required with distortion, got fov_y_deg")
         if self.mount.camera is None and not given and self.fov_y_deg is None:
             raise ValueError("fov_y_deg, or fx, fy, cx and cy, required unless mounted on an MJCF camera")
         if self.mount.camera is None and self.resolution is None:
@@ -61,11 +87,19 @@ class DepthCamera(SensorSpec):
         return self
 
     def faults(self, model: mujoco.MjModel) -> list[Fault]:
-        """As for every sensor; and an MJCF camera that does not have the resolution or optics asked of it."""
+        """As for every sensor; and an MJCF camera that does not have the resolution or optics asked of it.
+
+        A lens that folds within the image is a fault too.
+        """
         faults = super().faults(model)
-        if faults or self.mount.camera is None:
+        if not faults and self.mount.camera is not None:
+            faults = self._camera_faults(model, self.mount.bind(model).id)
+        if faults or not isinstance(self.distortion, BrownConrady):
             return faults
-        camera = self.mount.bind(model).id
+        return _fold_faults(self._pattern(model).directions)
+
+    def _camera_faults(self, model: mujoco.MjModel, camera: int) -> list[Fault]:
+        faults = []
         if self.resolution is None and model.cam_resolution[camera].min() <= 1:
             faults.append(Fault((), f"resolution required: camera {self.mount.camera!r} of the model has none"))
         takes_optics = self.fov_y_deg is None and self.fx is None
@@ -80,19 +114,23 @@ class DepthCamera(SensorSpec):
         return faults
 
     def pattern(self, model: mujoco.MjModel) -> Pattern:
-        """Unit directions (height, width, 3) in the optical frame, with the intrinsics.
+        """Unit directions (height, width, 3) in the optical frame, with intrinsics and lens.
 
-        Raises InputError where the optics are the MJCF camera's and it has no resolution or is orthographic.
+        Pixels that a Kannala-Brandt lens leaves dark have NaN. Raises InputError where `faults` finds any.
         """
         refuse(f"DepthCamera {self.name!r}", self.faults(model))
+        return self._pattern(model)
+
+    def _pattern(self, model: mujoco.MjModel) -> Pattern:
         width, height = self._resolution(self.mount.bind(model), model)
         intrinsics = self._intrinsics(self.mount.bind(model), model, width, height)
-        across = (np.arange(width) + 0.5 - intrinsics[0, 2]) / intrinsics[0, 0]
-        down = (np.arange(height) + 0.5 - intrinsics[1, 2]) / intrinsics[1, 1]
-        directions = np.ones((height, width, 3))
-        directions[..., 0], directions[..., 1] = across, down[:, None]
-        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-        return Pattern(directions, intrinsics=intrinsics)
+        subrays = 1 if self.time_of_flight is None else self.time_of_flight.subrays
+        return Pattern(
+            _directions(intrinsics, self.distortion, width, height, 1)[..., 0, :],
+            intrinsics=intrinsics,
+            lens=self.distortion,
+            subrays=None if subrays == 1 else _directions(intrinsics, self.distortion, width, height, subrays),
+        )
 
     def _resolution(self, mount: BoundMount, model: mujoco.MjModel) -> tuple[int, int]:
         if self.resolution is not None:
@@ -108,6 +146,32 @@ class DepthCamera(SensorSpec):
         if model.cam_sensorsize[mount.id].all():
             return _from_sensor(model, mount.id, width, height)
         return _from_fov(float(model.cam_fovy[mount.id]), width, height)
+
+
+def _directions(
+    intrinsics: NDArray[np.float64], lens: Lens | None, width: int, height: int, subrays: int
+) -> NDArray[np.float64]:
+    """(height, width, subrays^2, 3) unit: rays through the centres of the equal parts of each pixel."""
+    parts = (np.arange(subrays) + 0.5) / subrays
+    across = (np.add.outer(np.arange(width), parts) - intrinsics[0, 2]) / intrinsics[0, 0]
+    down = (np.add.outer(np.arange(height), parts) - intrinsics[1, 2]) / intrinsics[1, 1]
+    points = np.empty((height, width, subrays, subrays, 2))
+    points[..., 0], points[..., 1] = across[:, None, :], down[:, None, :, None]
+    by_pixel = points.reshape(height, width, -1, 2)
+    if lens is not None:
+        return lens.undistort(by_pixel)
+    directions = np.concatenate([by_pixel, np.ones((*by_pixel.shape[:-1], 1))], axis=-1)
+    return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+
+
+def _fold_faults(directions: NDArray[np.float64]) -> list[Fault]:
+    """Pixels of (height, width, 3) directions that no ray is seen at."""
+    dark = np.isnan(directions[..., 2])
+    if not dark.any():
+        return []
+    v, u = np.argwhere(dark)[0]
+    message = f"folds within the image: no ray is seen at pixel ({u}, {v}), nor at {dark.sum() - 1} others"
+    return [Fault(("distortion",), f"{message}; expected coefficients that hold over the whole image")]
 
 
 def _from_fov(fov_y_deg: float, width: int, height: int) -> NDArray[np.float64]:

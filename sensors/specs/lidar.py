@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from .lidar_effects import Beam, Detection, Noise, Weather
 from .pattern import Pattern
 from .sensor_spec import SensorSpec, no_default
 
@@ -17,6 +18,9 @@ class Lidar(SensorSpec):
     Azimuth 0 is +x, counter-clockwise. Column k of n is at 360 k / n deg, or, in a sector, at
     from + (to - from) k / (n - 1), so that both ends are measured. Readings have shape (beams, columns).
     `min_range` and `max_range` bound the distance along the ray.
+
+    Nothing disturbs the readings unless an option from `noise` on says so. With `returns: dual` readings have shape
+    (beams, columns, 2): the strongest return, then the last, or where that is the same the second strongest.
 
     >>> Lidar(name="own", mount=Mount(body="torso"), elevation_deg=[-15, 0, 15], columns=1024, rate_hz=10)
     """
@@ -41,6 +45,27 @@ class Lidar(SensorSpec):
         default=None, description="first and last azimuth of a sector [deg]; null: a full turn"
     )
 
+    noise: Noise | None = Field(default=None, description="errors of ray and range, and returns lost at random")
+    detection: Detection | None = Field(default=None, description="how far dark surfaces are seen, and how exactly")
+    beam: Beam | None = Field(default=None, description="the beam's divergence, with mixed pixels at edges")
+    returns: Literal["first", "last", "strongest", "dual"] = Field(
+        default="strongest", description="which of a beam's returns are reported; dual: strongest and last"
+    )
+    pulse_length: float = Field(
+        default=5e-9, gt=0, le=1e-6, description="tau [s]: echoes less than c tau / 2 apart are one return"
+    )
+    max_surfaces: int = Field(
+        default=1, ge=1, le=4, description="surfaces that a beam meets one behind the other, where they are transparent"
+    )
+    mirrors: bool = Field(default=False, description="whether mirror-like surfaces show what is seen in them")
+    mirror_lobe_deg: float = Field(
+        default=0.5,
+        ge=0,
+        le=90,
+        description="angle of incidence up to which a mirror sends light back to the sensor [deg]",
+    )
+    weather: Weather | None = Field(default=None, description="rain and fog")
+
     @field_validator("azimuth_offset_deg")
     @classmethod
     def _one_offset_per_row(cls, offsets: Sequence[float] | None, info: ValidationInfo) -> Sequence[float] | None:
@@ -62,6 +87,18 @@ class Lidar(SensorSpec):
         if missing:
             raise ValueError(f"{' and '.join(missing)}: required where no preset is given")
         return self
+
+    @model_validator(mode="after")
+    def _weather_on_detection(self) -> "Lidar":
+        if self.weather is not None and self.detection is None:
+            raise ValueError("weather needs detection, the power below which a return is lost, got none")
+        return self
+
+    @property
+    def has_effects(self) -> bool:
+        """Whether anything but the first surface in range counts for a reading."""
+        given = (self.noise, self.detection, self.beam, self.weather)
+        return any(given) or self.returns == "dual" or self.max_surfaces > 1 or self.mirrors
 
     def pattern(self, model: mujoco.MjModel) -> Pattern:  # noqa: ARG002
         """Unit directions (beams, columns, 3), x forward and z up, with ring (row) and column of each."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .lens import Lens
+
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
@@ -15,6 +17,8 @@ class Pattern:
     ring, column: (*shape) int32, row and column of each ray of a lidar; None for other sensors.
     intrinsics: (3, 3) float64 [pixels], `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` with (0, 0) at the top left
         *corner* of the image, pixel centres at +0.5; None for other sensors than cameras.
+    lens: of a camera, None where it is a pinhole.
+    subrays: (*shape, k, 3) unit, the rays that are cast in place of each of `directions`; None: these themselves.
     """
 
     directions: NDArray[np.float64]
@@ -22,6 +26,8 @@ class Pattern:
     ring: NDArray[np.int32] | None = None
     column: NDArray[np.int32] | None = None
     intrinsics: NDArray[np.float64] | None = None
+    lens: Lens | None = None
+    subrays: NDArray[np.float64] | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:

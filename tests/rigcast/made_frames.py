@@ -37,11 +37,11 @@ def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -
     Fields can be `given` by name. A frame works out its fields when asked; here they are there already.
     """
     frame = kind(
+        **(_own_fields(kind, distance.shape) | ({"lens": given.pop("lens")} if "lens" in given else {})),
         sensor=given.pop("sensor", "eye"),
         time=given.pop("time", 0.1),
         pose=POSE,
         shape=distance.shape,
-        **_own_fields(kind, distance.shape),
     )
     arrays = _random_fields(distance) | {"range": distance} | given
     vars(frame).update({name: wp.array(array, device="cpu") for name, array in arrays.items()})
@@ -61,10 +61,10 @@ def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
     """What the kind is made with, and nothing in place of the hits that readings are worked out from."""
     fields: dict[str, Any] = {"_hits": None, "_rays": None, "_ids_of_shape": {}, "_body_of_shape": None}
     if kind is CameraFrame:
-        fields |= {"intrinsics": INTRINSICS}
+        fields |= {"intrinsics": INTRINSICS, "lens": None, "depth_scale": 0.001, "_intensity": None}
     if kind is LidarFrame:
         ring, column = np.indices(shape, dtype=np.int32)
-        fields |= {"ring": wp.array(ring, device="cpu"), "column": wp.array(column, device="cpu")}
+        fields |= {"ring": wp.array(ring, device="cpu"), "column": wp.array(column, device="cpu"), "_intensity": None}
     return fields
 
 
@@ -76,6 +76,8 @@ def _random_fields(distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
     return {
         "points": np.where(hit[..., None], rng.normal(size=(*shape, 3)), np.nan).astype(np.float32),
         "normal": np.where(hit[..., None], normal, 0.0).astype(np.float32),
+        "depth_16bit": rng.integers(0, 65536, shape, np.uint16),
+        "intensity": np.where(hit, rng.random(shape), 0.0).astype(np.float32),
         "depth": (0.8 * distance).astype(np.float32),
         "geom_id": np.where(hit, rng.integers(0, 3, shape), -1).astype(np.int32),
         "body_id": np.where(hit, rng.integers(0, 3, shape), -1).astype(np.int32),

@@ -11,6 +11,7 @@ from made_frames import INTRINSICS, POSE, make_frame, random_range
 from rigcast.export.exr import write_exr
 from rigcast.export.ids import IdTable
 from rigcast.sensors.rig.frame import CameraFrame
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 
 IDS = IdTable.of(made_frames.model())
 
@@ -62,6 +63,21 @@ def test_numbers_in_the_header_are_exact(tmp_path: Path, time: float) -> None:
     for name, matrix in (("pose", POSE), ("intrinsics", INTRINSICS)):
         assert header[name].dtype == np.float64
         np.testing.assert_array_equal(header[name], matrix)
+
+
+@pytest.mark.parametrize("lens", [BrownConrady(k1=0.1, k2=1 / 3, p2=-1e-9, k6=0.3), KannalaBrandt(k1=-0.1, k4=1 / 7)])
+def test_the_lens_is_exact(tmp_path: Path, lens: Lens) -> None:
+    header, _ = write_and_read(tmp_path / "a.exr", make_frame(CameraFrame, random_range((4, 6), 0), lens=lens))
+    assert header["distortion_model"] == lens.type
+    names = (
+        ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6") if lens.type == "brown_conrady" else ("k1", "k2", "k3", "k4")
+    )
+    assert [header[f"distortion_{name}"].item() for name in names] == lens.coefficients.tolist()
+
+
+def test_a_pinhole_has_no_distortion(tmp_path: Path) -> None:
+    header, _ = write_and_read(tmp_path / "a.exr", make_frame(CameraFrame, random_range((4, 6), 0)))
+    assert not [name for name in header if "distortion" in name]
 
 
 def test_the_header_says_what_the_numbers_mean(tmp_path: Path) -> None:

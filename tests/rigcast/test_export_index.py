@@ -15,6 +15,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -153,17 +154,35 @@ def test_what_an_earlier_run_left_is_replaced_and_nothing_else_is_touched(tmp_pa
 def test_npz_keeps_every_ray(tmp_path: Path, name: str) -> None:
     frame = a_frame(name, time=1700000000.123)
     write_npz(tmp_path / "a", frame)
-    own = {"top": {"ring", "column"}, "eye": {"depth", "intrinsics"}, "feet": set()}[name]
+    own = {"top": {"ring", "column"}, "eye": {"depth", "depth_16bit", "intensity"}, "feet": set()}[name]
+    of_camera = {"depth_scale", "intrinsics"} if name == "eye" else set()
     common = {"range", "points", "normal", "geom_id", "body_id", "stamp"}
     with np.load(tmp_path / "a", allow_pickle=False) as stored:
-        assert set(stored) == {"sensor", "time", "pose"} | common | own
-        for field in (common | own) - {"intrinsics"}:
+        assert set(stored) == {"sensor", "time", "pose"} | common | own | of_camera
+        for field in common | own:
             np.testing.assert_array_equal(stored[field], getattr(frame, field).numpy(), field)
         assert str(stored["sensor"]) == name
         assert float(stored["time"]) == 1700000000.123
         np.testing.assert_array_equal(stored["pose"], POSE)
         if name == "eye":
             np.testing.assert_array_equal(stored["intrinsics"], INTRINSICS)
+            assert stored["depth_scale"] == 0.001
+
+
+@pytest.mark.parametrize("lens", [BrownConrady(k1=0.1, k2=1 / 3, p2=-1e-9, k6=0.3), KannalaBrandt(k1=-0.1, k4=1 / 7)])
+def test_the_lens_is_in_the_npz_and_in_the_index(tmp_path: Path, lens: Lens) -> None:
+    write_npz(tmp_path / "a", make_frame(CameraFrame, random_range((4, 6), 3), lens=lens))
+    with np.load(tmp_path / "a", allow_pickle=False) as stored:
+        assert str(stored["distortion_model"]) == lens.type
+        np.testing.assert_array_equal(stored["distortion"], lens.coefficients)
+    bent = DepthCamera(name="eye", mount=Mount(), resolution=(6, 4), fx=9.0, fy=9.0, cx=3.0, cy=2.0, distortion=lens)
+    record(tmp_path, ["eye"], rig=(LIDAR, bent))
+    with np.load(tmp_path / "frames.npz", allow_pickle=False) as index:
+        assert index["sensor_distortion_model"].tolist() == ["", lens.type]
+        count = lens.coefficients.size
+        np.testing.assert_array_equal(index["sensor_distortion"][1, :count], lens.coefficients)
+        assert np.isnan(index["sensor_distortion"][1, count:]).all()
+        assert np.isnan(index["sensor_distortion"][0]).all()
 
 
 def test_a_file_appears_only_when_it_is_whole(tmp_path: Path) -> None:

@@ -252,3 +252,19 @@ def test_on_a_terminal_a_bar_shows_time_and_frames() -> None:
         report(1.5, 12)
     assert "1.50 of 2.00 s  12 frames" in screen.getvalue()
     assert "━" in screen.getvalue()
+
+
+def test_two_returns_of_each_ray_are_written(folder: Path) -> None:
+    (folder / "dual.yaml").write_text(
+        RIG.replace("columns: 36", "columns: 36\n    returns: dual\n    max_surfaces: 2\n    pulse_length: 1.0e-10")
+    )
+    (folder / "cart.xml").write_text(MODEL.replace('size="0.1 3 1"', 'size="0.1 3 1" rgba="1 1 1 0.5"'))
+    code, output = run("dual.yaml", "--duration", "0.02", "--out", "o", "--format", "ply,npz")
+    assert code == 0, output
+    with np.load(folder / "o/top/000000.npz") as frame:
+        assert frame["range"].shape == frame["ring"].shape == frame["stamp"].shape == (2, 36, 2)
+        assert frame["points"].shape == (2, 36, 2, 3)
+        seen = np.isfinite(frame["range"])
+        assert seen[..., 1].any()
+    assert len(trimesh.load(folder / "o/top/000000.ply").vertices) == seen.sum()
+    assert (folder / "o/top/preview.png").is_file()

@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 
 from rigcast.sensors.errors import InputError
+from rigcast.sensors.rig.frame import CameraFrame
+from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.sensors.specs.mount import Mount
+from rigcast.sensors.specs.ranging import TimeOfFlight
 
 XML = """
 <mujoco>
@@ -151,11 +155,96 @@ def frustum_edges(model: mujoco.MjModel) -> tuple[float, float, float, float]:
     return left, right, bottom, top
 
 
+def test_a_lens_bends_the_rays_of_pixel_centres(model: mujoco.MjModel) -> None:
+    lens = BrownConrady(k1=-0.1, k2=0.02, p1=0.001, p2=-0.002)
+    pattern = camera(**FOCAL, distortion=lens).pattern(model)
+    assert pattern.lens == lens
+    seen = lens.distort(pattern.directions) * [FOCAL["fx"], FOCAL["fy"]] + [FOCAL["cx"], FOCAL["cy"]]
+    centres = np.stack(np.meshgrid(np.arange(8) + 0.5, np.arange(6) + 0.5), axis=-1)
+    np.testing.assert_allclose(seen, centres, atol=1e-11)
+
+
+def test_a_lens_sits_on_an_mjcf_camera_too(model: mujoco.MjModel) -> None:
+    lens = BrownConrady(k1=-0.01)
+    plain = camera(mount=Mount(camera="sensor"), resolution=None).pattern(model)
+    pattern = camera(mount=Mount(camera="sensor"), resolution=None, distortion=lens).pattern(model)
+    np.testing.assert_array_equal(pattern.intrinsics, plain.intrinsics)
+    np.testing.assert_allclose(
+        lens.distort(pattern.directions), plain.directions[..., :2] / plain.directions[..., 2:], atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("subrays", [2, 3])
+@pytest.mark.parametrize("lens", [None, BrownConrady(k1=-0.1, k2=0.02, p1=0.001), KannalaBrandt(k1=0.01)])
+def test_subrays_are_the_pixels_of_a_finer_camera(model: mujoco.MjModel, lens: Lens | None, subrays: int) -> None:
+    pattern = camera(**FOCAL, distortion=lens, time_of_flight=TimeOfFlight(subrays=subrays)).pattern(model)
+    finer = {key: subrays * value for key, value in FOCAL.items()}
+    fine = camera(**finer, distortion=lens, resolution=(8 * subrays, 6 * subrays)).pattern(model).directions
+    assert pattern.subrays is not None
+    by_pixel = fine.reshape(6, subrays, 8, subrays, 3).swapaxes(1, 2).reshape(6, 8, subrays**2, 3)
+    np.testing.assert_allclose(pattern.subrays, by_pixel, atol=1e-13)
+    assert pattern.directions.shape == (6, 8, 3)
+
+
+def test_dark_corners_of_a_fisheye_read_nan_and_backward_rays_have_depths_below_0() -> None:
+    """An equidistant lens whose image circle of 180 deg to each side has a radius of 31.4 of 40 pixels."""
+    model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size="2" rgba="1 1 1 1"/></worldbody></mujoco>')
+    spec = camera(resolution=(80, 80), fx=10.0, fy=10.0, cx=40.0, cy=40.0, distortion=KannalaBrandt())
+    frame = Rig(model, [spec], "cpu").sense(mujoco.MjData(model))["front"]
+    assert isinstance(frame, CameraFrame)
+    u, v = np.meshgrid(np.arange(80) - 39.5, np.arange(80) - 39.5)
+    theta = np.hypot(u, v) / 10
+    expected = np.where(theta <= np.pi, 2.0, np.nan)
+    np.testing.assert_allclose(frame.range.numpy(), expected, rtol=1e-6)
+    np.testing.assert_allclose(frame.depth.numpy(), expected * np.cos(theta), atol=1e-6)
+    np.testing.assert_array_equal(frame.geom_id.numpy(), np.where(theta <= np.pi, 0, -1))
+
+
+@pytest.mark.parametrize("miss", [np.inf, -np.inf])
+def test_backward_rays_miss_as_others_do(miss: float) -> None:
+    model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size="2"/></worldbody></mujoco>')
+    limits = {"max_range": 1.0} if miss > 0 else {"min_range": 3.0}
+    spec = camera(resolution=(40, 40), fx=10.0, fy=10.0, cx=20.0, cy=20.0, distortion=KannalaBrandt(), **limits)
+    frame = Rig(model, [spec], "cpu").sense(mujoco.MjData(model))["front"]
+    assert isinstance(frame, CameraFrame)
+    np.testing.assert_array_equal(frame.depth.numpy(), miss)
+
+
+@pytest.mark.parametrize(
+    ("z", "scale", "steps"),
+    [
+        (2.0, 0.001, 2000),
+        (1.2346, 0.001, 1235),
+        (1.0, 0.00025, 4000),
+        (65.535, 0.001, 65535),
+        (65.536, 0.001, 0),
+        (0.0004, 0.001, 0),
+        (np.inf, 0.001, 0),
+        (0.02, 0.001, 0),  # nearer than the minimum
+    ],
+)
+def test_16_bit_depth_is_in_steps_of_its_scale(z: float, scale: float, steps: int) -> None:
+    xml = f'<geom type="plane" size="0 0 1" zaxis="-1 0 0" pos="{min(z, 1e3)} 0 0"/>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{xml}</worldbody></mujoco>")
+    minimum = 0.05 if z == 0.02 else 0.0
+    spec = camera(**FOCAL, depth_scale=scale, max_range=900.0, min_range=minimum)
+    frame = Rig(model, [spec], "cpu").sense(mujoco.MjData(model))["front"]
+    assert isinstance(frame, CameraFrame)
+    got = frame.depth_16bit.numpy()
+    assert got.dtype == np.uint16
+    assert got.shape == (6, 8)
+    np.testing.assert_array_equal(got, steps)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"mount": Mount(camera="plain"), "resolution": None}, "resolution required: camera 'plain'"),
         ({"mount": Mount(camera="flat")}, "mount.camera: camera 'flat' of the model is orthographic"),
+        (
+            {**FOCAL, "distortion": BrownConrady(k1=-1.0)},
+            r"distortion: folds within the image: no ray is seen at pixel \(\d+, \d+\), nor at \d+ others",
+        ),
         ({"mount": Mount(camera="nose")}, "mount.camera: no camera 'nose' in the model"),
     ],
 )
@@ -171,6 +260,12 @@ def test_unfit_mjcf_cameras_are_refused(model: mujoco.MjModel, arguments: dict[s
         ({"fov_y_deg": 50, "resolution": None}, "resolution required unless mounted on an MJCF camera"),
         ({"fov_y_deg": 50, "fx": 3.0}, "give fov_y_deg or fx, fy, cx and cy, got fov_y_deg and fx"),
         ({"fx": 3.0, "cy": 1.0}, "give all of fx, fy, cx and cy, got only fx, cy"),
+        ({"fov_y_deg": 50, "distortion": KannalaBrandt()}, "fx, fy, cx and cy required with distortion, got fov_y_deg"),
+        ({**FOCAL, "distortion": {"k1": 1.0}}, "distortion.type: required, one of brown_conrady, kannala_brandt"),
+        ({**FOCAL, "distortion": {"type": "plumb_bob"}}, "distortion.type: unknown type 'plumb_bob'"),
+        ({**FOCAL, "distortion": {"type": "kannala_brandt", "k5": 1.0}}, "distortion.k5: unknown key 'k5'"),
+        ({**FOCAL, "distortion": {"type": "brown_conrady", "k1": "a"}}, "distortion.k1: must be a number, got 'a'"),
+        ({**FOCAL, "stereo": {"base": 1.0}}, "stereo.base: unknown key 'base', .*did you mean 'baseline'"),
         ({"fov_y_deg": 180}, "fov_y_deg: must be less than 180, got 180"),
         ({"fov_y_deg": 0}, "fov_y_deg: must be greater than 0, got 0"),
         ({"fov_y_deg": "58 deg"}, r"fov_y_deg: must be a number, got '58 deg' \(.*\[deg\]"),

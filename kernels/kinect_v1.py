@@ -1,0 +1,142 @@
+"""The error of the first Kinect, by two models of depth z [m].
+
+Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction and tracking" (3DIMPVT 2012),
+with theta the angle between the surface's normal and the ray (they turned a board in the middle of the image; of a
+floor below a level camera the angle to the axis would say nothing):
+
+    sigma_z = 0.0012 + 0.0019 (z - 0.4)^2 + (0.0001 / sqrt z) theta^2 / (pi/2 - theta)^2     [m]
+    sigma_l = 0.8 + 0.035 theta / (pi/2 - theta)                                             [pixels], across and down
+
+Barron and Malik, "Intrinsic scene properties from a single RGB-D image" (CVPR 2013), as Handa et al. (ICRA 2014) and
+Bohg et al. round it: pixels shifted by half a pixel, N(0, 1/2) across and down, and a disparity in eighths of a pixel,
+
+    z' = 35130 / round(35130 / round(100 z) + N(0, 1/6) + 1/2) / 100
+
+A shift of a pixel is made by casting its ray anew.
+"""
+
+import warp as wp
+
+from .infrared import cos_incidence
+from .launch import launch_over_rays
+from .random import RandomSource, random_normal
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+DRAW_SHIFT = wp.constant(2)
+DRAW_DEPTH = wp.constant(3)
+HALF_PI = wp.constant(1.5707963267948966)
+NGUYEN = wp.constant(0)
+DISPARITY = wp.constant(1)
+EIGHTHS = wp.constant(35130.0)  # disparity in eighths of a pixel times depth in centimetres
+
+
+@wp.func
+def incidence(normal: wp.vec3, direction: wp.vec3d) -> float:
+    """theta; 0 where nothing was hit."""
+    return wp.where(wp.length_sq(normal) > 0.0, wp.acos(cos_incidence(normal, direction)), 0.0)
+
+
+@wp.func
+def ray_through(directions: wp.array[wp.vec3d], width: int, height: int, u: float, v: float) -> wp.vec3d:
+    """The direction at a place between pixel centres, bilinear; no farther out than the centres of the last pixels."""
+    across = wp.clamp(u, 0.0, float(width - 1))
+    down = wp.clamp(v, 0.0, float(height - 1))
+    u0 = wp.min(int(across), wp.max(width - 2, 0))
+    v0 = wp.min(int(down), wp.max(height - 2, 0))
+    u1 = wp.min(u0 + 1, width - 1)
+    v1 = wp.min(v0 + 1, height - 1)
+    a = wp.float64(across - float(u0))
+    b = wp.float64(down - float(v0))
+    upper = wp.lerp(directions[v0 * width + u0], directions[v0 * width + u1], a)
+    lower = wp.lerp(directions[v1 * width + u0], directions[v1 * width + u1], a)
+    return wp.normalize(wp.lerp(upper, lower, b))
+
+
+@wp.kernel
+def shift_pixels(
+    first: int,
+    model: int,
+    width: int,
+    height: int,
+    source: RandomSource,
+    directions: wp.array[wp.vec3d],
+    normal: wp.array[wp.vec3],
+    # out:
+    shifted: wp.array[wp.vec3d],
+) -> None:
+    i = first + wp.tid()
+    sigma = float(0.5)
+    if model == NGUYEN:
+        theta = incidence(normal[i], directions[i])
+        sigma = 0.8 + 0.035 * theta / wp.max(HALF_PI - theta, 1.0e-6)
+    shift = random_normal(source, i, DRAW_SHIFT)
+    u = float(i % width) + sigma * shift[0]
+    v = float(i / width) + sigma * shift[1]
+    shifted[i] = ray_through(directions, width, height, u, v)
+
+
+def shift(model: int, size: tuple[int, int], source: RandomSource, directions: wp.array, normal: wp.array) -> wp.array:
+    """(n,) vec3d: the rays of an image of this width and height, each shifted by the lateral error.
+
+    model: NGUYEN, which needs the normals of what the rays meet, or DISPARITY.
+    """
+    out = wp.empty(directions.size, dtype=wp.vec3d, device=directions.device)
+    launch_over_rays(
+        shift_pixels, directions.size, [model, *size, source, directions, normal], [out], directions.device
+    )
+    return out
+
+
+@wp.kernel
+def keep_depth(
+    first: int,
+    shifted: wp.array[wp.vec3d],
+    directions: wp.array[wp.vec3d],
+    # in and out:
+    distance: wp.array[float],
+) -> None:
+    i = first + wp.tid()
+    distance[i] = distance[i] * float(shifted[i][2] / directions[i][2])
+
+
+def at_own_pixel(distance: wp.array, shifted: wp.array, directions: wp.array) -> None:
+    """Turn distances along shifted rays into those along the pixels' own that have the same depth, in place."""
+    launch_over_rays(keep_depth, directions.size, [shifted, directions], [distance], directions.device)
+
+
+@wp.func
+def nguyen_sigma(z: float, theta: float) -> float:
+    from_normal = theta / wp.max(HALF_PI - theta, 1.0e-6)
+    return 0.0012 + 0.0019 * (z - 0.4) * (z - 0.4) + 0.0001 / wp.sqrt(z) * from_normal * from_normal
+
+
+@wp.kernel
+def disturb_depth(
+    first: int,
+    model: int,
+    source: RandomSource,
+    directions: wp.array[wp.vec3d],
+    normal: wp.array[wp.vec3],
+    # in and out:
+    distance: wp.array[float],
+) -> None:
+    i = first + wp.tid()
+    along = float(directions[i][2])
+    z = distance[i] * along
+    if not (wp.isfinite(distance[i]) and z > 0.0):
+        return
+    chance = random_normal(source, i, DRAW_DEPTH)[0]
+    measured = float(0.0)
+    if model == NGUYEN:
+        measured = z + nguyen_sigma(z, incidence(normal[i], directions[i])) * chance
+    else:
+        centimetres = wp.max(wp.round(100.0 * z), 1.0)
+        measured = 0.01 * EIGHTHS / wp.round(EIGHTHS / centimetres + chance / 6.0 + 0.5)
+    distance[i] = measured / along
+
+
+def measure_depth(model: int, source: RandomSource, directions: wp.array, normal: wp.array, distance: wp.array) -> None:
+    """Give distances the axial error, in place."""
+    inputs = [model, source, directions, normal]
+    launch_over_rays(disturb_depth, directions.size, inputs, [distance], directions.device)

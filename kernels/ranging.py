@@ -1,0 +1,99 @@
+"""What a receiver makes of a return: a range with its noise, rounded and within limits, and an intensity.
+
+The range of a return of power P has a normal error of variance
+
+    range_std^2 + dR^2 / (2 SNR) + (k (1 - exp(-rain))^2 R)^2,   SNR = P / P_min
+
+of which the second term is that of Kilic et al. 2021 (arXiv 2107.07004) and the third that of Goodin et al.,
+"Predicting the influence of rain on LIDAR in ADAS", Electronics 8(1), 2019. A return is lost with the probability
+
+    1 - (1 - dropout) (1 - dark_dropout max(0, 1 - intensity / dark_limit))
+
+the second factor being that of CARLA's lidar. Intensity is P R^2: what a white surface facing the sensor would have to
+reflect instead, 1 for that surface itself in clear air.
+"""
+
+import warp as wp
+
+from .cast import HitArrays
+from .launch import launch_over_rays
+from .random import RandomSource, as_uniform, box_muller, random_bits
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+DRAW_RETURN = wp.constant(1)  # and the one after it, for the second return
+
+
+@wp.struct
+class RangeNoise:
+    """As in the module's equations; power_std: dR sqrt(P_min / 2), rain_std: k (1 - exp(-rain))^2. [m] or shares."""
+
+    range_std: float
+    power_std: float
+    rain_std: float
+    resolution: float  # [m], 0 for none
+    dropout: float
+    dark_dropout: float
+    dark_limit: float
+
+
+@wp.kernel
+def measure_returns(
+    first: int,
+    noise: RangeNoise,
+    source: RandomSource,
+    per_beam: int,
+    min_range: float,
+    max_range: float,
+    # in and out:
+    distance: wp.array[float],
+    power: wp.array[float],  # out: intensity
+    shape: wp.array[int],
+    normal: wp.array[wp.vec3],
+) -> None:
+    k = first + wp.tid()
+    d = distance[k]
+    intensity = power[k] * d * d
+    power[k] = 0.0
+    if not wp.isfinite(d):
+        return
+    bits = random_bits(source, k / per_beam, DRAW_RETURN + k % per_beam)
+    keep = (1.0 - noise.dropout) * (1.0 - noise.dark_dropout * wp.max(0.0, 1.0 - intensity / noise.dark_limit))
+    by_power = 0.0
+    if noise.power_std > 0.0:
+        by_power = noise.power_std * noise.power_std * d * d / intensity
+    by_rain = noise.rain_std * d
+    std = wp.sqrt(noise.range_std * noise.range_std + by_power + by_rain * by_rain)
+    if std > 0.0:
+        d += std * box_muller(as_uniform(bits[1]), as_uniform(bits[2]))[0]
+    if noise.resolution > 0.0:
+        d = noise.resolution * wp.rint(d / noise.resolution)
+    is_lost = as_uniform(bits[0]) > keep or d > max_range
+    distance[k] = d
+    if is_lost:
+        distance[k] = wp.inf
+    elif d < min_range:
+        distance[k] = -wp.inf
+    if is_lost or d < min_range:
+        shape[k] = -1
+        normal[k] = wp.vec3(0.0, 0.0, 0.0)
+    else:
+        power[k] = intensity
+
+
+def measure(
+    returns: HitArrays,
+    power: wp.array,
+    per_beam: int,
+    noise: RangeNoise,
+    source: RandomSource,
+    limits: tuple[float, float],
+) -> wp.array:
+    """Turn returns into measurements in place: +inf where one is lost or beyond the limits [m], -inf nearer than them.
+
+    power: (n,) of the returns; it is overwritten with the intensity, 0 where there is no return, and returned.
+    """
+    inputs = [noise, source, per_beam, *limits]
+    outputs = [returns.distance, power, returns.shape, returns.normal]
+    launch_over_rays(measure_returns, power.size, inputs, outputs, power.device)
+    return power

@@ -1,0 +1,178 @@
+"""From the echoes of each beam to the returns that the receiver reports.
+
+Echoes that follow each other by less than the gap c tau / 2 of a pulse of length tau are one to the receiver: their
+powers add up, and their range is the mean by power, between the surfaces that a beam straddles (a mixed pixel). Of the
+groups whose power reaches the least that is detected, the first, the last, the strongest, or two are reported.
+"""
+
+import warp as wp
+
+from .cast import HitArrays
+from .echoes import Echoes
+from .launch import launch_over_rays
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+FIRST = wp.constant(0)
+LAST = wp.constant(1)
+STRONGEST = wp.constant(2)
+DUAL = wp.constant(3)
+WEAKEST = wp.constant(1.0e-20)  # least weight of an echo: a black surface has a range too
+
+
+@wp.struct
+class Return:
+    """A group of echoes: range [m] +inf for none, power, the slot of its strongest echo, and where the group ends."""
+
+    distance: float
+    power: float
+    slot: int
+    end: float
+
+
+@wp.func
+def no_return() -> Return:
+    none = Return()
+    none.distance = wp.inf
+    none.power = -1.0
+    none.slot = -1
+    none.end = wp.inf
+    return none
+
+
+@wp.func
+def group_extent(echoes: Echoes, i: int, beams: int, gap: float, after: float) -> wp.vec2:
+    """The nearest and farthest range of the nearest group of echoes beyond a range; +inf if there is none."""
+    slots = echoes.distance.shape[0] / beams
+    start = float(wp.inf)
+    for q in range(slots):
+        d = echoes.distance[q * beams + i]
+        if d > after and d < start:
+            start = d
+    end = float(start)
+    grows = bool(start < wp.inf)
+    while grows:
+        farther = float(end)
+        for q in range(slots):
+            d = echoes.distance[q * beams + i]
+            if d <= end + gap:
+                farther = wp.max(farther, d)
+        grows = farther > end
+        end = farther
+    return wp.vec2(start, end)
+
+
+@wp.func
+def next_group(echoes: Echoes, i: int, beams: int, gap: float, after: float) -> Return:
+    """The nearest group of echoes beyond a range."""
+    extent = group_extent(echoes, i, beams, gap, after)
+    group = no_return()
+    if extent[0] == wp.inf:
+        return group
+    group.end = extent[1]
+    group.power = 0.0
+    best = float(-1.0)
+    weights = float(0.0)
+    moment = float(0.0)
+    for q in range(echoes.distance.shape[0] / beams):
+        slot = q * beams + i
+        d = echoes.distance[slot]
+        if d >= extent[0] and d <= extent[1]:
+            power = echoes.power[slot]
+            weight = wp.max(power, WEAKEST)
+            group.power += power
+            weights += weight
+            moment += weight * (d - extent[0])
+            if power > best:
+                best = power
+                group.slot = slot
+    group.distance = extent[0] + moment / weights
+    return group
+
+
+@wp.func
+def write_return(
+    r: Return,
+    k: int,
+    echoes: Echoes,
+    # out:
+    distance: wp.array[float],
+    power: wp.array[float],
+    shape: wp.array[int],
+    face: wp.array[int],
+    normal: wp.array[wp.vec3],
+) -> None:
+    distance[k] = r.distance
+    power[k] = wp.max(r.power, 0.0)
+    shape[k] = -1
+    face[k] = -1
+    normal[k] = wp.vec3(0.0, 0.0, 0.0)
+    if r.slot >= 0:
+        shape[k] = echoes.shape[r.slot]
+        face[k] = echoes.face[r.slot]
+        normal[k] = echoes.normal[r.slot]
+
+
+@wp.kernel
+def choose_returns(
+    first_beam: int,
+    echoes: Echoes,
+    beams: int,
+    gap: float,
+    least_power: float,
+    mode: int,
+    # out:
+    distance: wp.array[float],
+    power: wp.array[float],
+    shape: wp.array[int],
+    face: wp.array[int],
+    normal: wp.array[wp.vec3],
+) -> None:
+    i = first_beam + wp.tid()
+    first = no_return()
+    last = no_return()
+    strongest = no_return()
+    second = no_return()
+    group = next_group(echoes, i, beams, gap, -1.0)
+    while group.slot >= 0:
+        if group.power >= least_power:
+            if first.slot < 0:
+                first = group
+            last = group
+            if group.power > strongest.power:
+                second = strongest
+                strongest = group
+            elif group.power > second.power:
+                second = group
+        group = next_group(echoes, i, beams, gap, group.end)
+    if wp.isnan(echoes.distance[i]):
+        first.distance = wp.nan
+        last.distance = wp.nan
+        strongest.distance = wp.nan
+        second.distance = wp.nan
+    if mode == FIRST:
+        write_return(first, i, echoes, distance, power, shape, face, normal)
+    elif mode == LAST:
+        write_return(last, i, echoes, distance, power, shape, face, normal)
+    elif mode == STRONGEST:
+        write_return(strongest, i, echoes, distance, power, shape, face, normal)
+    else:
+        other = second
+        if last.slot != strongest.slot:
+            other = last
+        write_return(strongest, 2 * i, echoes, distance, power, shape, face, normal)
+        write_return(other, 2 * i + 1, echoes, distance, power, shape, face, normal)
+
+
+def choose(echoes: Echoes, beams: int, gap: float, least_power: float, mode: int) -> tuple[HitArrays, wp.array]:
+    """The returns of each beam and their powers: one per beam, or two beside each other for DUAL.
+
+    gap: least distance [m] of echoes that are told apart. least_power: of a return, as `Echoes.power`.
+    mode: FIRST, LAST, STRONGEST, or DUAL: the strongest, then the last, or where that is the same the second strongest.
+    """
+    device = echoes.distance.device
+    out = HitArrays.empty(beams * (2 if mode == DUAL else 1), device)
+    power = wp.empty(out.distance.size, dtype=float, device=device)
+    outputs = [out.distance, power, out.shape, out.face, out.normal]
+    launch_over_rays(choose_returns, beams, [echoes, beams, gap, least_power, mode], outputs, device)
+    return out, power

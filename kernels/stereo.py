@@ -1,0 +1,210 @@
+"""What a stereo camera makes of the depth that it looks at.
+
+With focal length f [pixels] and baseline B [m] a point at depth z is seen with the disparity d = f |B| / z between the
+camera and the second imager, or the projector, at (B, 0, 0) in the optical frame. The camera
+
+- does not match points that the second imager does not see: a ray from there to the point meets something before it;
+- matches windows, so that a foreground's edge grows into the background by half a window ("foreground fattening":
+  Scharstein and Szeliski, IJCV 47, 2002, sec. 5);
+- measures d with an error of standard deviation s, which is sigma_z = z^2 s / (f |B|) in depth, in steps, and up to a
+  greatest disparity, so that nearer surfaces are not found.
+"""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from .cast import HitArrays, Rays
+from .infrared import cos_incidence
+from .launch import launch_over_rays
+from .random import RandomSource, random_normal
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+DRAW_DISPARITY = wp.constant(1)
+EDGE = wp.constant(1.0)  # [pixels] of disparity by which a neighbour in front of the own surface is an edge
+SAME_SURFACE = wp.constant(1.0e-4)  # [m] at 1 m, faced: what two casts to one point may differ by, 4 times and more
+
+
+@wp.struct
+class StereoPair:
+    """width, height of the image, focal length fx and principal point cx [pixels]; baseline [m], signed."""
+
+    width: int
+    height: int
+    focal: float
+    centre: float
+    baseline: float
+
+
+@wp.func
+def depth_of_disparity(pair: StereoPair, disparity: float) -> float:
+    """z = f |B| / d, and the other way round."""
+    return pair.focal * wp.abs(pair.baseline) / disparity
+
+
+@wp.kernel
+def look_from_second(
+    first: int,
+    baseline: float,
+    directions: wp.array[wp.vec3d],
+    distance: wp.array[float],
+    # out:
+    towards: wp.array[wp.vec3d],
+    length: wp.array[float],
+) -> None:
+    """Rays from the second imager to the points; not finite where there is no point."""
+    i = first + wp.tid()
+    point = wp.float64(distance[i]) * directions[i]
+    offset = point - wp.vec3d(wp.float64(baseline), wp.float64(0.0), wp.float64(0.0))
+    towards[i] = offset / wp.length(offset)
+    length[i] = float(wp.length(offset))
+
+
+@wp.kernel
+def hide_unseen(
+    first: int,
+    pair: StereoPair,
+    towards: wp.array[wp.vec3d],
+    length: wp.array[float],
+    met: wp.array[float],
+    normal: wp.array[wp.vec3],
+    # in and out:
+    distance: wp.array[float],
+) -> None:
+    i = first + wp.tid()
+    if not wp.isfinite(distance[i]):
+        return
+    ray = towards[i]
+    column = pair.focal * float(ray[0] / ray[2]) + pair.centre
+    is_in_picture = ray[2] > wp.float64(0.0) and column >= 0.0 and column <= float(pair.width)
+    # the error of a distance grows as the surface turns away
+    slack = SAME_SURFACE * (1.0 + length[i]) / wp.max(cos_incidence(normal[i], ray), 1.0e-3)
+    if met[i] < length[i] - slack or not is_in_picture:
+        distance[i] = wp.nan
+
+
+@dataclass(frozen=True)
+class SecondView:
+    """Rays from the second imager to what the camera sees, and the distance of that [m]."""
+
+    rays: Rays
+    length: wp.array
+
+
+def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
+    """From the second imager to each hit of the camera's rays."""
+    device = rays.directions.device
+    towards = wp.empty(rays.directions.size, dtype=wp.vec3d, device=device)
+    length = wp.empty(rays.directions.size, dtype=float, device=device)
+    inputs = [pair.baseline, rays.directions, hits.distance]
+    launch_over_rays(look_from_second, towards.size, inputs, [towards, length], device)
+    origin = wp.array([[pair.baseline, 0.0, 0.0]], dtype=wp.vec3d, device=device)
+    return SecondView(Rays(towards, origin, rays.position, rays.rotation), length)
+
+
+def hide(hits: HitArrays, view: SecondView, met: HitArrays, pair: StereoPair) -> None:
+    """Make the distance NaN of hits that the second imager does not see, where its rays met something else."""
+    inputs = [pair, view.rays.directions, view.length, met.distance, hits.normal]
+    launch_over_rays(hide_unseen, hits.distance.size, inputs, [hits.distance], hits.distance.device)
+
+
+@wp.kernel
+def fatten_edges(
+    first: int,
+    pair: StereoPair,
+    half: int,
+    directions: wp.array[wp.vec3d],
+    # what is there:
+    surface_distance: wp.array[float],
+    surface_shape: wp.array[int],
+    surface_normal: wp.array[wp.vec3],
+    # what is matched of it:
+    matched: wp.array[float],
+    # out:
+    distance: wp.array[float],
+    shape: wp.array[int],
+    normal: wp.array[wp.vec3],
+) -> None:
+    """The nearest surface in the window that stands out from the plane of the own one.
+
+    On the plane n . p = c the inverse depth along a ray (x, y, 1) is n . (x, y, 1) / c: a slanted surface is no edge.
+    """
+    i = first + wp.tid()
+    ray = directions[i]
+    n = surface_normal[i]
+    c = float(wp.dot(wp.vec3d(wp.float64(n[0]), wp.float64(n[1]), wp.float64(n[2])), ray)) * surface_distance[i]
+    nearest = i
+    inverse = float(0.0)
+    for v in range(wp.max(i / pair.width - half, 0), wp.min(i / pair.width + half + 1, pair.height)):
+        for u in range(wp.max(i % pair.width - half, 0), wp.min(i % pair.width + half + 1, pair.width)):
+            j = v * pair.width + u
+            z = matched[j] * float(directions[j][2])
+            if wp.isfinite(z) and z > 0.0 and 1.0 / z > inverse:
+                other = wp.vec3(float(directions[j][0]), float(directions[j][1]), float(directions[j][2]))
+                plane = float(0.0)
+                if surface_shape[i] >= 0 and c != 0.0:
+                    plane = wp.max(wp.dot(n, other) / (c * other[2]), 0.0)
+                if pair.focal * wp.abs(pair.baseline) * (1.0 / z - plane) > EDGE:
+                    nearest = j
+                    inverse = 1.0 / z
+    distance[i] = matched[i]
+    if nearest != i:
+        distance[i] = 1.0 / (inverse * float(ray[2]))
+    shape[i] = surface_shape[nearest]
+    normal[i] = surface_normal[nearest]
+
+
+def fatten(surface: HitArrays, matched: wp.array, directions: wp.array, pair: StereoPair, window: int) -> HitArrays:
+    """What windows of an odd number of pixels match, where `matched` is the distance of each pixel, or NaN."""
+    out = HitArrays.empty(matched.size, matched.device)
+    inputs = [pair, window // 2, directions, surface.distance, surface.shape, surface.normal, matched]
+    launch_over_rays(fatten_edges, matched.size, inputs, [out.distance, out.shape, out.normal], matched.device)
+    return out
+
+
+@wp.kernel
+def disturb_disparity(
+    first: int,
+    pair: StereoPair,
+    std: float,
+    step: float,
+    greatest: float,
+    source: RandomSource,
+    directions: wp.array[wp.vec3d],
+    # in and out:
+    distance: wp.array[float],
+) -> None:
+    i = first + wp.tid()
+    along = float(directions[i][2])
+    z = distance[i] * along
+    if not wp.isfinite(distance[i]):
+        return
+    if z <= 0.0:
+        distance[i] = wp.nan
+        return
+    disparity = depth_of_disparity(pair, z)
+    if std > 0.0:
+        disparity += std * random_normal(source, i, DRAW_DISPARITY)[0]
+    if step > 0.0:
+        disparity = step * wp.round(disparity / step)
+    distance[i] = depth_of_disparity(pair, disparity) / along
+    if disparity <= 0.0:
+        distance[i] = wp.inf
+    elif disparity > greatest:
+        distance[i] = -wp.inf
+
+
+def measure_disparity(
+    hits: HitArrays,
+    directions: wp.array,
+    pair: StereoPair,
+    source: RandomSource,
+    *,
+    std: float,
+    step: float,
+    greatest: float,
+) -> None:
+    """Give distances the error of a measured disparity [pixels], in place; beyond the greatest it is -inf."""
+    inputs = [pair, std, step, greatest, source, directions]
+    launch_over_rays(disturb_disparity, directions.size, inputs, [hits.distance], directions.device)

@@ -1,0 +1,93 @@
+"""What a time-of-flight camera makes of the ranges in its pixels.
+
+A pixel measures the mean of the ranges in it, each weighted by the light that returns from there, rho |n . d| / R^2
+("flying pixels" where they differ). A phase tells ranges apart only up to c / (2 f), where f is the modulation's
+frequency; farther ones wrap.
+"""
+
+import warp as wp
+
+from .cast import HitArrays
+from .infrared import cos_incidence, returned
+from .launch import launch_over_rays
+from .random import RandomSource, random_normal
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+DRAW_RANGE = wp.constant(4)
+BLACKEST = wp.constant(1.0e-6)
+SPEED_OF_LIGHT = 299792458.0  # [m/s]
+
+
+@wp.kernel
+def mix_subrays(
+    first: int,
+    subrays: int,
+    reflectivity: wp.array[float],
+    directions: wp.array[wp.vec3d],
+    ray_distance: wp.array[float],
+    ray_shape: wp.array[int],
+    ray_normal: wp.array[wp.vec3],
+    # out:
+    distance: wp.array[float],
+    shape: wp.array[int],
+    normal: wp.array[wp.vec3],
+) -> None:
+    i = first + wp.tid()
+    light = float(0.0)
+    light_times_range = float(0.0)
+    most = float(0.0)
+    brightest = i * subrays
+    for j in range(i * subrays, (i + 1) * subrays):
+        if ray_shape[j] >= 0:
+            cosine = cos_incidence(ray_normal[j], directions[j])
+            weight = returned(wp.max(reflectivity[ray_shape[j]], BLACKEST), wp.max(cosine, BLACKEST), ray_distance[j])
+            light += weight
+            light_times_range += weight * ray_distance[j]
+            if weight > most:
+                most = weight
+                brightest = j
+    distance[i] = ray_distance[brightest]
+    if light > 0.0:
+        distance[i] = light_times_range / light
+    shape[i] = ray_shape[brightest]
+    normal[i] = ray_normal[brightest]
+
+
+def mix(rays: HitArrays, directions: wp.array, reflectivity: wp.array, subrays: int) -> HitArrays:
+    """One reading per pixel from its sub-rays, which follow each other; shape and normal are the brightest one's."""
+    device = directions.device
+    out = HitArrays.empty(directions.size // subrays, device)
+    inputs = [subrays, reflectivity, directions, rays.distance, rays.shape, rays.normal]
+    launch_over_rays(mix_subrays, out.distance.size, inputs, [out.distance, out.shape, out.normal], device)
+    return out
+
+
+@wp.kernel
+def disturb_range(
+    first: int,
+    std: float,
+    bias: float,
+    bias_per_metre: float,
+    wrap: float,
+    source: RandomSource,
+    # in and out:
+    distance: wp.array[float],
+) -> None:
+    i = first + wp.tid()
+    if not wp.isfinite(distance[i]):
+        return
+    measured = distance[i] + bias + bias_per_metre * distance[i]
+    if std > 0.0:
+        measured += std * random_normal(source, i, DRAW_RANGE)[0]
+    if wp.isfinite(wrap):
+        measured -= wrap * wp.floor(measured / wrap)
+    distance[i] = measured
+
+
+def measure_range(
+    hits: HitArrays, source: RandomSource, *, std: float, bias: float, bias_per_metre: float, wrap: float
+) -> None:
+    """Give distances [m] bias, noise and, where `wrap` [m] is finite, the remainder by it, in place."""
+    inputs = [std, bias, bias_per_metre, wrap, source]
+    launch_over_rays(disturb_range, hits.distance.size, inputs, [hits.distance], hits.distance.device)

@@ -1,0 +1,192 @@
+"""Rain and fog in a lidar's beam: how they dim it, and the echoes that they send back themselves.
+
+Rain. Drops of diameter D [mm] in rain of R mm/h (Marshall and Palmer, "The distribution of raindrops with size", 1948):
+
+    N(D) = 8000 exp(-4.1 R^-0.21 D)  [1 / (m^3 mm)]
+
+each of which takes twice its cross-section out of the beam, as is so for all that is large against the wavelength:
+
+    a = integral of 2 (pi D^2 / 4) N(D) dD = 8000 pi 1e-6 / (4.1 R^-0.21)^3  [1/m]
+
+As in LISA (Kilic et al. 2021, arXiv 2107.07004), the beam is a cone of width D_b = b R from 1.5 m on, drops larger than
+0.05 mm stand in it at random, a drop reflects ((n - 1) / (n + 1))^2 with n = 1.328, and sends back
+
+    P = ((n - 1) / (n + 1))^2 exp(-2 a R) / R^2 min((D / D_b)^2, 1);
+
+the strongest drop in front of the target counts. Of the thousands of drops in a long beam the nearest DROPS are looked
+at, in the order of the volume v of the cone up to them, which grows by -ln(u) / density from one to the next.
+
+Fog, after Hahner et al., "Fog simulation on real lidar point clouds for 3D object detection in adverse weather", ICCV
+2021, with the meteorological range MOR [m], a pulse of 2 tau = 40 ns and an overlap xi of beam and receiver that rises
+from 0 at 0.9 m to 1 at 1 m:
+
+    a = ln(20) / MOR,  b = 0.046 / MOR,  b_0 = 1e-6 / pi
+    P(R) = b / b_0 integral over t of sin^2(pi t / 2 tau) xi(r) exp(-2 a r) / r^2,  r = R - c t / 2 before the target
+
+The echo is at the R where this is largest, less c tau / 2, by which the pulse's own peak lags.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from .echoes import Echoes, spread_power
+from .launch import launch_over_rays
+from .random import RandomSource, as_uniform, random_bits
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+DROPS = wp.constant(32)
+DRAW_DROPS = wp.constant(16)
+NEAREST_DROP = wp.constant(1.5)
+SMALLEST_DROP = wp.constant(0.05)
+DROP_REFLECTIVITY = wp.constant((0.328 / 2.328) ** 2)
+SPEED_OF_LIGHT = 299_792_458.0
+FOG_STEP = wp.constant(0.1)  # [m] between targets in the table of fog echoes
+_FOG_REACH = 20.0
+_HALF_PULSE = 20e-9
+
+
+@wp.struct
+class Rain:
+    """density: of drops [1/m^3], 0 without rain. slope: 4.1 R^-0.21 [1/mm]. divergence: the beam's full width [rad]."""
+
+    density: float
+    slope: float
+    divergence: float
+
+
+@wp.struct
+class Fog:
+    """The echo of fog in front of a target at k FOG_STEP, or farther for the last k. Empty without fog."""
+
+    distance: wp.array[float]
+    power: wp.array[float]
+
+
+def drop_slope(rain_rate: float) -> float:
+    """4.1 R^-0.21 [1/mm] of rain of R mm/h."""
+    return 4.1 * rain_rate**-0.21
+
+
+def rain_of(rain_rate: float, divergence: float) -> Rain:
+    """Drops in a beam; rain_rate [mm/h], divergence [rad]."""
+    rain = Rain()
+    rain.divergence = divergence
+    rain.slope = drop_slope(rain_rate) if rain_rate > 0 else 1.0
+    rain.density = 8000 / rain.slope * math.exp(-rain.slope * SMALLEST_DROP) if rain_rate > 0 else 0.0
+    return rain
+
+
+def rain_extinction(rain_rate: float) -> float:
+    """a [1/m] of rain of R mm/h, from the distribution of its drops."""
+    return 8000 * math.pi * 1e-6 / drop_slope(rain_rate) ** 3 if rain_rate > 0 else 0.0
+
+
+def fog_extinction(visibility: float) -> float:
+    """a = ln(20) / MOR [1/m]."""
+    return math.log(20) / visibility
+
+
+@dataclass(frozen=True)
+class FogResponse:
+    """(n,) the echo of fog in front of a target at k FOG_STEP: range [m], power."""
+
+    distance: npt.NDArray[np.float32]
+    power: npt.NDArray[np.float32]
+
+
+def fog_response(visibility: float, extinction: float) -> FogResponse:
+    """The strongest echo of fog with this MOR [m], dimmed by all that is in the air, extinction [1/m]."""
+    step = 0.01
+    r = np.arange(step, _FOG_REACH, step)
+    overlap = np.clip((r - 0.9) / 0.1, 0, 1)
+    spread = overlap * np.exp(-2 * extinction * r) / r**2
+    lag = np.arange(0, SPEED_OF_LIGHT * _HALF_PULSE, step)  # c t / 2
+    pulse = np.sin(np.pi * lag / (SPEED_OF_LIGHT * _HALF_PULSE)) ** 2
+    backscatter = (0.046 / visibility) / (1e-6 / np.pi)
+    targets = np.arange(int(_FOG_REACH / FOG_STEP)) * FOG_STEP
+    responses = np.array([np.convolve(np.where(r <= target, spread, 0), pulse) for target in targets])
+    peak = responses.argmax(axis=1)
+    power = backscatter * responses.max(axis=1) * step * 2 / SPEED_OF_LIGHT
+    distance = np.where(power > 0, r[0] + peak * step - SPEED_OF_LIGHT * _HALF_PULSE / 2, np.inf)
+    return FogResponse(distance.astype(np.float32), power.astype(np.float32))
+
+
+def fog_of(response: FogResponse | None, device: wp.DeviceLike) -> Fog:
+    """The table on a device; of None, one without fog."""
+    fog = Fog()
+    nothing = np.zeros(0, np.float32)
+    fog.distance = wp.array(nothing if response is None else response.distance, dtype=float, device=device)
+    fog.power = wp.array(nothing if response is None else response.power, dtype=float, device=device)
+    return fog
+
+
+@wp.func
+def drop_power(distance: float, diameter: float, divergence: float, extinction: float) -> float:
+    """Power of the echo of a drop of this diameter [mm]."""
+    share = 1.0e-3 * diameter / (divergence * distance)
+    return spread_power(DROP_REFLECTIVITY * wp.min(share * share, 1.0), distance, extinction)
+
+
+@wp.func
+def strongest_drop(rain: Rain, source: RandomSource, i: int, target: float, extinction: float) -> wp.vec2:
+    """Range [m] and power of the strongest drop in front of the target; +inf and 0 if there is none."""
+    per_volume = 12.0 / (wp.PI * rain.divergence * rain.divergence)
+    cube = float(NEAREST_DROP * NEAREST_DROP * NEAREST_DROP)
+    best = wp.vec2(wp.inf, 0.0)
+    for k in range(DROPS):
+        bits = random_bits(source, i, DRAW_DROPS + k)
+        cube = cube - wp.log(as_uniform(bits[0])) / rain.density * per_volume
+        distance = wp.pow(cube, 1.0 / 3.0)
+        if distance >= target:
+            return best
+        diameter = SMALLEST_DROP - wp.log(as_uniform(bits[1])) / rain.slope
+        power = drop_power(distance, diameter, rain.divergence, extinction)
+        if power > best[1]:
+            best = wp.vec2(distance, power)
+    return best
+
+
+@wp.kernel
+def scatter(
+    first: int,
+    rain: Rain,
+    fog: Fog,
+    source: RandomSource,
+    extinction: float,
+    beams: int,
+    first_slot: int,
+    echoes: Echoes,
+) -> None:
+    i = first + wp.tid()
+    target = echoes.distance[i]
+    drop = wp.vec2(wp.inf, 0.0)
+    if rain.density > 0.0 and not wp.isnan(target):
+        drop = strongest_drop(rain, source, i, target, extinction)
+    haze = wp.vec2(wp.inf, 0.0)
+    if fog.distance.shape[0] > 0 and not wp.isnan(target):
+        k = int(wp.min(target / FOG_STEP, float(fog.distance.shape[0] - 1)))
+        haze = wp.vec2(fog.distance[k], fog.power[k])
+    for m in range(2):
+        slot = (first_slot + m) * beams + i
+        echo = drop
+        if m == 1:
+            echo = haze
+        echoes.distance[slot] = echo[0]
+        echoes.power[slot] = echo[1]
+        echoes.shape[slot] = -1
+        echoes.face[slot] = -1
+        echoes.normal[slot] = wp.vec3(0.0, 0.0, 0.0)
+
+
+def add_weather(
+    rain: Rain, fog: Fog, source: RandomSource, extinction: float, echoes: Echoes, beams: int, first_slot: int
+) -> None:
+    """Write the echoes of rain and fog to slots first_slot and first_slot + 1, before what the beam's middle hits."""
+    launch_over_rays(
+        scatter, beams, [rain, fog, source, extinction, beams, first_slot], [echoes], echoes.distance.device
+    )

@@ -1,0 +1,1 @@
+"""What sensors do to what their rays hit: effects of light, electronics and weather."""

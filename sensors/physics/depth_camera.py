@@ -1,0 +1,140 @@
+"""A depth camera's way from rays to a reading: what it sees, what of that it measures, and how well."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+
+from rigcast.kernels import kinect_v1, stereo, time_of_flight
+from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.infrared import Losses, lose
+from rigcast.kernels.packets.sorting import Packets, sort_into_packets
+from rigcast.kernels.random import RandomSource, random_source
+from rigcast.kernels.reading import bound, read
+from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.pattern import Pattern
+from rigcast.sensors.specs.ranging import Ranging, Stereo, TimeOfFlight
+
+_KINECT_V1 = {"nguyen": kinect_v1.NGUYEN, "disparity": kinect_v1.DISPARITY}
+
+
+@dataclass(frozen=True, eq=False)
+class DepthReading:
+    """hits: what is measured. seen: what is there, to any distance. Both (n,), normals in the camera's frame."""
+
+    hits: HitArrays
+    seen: HitArrays
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """One look of a camera through its rays."""
+
+    scene: Scene
+    rays: Rays
+    visible: wp.array
+    source: RandomSource
+
+    def cast(self, directions: wp.array, packets: Packets | None) -> HitArrays:
+        """What rays from the camera hit, to any distance, with normals in its frame."""
+        rays = replace(self.rays, directions=directions, packets=packets)
+        hits = self.scene.cast_rays(rays, self.visible, math.inf)
+        read(hits, rays, min_range=0.0)
+        return hits
+
+    def lose(self, spec: Ranging, untextured_dropout: float, hits: HitArrays) -> None:
+        """Take away the pixels that give no reading, if the specification knows any."""
+        losses = Losses()
+        losses.dropout, losses.untextured_dropout = spec.dropout, untextured_dropout
+        losses.min_cosine = math.cos(math.radians(spec.max_incidence_deg)) if spec.max_incidence_deg < 90 else 0.0
+        losses.min_intensity = spec.min_intensity
+        if losses.dropout or losses.untextured_dropout or losses.min_cosine or losses.min_intensity:
+            looks = self.scene.looks()
+            lose(hits, losses, self.source, self.rays.directions, (looks.reflectivity, looks.textured))
+
+
+class DepthPhysics:
+    """The errors that the specification of one camera asks for, ready on the device of a scene."""
+
+    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern) -> None:
+        self._scene, self._spec = scene, spec
+        self._read = _ReadStereo(spec.stereo, pattern) if spec.stereo else _ReadTimeOfFlight(scene, spec, pattern)
+
+    def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> DepthReading:
+        """One reading of the scene, with rays through the pixels' centres."""
+        look = _Look(self._scene, rays, visible, random_source(seed, self._spec.name, frame))
+        reading = self._read(look)
+        bound(reading.hits, self._spec.min_range, self._spec.max_range)
+        return reading
+
+
+class _ReadStereo:
+    def __init__(self, spec: Stereo, pattern: Pattern) -> None:
+        assert pattern.intrinsics is not None
+        self._spec, self._pair = spec, stereo.StereoPair()
+        self._pair.height, self._pair.width = pattern.shape
+        self._pair.focal, self._pair.centre = pattern.intrinsics[0, 0], pattern.intrinsics[0, 2]
+        self._pair.baseline = spec.baseline
+
+    def __call__(self, look: _Look) -> DepthReading:
+        spec, directions = self._spec, look.rays.directions
+        seen = look.cast(directions, look.rays.packets)
+        surface = seen if spec.kinect_v1 is None else self._shifted(look, seen)
+        hits = _copy(surface)
+        if spec.shadow:
+            view = stereo.second_view(surface, look.rays, self._pair)
+            stereo.hide(hits, view, look.scene.cast_rays(view.rays, look.visible, math.inf), self._pair)
+        if spec.matching_window > 1:
+            hits = stereo.fatten(surface, hits.distance, directions, self._pair, spec.matching_window)
+        look.lose(spec, spec.untextured_dropout, hits)
+        self._disturb(look, hits)
+        return DepthReading(hits, seen)
+
+    def _shifted(self, look: _Look, seen: HitArrays) -> HitArrays:
+        """What the pixels see along rays with the Kinect's lateral error, as if it were along their own."""
+        assert self._spec.kinect_v1 is not None
+        model, size = _KINECT_V1[self._spec.kinect_v1], (self._pair.width, self._pair.height)
+        shifted = kinect_v1.shift(model, size, look.source, look.rays.directions, seen.normal)
+        hits = look.cast(shifted, None)
+        kinect_v1.at_own_pixel(hits.distance, shifted, look.rays.directions)
+        return hits
+
+    def _disturb(self, look: _Look, hits: HitArrays) -> None:
+        """The errors of depth and disparity."""
+        spec, directions = self._spec, look.rays.directions
+        if spec.kinect_v1 is not None:
+            model = _KINECT_V1[spec.kinect_v1]
+            kinect_v1.measure_depth(model, look.source, directions, hits.normal, hits.distance)
+        if spec.disparity_std > 0 or spec.disparity_step > 0 or math.isfinite(spec.max_disparity):
+            std, step, greatest = spec.disparity_std, spec.disparity_step, spec.max_disparity
+            stereo.measure_disparity(hits, directions, self._pair, look.source, std=std, step=step, greatest=greatest)
+
+
+class _ReadTimeOfFlight:
+    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern) -> None:
+        assert spec.time_of_flight is not None
+        self._spec: TimeOfFlight = spec.time_of_flight
+        self._subrays, self._packets = None, None
+        if pattern.subrays is not None:
+            self._subrays = scene.rays_in_frame(pattern.subrays, np.zeros(3), np.eye(4)).directions
+            self._packets = sort_into_packets(pattern.subrays.reshape(-1, 3)) if scene.device.is_cpu else None
+
+    def __call__(self, look: _Look) -> DepthReading:
+        spec = self._spec
+        if self._subrays is None:
+            seen = look.cast(look.rays.directions, look.rays.packets)
+        else:
+            rays, looks = look.cast(self._subrays, self._packets), look.scene.looks()
+            seen = time_of_flight.mix(rays, self._subrays, looks.reflectivity, spec.subrays**2)
+        hits = _copy(seen)
+        look.lose(spec, 0.0, hits)
+        wrap = math.inf if spec.modulation_hz is None else time_of_flight.SPEED_OF_LIGHT / (2 * spec.modulation_hz)
+        std, bias, per_metre = spec.range_std, spec.bias, spec.bias_per_metre
+        time_of_flight.measure_range(hits, look.source, std=std, bias=bias, bias_per_metre=per_metre, wrap=wrap)
+        return DepthReading(hits, seen)
+
+
+def _copy(hits: HitArrays) -> HitArrays:
+    return HitArrays(*(wp.clone(array) for array in (hits.distance, hits.shape, hits.face, hits.normal)))

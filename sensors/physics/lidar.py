@@ -1,0 +1,149 @@
+"""A lidar's way from rays to a reading: beams, surfaces, weather, returns, ranging."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+
+from rigcast.kernels import beams, echoes, ranging, returns, weather
+from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.kernels.random import RandomSource, random_source
+from rigcast.kernels.reading import read
+from rigcast.sensors.scene.looks import Looks
+from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidar_effects import Noise, Weather
+
+_MODES = {
+    "first": returns.FIRST,
+    "last": returns.LAST,
+    "strongest": returns.STRONGEST,
+    "dual": returns.DUAL,
+}
+_LISA_DIVERGENCE = 3e-3  # [rad], where the lidar's own is not given
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """hits: (n k) the returns, k for each of n rays, normals in the rays' frame. intensity: (n k) float32."""
+
+    hits: HitArrays
+    intensity: wp.array
+
+
+class LidarPhysics:
+    """The effects that the specification of one lidar asks for, ready on the device of a scene."""
+
+    def __init__(self, scene: Scene, spec: Lidar, rays: Rays) -> None:
+        self.scene, self.spec, self.count = scene, spec, rays.directions.size
+        noise = spec.noise or Noise()
+        angles, weights = _sub_rays(spec)
+        self.sub_rays = len(weights)
+        self._angles = wp.array(angles, dtype=wp.vec2, device=scene.device)
+        self._angle_std = math.radians(noise.angle_std_deg)
+        self._origins = beams.repeated(rays.origins, self.sub_rays)
+        self._directions = beams.aim(rays, self._angles, RandomSource(), 0.0)
+        self._packets = rays.packets
+        if rays.packets is not None and self.sub_rays > 1:
+            self._packets = sort_into_packets(self._directions.numpy())
+        self._travelled = wp.zeros(self.count * self.sub_rays, dtype=float, device=scene.device)
+        self._share = wp.array(np.tile(weights, self.count), dtype=float, device=scene.device)
+        self._extinction = _extinction(spec.weather or Weather())
+        self._rain = weather.rain_of(spec.weather.rain_rate if spec.weather else 0.0, _divergence(spec))
+        self._fog = weather.fog_of(_fog_response(spec, self._extinction), scene.device)
+        self._noise = _range_noise(spec)
+
+    def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> Reading:
+        """One reading of the scene. rays: those of the construction in the sensor's pose now."""
+        spec, source = self.spec, random_source(seed, self.spec.name, frame)
+        sub_rays = replace(rays, directions=self._directions, origins=self._origins, packets=self._packets)
+        if self._angle_std > 0:
+            directions = beams.aim(rays, self._angles, source, self._angle_std)
+            sub_rays = replace(sub_rays, directions=directions, packets=None)
+        found = self._echoes(sub_rays, visible, source)
+        least_power = spec.detection.least_power if spec.detection else 0.0
+        gap = 0.5 * weather.SPEED_OF_LIGHT * spec.pulse_length
+        hits, power = returns.choose(found, self.count, gap, least_power, _MODES[spec.returns])
+        per_beam = hits.distance.size // self.count
+        limits = (spec.min_range, spec.max_range)
+        intensity = ranging.measure(hits, power, per_beam, self._noise, source, limits)
+        read(hits, rays, spec.min_range)
+        return Reading(hits, intensity)
+
+    def _echoes(self, rays: Rays, visible: wp.array, source: RandomSource) -> echoes.Echoes:
+        """All that comes back: of surface after surface, of what is seen in a mirror, of rain and fog."""
+        spec, looks, device, count = self.spec, self.scene.looks(), self.scene.device, rays.directions.size
+        layers = spec.max_surfaces if looks.has_transparent else 1
+        shows_mirrors = spec.mirrors and looks.has_mirrors
+        slots = self.sub_rays * (layers + shows_mirrors)
+        found = echoes.new_echoes(slots + 2 * (spec.weather is not None), self.count, device)
+        setting = self._setting(looks, rays)
+        nowhere = echoes.new_paths(0, device)
+        aside = echoes.new_paths(count, device) if shows_mirrors else nowhere
+        paths = echoes.started(rays, self._travelled, self._share)
+        for layer in range(layers):
+            beyond = echoes.new_paths(count, device) if layer + 1 < layers else nowhere
+            hits = self.scene.cast_rays(rays if layer == 0 else _along(paths, rays), visible, spec.max_range)
+            echoes.reflect(setting, hits, paths, layer * self.sub_rays, found, beyond, aside)
+            paths = beyond
+        if shows_mirrors:
+            hits = self.scene.cast_rays(_along(aside, rays), visible, spec.max_range)
+            echoes.reflect(setting, hits, aside, layers * self.sub_rays, found, nowhere, nowhere)
+        if spec.weather is not None:
+            weather.add_weather(self._rain, self._fog, source, self._extinction, found, self.count, slots)
+        return found
+
+    def _setting(self, looks: Looks, rays: Rays) -> echoes.Setting:
+        """Surfaces are opaque and no mirrors, unless these effects are asked for."""
+        surfaces, none = echoes.SurfaceArrays(), wp.zeros_like(looks.reflectivity)
+        surfaces.reflectivity = looks.reflectivity
+        surfaces.transmission = looks.surfaces.transmission if self.spec.max_surfaces > 1 else none
+        surfaces.mirror = looks.surfaces.mirror if self.spec.mirrors else none
+        lobe = math.radians(self.spec.mirror_lobe_deg)
+        return echoes.Setting(surfaces, rays.rotation, self.spec.max_range, self._extinction, lobe, self.sub_rays)
+
+
+def _along(paths: echoes.Paths, rays: Rays) -> Rays:
+    """The rays of light on its way, in the frame of these rays."""
+    return replace(rays, directions=paths.direction, origins=paths.origin, packets=None)
+
+
+def _sub_rays(spec: Lidar) -> tuple[np.ndarray, np.ndarray]:
+    if spec.beam is None:
+        return np.zeros((1, 2), np.float32), np.ones(1, np.float32)
+    across, up = np.deg2rad(spec.beam.divergence_deg)
+    return beams.hexagonal_rings(spec.beam.rings, (across, up))
+
+
+def _divergence(spec: Lidar) -> float:
+    """Of a round beam with the same cross-section [rad]."""
+    if spec.beam is None:
+        return _LISA_DIVERGENCE
+    return float(np.sqrt(np.prod(np.deg2rad(spec.beam.divergence_deg))))
+
+
+def _extinction(around: Weather) -> float:
+    """Of the air [1/m]."""
+    rain, fog = around.rain_rate, weather.fog_extinction(around.visibility)
+    if around.rain_extinction is None or rain == 0:
+        return weather.rain_extinction(rain) + fog
+    factor, exponent = around.rain_extinction
+    return float(factor * rain**exponent + fog)
+
+
+def _fog_response(spec: Lidar, extinction: float) -> weather.FogResponse | None:
+    if spec.weather is None or math.isinf(spec.weather.visibility):
+        return None
+    return weather.fog_response(spec.weather.visibility, extinction)
+
+
+def _range_noise(spec: Lidar) -> ranging.RangeNoise:
+    given, around = spec.noise or Noise(), spec.weather or Weather()
+    noise = ranging.RangeNoise()
+    noise.range_std, noise.resolution = given.range_std, given.range_resolution
+    noise.dropout, noise.dark_dropout, noise.dark_limit = given.dropout, given.dark_dropout, given.dark_limit
+    noise.power_std = spec.detection.power_std if spec.detection else 0.0
+    noise.rain_std = around.rain_range_noise * (1 - math.exp(-around.rain_rate)) ** 2
+    return noise

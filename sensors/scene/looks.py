@@ -1,0 +1,105 @@
+"""How surfaces look to a sensor's light, from the colours and materials of a model and what the user says otherwise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels.echoes import SurfaceArrays
+from rigcast.sensors.faults import refuse
+from rigcast.sensors.specs.surface import Surface
+
+_LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear red, green and blue: ITU-R BT.709
+_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # of a geom in MJCF; its material's colour counts in its place
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """Of each shape, on the device: surfaces as in `rigcast.kernels.echoes`, textured (n,) bool.
+
+    has_transparent, has_mirrors: whether any lets light through, or reflects some as a mirror.
+    """
+
+    surfaces: SurfaceArrays
+    textured: wp.array
+    has_transparent: bool
+    has_mirrors: bool
+
+    @property
+    def reflectivity(self) -> wp.array:
+        return self.surfaces.reflectivity
+
+
+class LooksTable:
+    """The looks of the shapes of a scene.
+
+    Args:
+        owners, ids: (n,) kind and MuJoCo id of what each shape is of. bodies: (n,) its body, -1 for none.
+        props: their names. surfaces: what holds in place of the model's colours, the last of several for one shape.
+
+    Raises:
+        InputError: a surface that names what is not there.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        shapes: tuple[NDArray[np.str_], NDArray[np.int32], NDArray[np.int32]],
+        props: Sequence[str],
+        surfaces: Sequence[Surface],
+    ) -> None:
+        for k, surface in enumerate(surfaces):
+            refuse(f"surfaces[{k}]", surface.faults(model, props))
+        self._model, self._props, self._overrides = model, props, tuple(surfaces)
+        self._owners, self._ids, self._bodies = shapes
+
+    def read(self, device: wp.DeviceLike) -> Looks:
+        """As the model looks now."""
+        model = self._model
+        rgba, material = self._drawn()
+        values = {
+            "reflectivity": rgba[:, :3] @ np.array(_LUMINANCE),
+            "transmission": 1.0 - rgba[:, 3],
+            "mirror": np.append(model.mat_reflectance, 0.0)[material],
+        }
+        for surface in self._overrides:
+            here = self._belongs(surface, material)
+            for name, column in values.items():
+                given = getattr(surface, name)
+                column[here] = column[here] if given is None else given
+        arrays = SurfaceArrays()
+        for name, column in values.items():
+            setattr(arrays, name, wp.array(column, dtype=float, device=device))
+        textured = np.append((model.mat_texid >= 0).any(axis=-1), False)[material]
+        return Looks(
+            arrays,
+            wp.array(textured, dtype=wp.bool, device=device),
+            has_transparent=bool((values["transmission"] > 0).any()),
+            has_mirrors=bool((values["mirror"] > 0).any()),
+        )
+
+    def _drawn(self) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """(n, 4) the colour in which each shape is drawn, and (n,) id of its material, -1 for none."""
+        model, count = self._model, len(self._ids)
+        rgba, material = np.tile(np.array(_DEFAULT_RGBA), (count, 1)), np.full(count, -1, np.int32)
+        for owner in ("geom", "flex", "skin"):
+            here = self._owners == owner
+            rgba[here] = getattr(model, f"{owner}_rgba")[self._ids[here]]
+            material[here] = getattr(model, f"{owner}_matid")[self._ids[here]]
+        # as mjv_updateScene does
+        takes_material = (material >= 0) & (rgba == np.array(_DEFAULT_RGBA)).all(axis=1)
+        rgba[takes_material] = model.mat_rgba[material[takes_material]]
+        return rgba, material
+
+    def _belongs(self, surface: Surface, material: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """(n,) which shapes a surface is of."""
+        if surface.geom is not None:
+            return (self._owners == "geom") & (self._ids == self._model.geom(surface.geom).id)
+        if surface.material is not None:
+            return np.asarray(material == self._model.mat(surface.material).id)
+        if surface.body is not None:
+            return np.asarray(self._bodies == self._model.body(surface.body).id)
+        return (self._owners == "prop") & (self._ids == self._props.index(str(surface.prop)))

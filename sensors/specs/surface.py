@@ -1,0 +1,62 @@
+"""How the surfaces of a model reflect light, where its colours do not say."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import mujoco
+from pydantic import Field, model_validator
+
+from rigcast.sensors.faults import Fault
+from rigcast.sensors.names import expected_one_of, model_names
+
+from .spec import Spec
+
+_Share = Annotated[float, Field(ge=0, le=1)]
+_OBJECTS = {
+    "geom": (mujoco.mjtObj.mjOBJ_GEOM, "ngeom"),
+    "material": (mujoco.mjtObj.mjOBJ_MATERIAL, "nmat"),
+    "body": (mujoco.mjtObj.mjOBJ_BODY, "nbody"),
+}
+
+
+class Surface(Spec):
+    """How a geom, everything of a material or of a body, or a prop reflects, at the wavelength of the sensors.
+
+    What is not given, here or in another entry, is the model's: reflectivity is the luminance of its rgba (0.2126 r +
+    0.7152 g + 0.0722 b; textures do not count), transmission 1 - alpha, mirror the `reflectance` of its material. A
+    prop has a reflectivity of 0.5. Of several entries for one thing the last counts.
+    """
+
+    geom: str | None = Field(default=None, description="name of a geom")
+    material: str | None = Field(default=None, description="name of a material: of geoms, flexes and skins")
+    body: str | None = Field(default=None, description="name of a body: of its geoms, and of props mounted on it")
+    prop: str | None = Field(default=None, description="name of a prop")
+    reflectivity: float | None = Field(
+        default=None,
+        ge=0,
+        description="share of the light thrown back in all directions; retro-reflectors have above 1",
+    )
+    transmission: _Share | None = Field(default=None, description="share of the light let through")
+    mirror: _Share | None = Field(
+        default=None, description="share, of the light not let through, reflected as by a mirror"
+    )
+
+    @model_validator(mode="after")
+    def _one_owner(self) -> "Surface":
+        given = [key for key in (*_OBJECTS, "prop") if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give one of geom, material, body and prop, got {' and '.join(given) or 'none'}")
+        return self
+
+    def faults(self, model: mujoco.MjModel, props: Sequence[str]) -> list[Fault]:
+        """What keeps it from being on `model` with props of these names: a name that is not there."""
+        if self.prop is not None:
+            if self.prop in props:
+                return []
+            return [Fault(("prop",), f"no prop {self.prop!r}, {expected_one_of(self.prop, props)}")]
+        key, name = next((key, getattr(self, key)) for key in _OBJECTS if getattr(self, key) is not None)
+        kind, count = _OBJECTS[key]
+        if mujoco.mj_name2id(model, kind, name) >= 0:
+            return []
+        names = model_names(model, kind, getattr(model, count))
+        return [Fault((key,), f"no {key} {name!r} in the model, {expected_one_of(name, names)}")]

@@ -1,0 +1,181 @@
+"""Random numbers: the published ones, the same on every device, evenly spread and independent."""
+
+# mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from confidence import assert_even, assert_normal, assert_uncorrelated
+from numpy.typing import NDArray
+
+from rigcast.kernels.random import (
+    RandomSource,
+    philox,
+    random_bits,
+    random_normal,
+    random_source,
+    random_uniform,
+)
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)]
+SEED = 7
+COUNT = 250_000
+
+
+@wp.kernel
+def _philox(counter: wp.array[wp.vec4ui], key: wp.array[wp.vec2ui], out: wp.array[wp.vec4ui]) -> None:
+    i = wp.tid()
+    out[i] = philox(counter[i], key[i])
+
+
+@wp.kernel
+def _draw(
+    source: RandomSource,
+    draw: int,
+    bits: wp.array[wp.vec4ui],
+    uniform: wp.array[wp.vec4],
+    normal: wp.array[wp.vec4],
+) -> None:
+    i = wp.tid()
+    bits[i] = random_bits(source, i, draw)
+    uniform[i] = random_uniform(source, i, draw)
+    normal[i] = random_normal(source, i, draw)
+
+
+def philox_reference(counter: NDArray[np.uint32], key: NDArray[np.uint32], rounds: int = 10) -> NDArray[np.uint32]:
+    """(n, 4) words of Philox4x32 for counters (n, 4) and keys (n, 2), in numpy's 64-bit integers."""
+    c, k = (np.asarray(words, np.uint64).T.copy() for words in (counter, key))
+    word, low = np.uint64(32), np.uint64(0xFFFFFFFF)
+    for _ in range(rounds):
+        p0, p1 = np.uint64(0xD2511F53) * c[0], np.uint64(0xCD9E8D57) * c[2]
+        c = np.stack([(p1 >> word) ^ c[1] ^ k[0], p1 & low, (p0 >> word) ^ c[3] ^ k[1], p0 & low])
+        k = (k + np.array([[0x9E3779B9], [0xBB67AE85]], np.uint64)) & low
+    return c.T.astype(np.uint32)
+
+
+def drawn(source: RandomSource, draw: int = 0, count: int = COUNT, device: str = "cpu") -> dict[str, NDArray[Any]]:
+    arrays = {
+        "bits": wp.empty(count, dtype=wp.vec4ui, device=device),
+        "uniform": wp.empty(count, dtype=wp.vec4, device=device),
+        "normal": wp.empty(count, dtype=wp.vec4, device=device),
+    }
+    wp.launch(_draw, count, inputs=[source, draw], outputs=list(arrays.values()), device=device)
+    return {name: array.numpy() for name, array in arrays.items()}
+
+
+def philox_on(device: str, counter: NDArray[np.uint32], key: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    out = wp.empty(len(counter), dtype=wp.vec4ui, device=device)
+    inputs = [wp.array(counter, dtype=wp.vec4ui, device=device), wp.array(key, dtype=wp.vec2ui, device=device)]
+    wp.launch(_philox, len(counter), inputs=inputs, outputs=[out], device=device)
+    return out.numpy()
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize(
+    ("counter", "key", "expected"),
+    # "philox4x32 10" in kat_vectors of Random123, https://github.com/DEShawResearch/random123/tree/main/tests
+    [
+        ("00000000 00000000 00000000 00000000", "00000000 00000000", "6627e8d5 e169c58d bc57ac4c 9b00dbd8"),
+        ("ffffffff ffffffff ffffffff ffffffff", "ffffffff ffffffff", "408f276d 41c83b0e a20bc7c6 6d5451fd"),
+        ("243f6a88 85a308d3 13198a2e 03707344", "a4093822 299f31d0", "d16cfe09 94fdcceb 5001e420 24126ea1"),
+    ],
+)
+def test_the_published_vectors_come_out(device: str, counter: str, key: str, expected: str) -> None:
+    counters, keys, words = (
+        np.array([[int(word, 16) for word in text.split()]], np.uint32) for text in (counter, key, expected)
+    )
+    np.testing.assert_array_equal(philox_on(device, counters, keys), words)
+    np.testing.assert_array_equal(philox_reference(counters, keys), words)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_integers_are_those_of_the_reference_bit_for_bit(device: str) -> None:
+    rng = np.random.default_rng(SEED)
+    counter = rng.integers(0, 2**32, (100_000, 4), np.uint32)
+    key = rng.integers(0, 2**32, (100_000, 2), np.uint32)
+    np.testing.assert_array_equal(philox_on(device, counter, key), philox_reference(counter, key))
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_draw_is_a_function_of_seed_sensor_world_frame_ray_and_draw(device: str) -> None:
+    source = random_source(SEED, "top", frame=2**32 + 11, world=13)
+    counter = np.stack([np.full(1000, 5), np.arange(1000), np.full(1000, 11), np.full(1000, 13)], axis=-1)
+    key = np.tile(np.array([source.key[0], source.key[1]], np.uint32), (1000, 1))
+    expected = philox_reference(counter.astype(np.uint32), key)
+    got = drawn(source, draw=5, count=1000, device=device)
+    np.testing.assert_array_equal(got["bits"], expected)
+    np.testing.assert_array_equal(got["uniform"], ((expected >> 9) + 0.5) / 2**23)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_normal_numbers_are_box_muller_within_ulps(device: str) -> None:
+    """8 ulps of the radius for sqrt, log, cosine and sine, and for rounding 2 pi v, which moves the angle by an ulp."""
+    got = drawn(random_source(SEED, "top", frame=0), device=device)
+    u = got["uniform"].astype(np.float64)
+    radius, angle = np.sqrt(-2 * np.log(u[:, ::2])), 2 * np.pi * u[:, 1::2]
+    expected = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).reshape(-1, 4)
+    error = np.abs(got["normal"] - expected) / np.repeat(radius, 2, axis=1)
+    assert error.max() <= 8 * 2.0**-23, f"got {error.max() * 2**23:.1f} ulps"
+
+
+def test_numbers_of_a_seed_do_not_change_from_version_to_version() -> None:
+    source = random_source(SEED, "top", frame=0)
+    assert [f"{int(word):08x}" for word in source.key] == ["f62b50cd", "265463c3"]
+
+
+@pytest.mark.parametrize("kind", ["bits", "uniform"])
+def test_uniform_numbers_are_evenly_spread(kind: str) -> None:
+    """10^6 numbers in 2^12 bins: by their upper bits, and for words by their lower bits too."""
+    values = drawn(random_source(SEED, "top", frame=0))[kind]
+    if kind == "uniform":
+        assert 0 < values.min() < values.max() < 1
+        assert_even(np.bincount((values.reshape(-1) * 4096).astype(int), minlength=4096))
+        return
+    for shift in (20, 10, 0):
+        assert_even(np.bincount((values.reshape(-1) >> np.uint32(shift)) & 4095, minlength=4096), f"shift {shift}")
+
+
+def test_neighbouring_numbers_are_evenly_spread_in_pairs() -> None:
+    """Pairs of numbers of one ray, and of neighbouring rays, in 64 x 64 squares."""
+    cell = (drawn(random_source(SEED, "top", frame=0))["uniform"] * 64).astype(int)
+    for what, a, b in (("one ray", cell[:, 0], cell[:, 1]), ("two rays", cell[:-1, 0], cell[1:, 0])):
+        assert_even(np.bincount(64 * a + b, minlength=4096), what)
+
+
+def test_normal_numbers_are_normal() -> None:
+    values = drawn(random_source(SEED, "top", frame=0))["normal"]
+    assert_normal(values, 0.0, 1.0)
+    assert np.abs(values).max() <= math.sqrt(2 * 24 * math.log(2))
+    for i in range(4):
+        for j in range(i):
+            assert_uncorrelated(values[:, i], values[:, j], f"components {i}, {j}")
+            assert_uncorrelated(values[:, i] ** 2, values[:, j] ** 2, f"squares of components {i}, {j}")
+
+
+@pytest.mark.parametrize(
+    ("other", "draw"),
+    [
+        (random_source(SEED + 1, "top", frame=0), 0),
+        (random_source(SEED, "top2", frame=0), 0),
+        (random_source(SEED, "top", frame=1), 0),
+        (random_source(SEED, "top", frame=0, world=1), 0),
+        (random_source(SEED, "top", frame=0), 1),
+    ],
+    ids=["seed", "sensor", "frame", "world", "draw"],
+)
+def test_numbers_that_differ_in_one_thing_are_independent(other: RandomSource, draw: int) -> None:
+    a = drawn(random_source(SEED, "top", frame=0))["normal"]
+    b = drawn(other, draw)["normal"]
+    assert_uncorrelated(a, b)
+    assert_uncorrelated(a**2, b**2)
+
+
+def test_rays_are_independent_at_every_lag() -> None:
+    values = drawn(random_source(SEED, "top", frame=0))["normal"][:, 0]
+    for lag in (1, 2, 16, 64, 1024, 1808, 65536):
+        assert_uncorrelated(values[lag:], values[:-lag], f"lag {lag}")
