@@ -16,6 +16,7 @@ from rigcast.check import Report, check
 from rigcast.cli.check import as_json
 from rigcast.cli.check import check as command
 from rigcast.sensors.rig.rig import Sensor
+from rigcast.sensors.specs.lens import KannalaBrandt
 
 WORLD = """<mujoco>
   <option timestep="0.01"/>
@@ -153,3 +154,12 @@ def test_the_command_names_wrong_rays_and_exits_with_1(rig_file: Path, monkeypat
     assert result.exit_code == 1, result.output
     for word in ("wrong: ", "post", "expected", "got", "along", "after"):
         assert word in result.output
+
+
+def test_pixels_that_a_fisheye_leaves_dark_are_not_judged() -> None:
+    model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size="2"/></worldbody></mujoco>')
+    optics: dict[str, Any] = {"resolution": (80, 80), "fx": 10.0, "fy": 10.0, "cx": 40.0, "cy": 40.0}
+    spec = DepthCamera(name="fish", mount=Mount(), distortion=KannalaBrandt(), **optics)
+    report = check(Rig(model, [spec], "cpu"), mujoco.MjData(model), states=1)
+    inside = np.hypot(*np.meshgrid(np.arange(80) - 39.5, np.arange(80) - 39.5)) <= 10 * np.pi
+    assert (report.total("rays"), report.total("wrong"), report.not_judged) == (inside.sum(), 0, 0)
