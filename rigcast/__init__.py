@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .config import load_rig as load_rig
+    from .export.options import Export as Export
+    from .export.recorder import Recorder as Recorder
+    from .ros.node import RosNode as RosNode
     from .sensors.errors import InputError as InputError
     from .sensors.rig.frame import CameraFrame as CameraFrame
     from .sensors.rig.frame import Frame as Frame
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 _HOME = {
     "CameraFrame": "sensors.rig.frame",
     "DepthCamera": "sensors.specs.depth_camera",
+    "Export": "export.options",
     "Filter": "sensors.specs.filter",
     "Frame": "sensors.rig.frame",
     "HeightScan": "sensors.specs.height_scan",
@@ -33,7 +37,9 @@ _HOME = {
     "LidarFrame": "sensors.rig.frame",
     "Mount": "sensors.specs.mount",
     "Prop": "sensors.specs.prop",
+    "Recorder": "export.recorder",
     "Rig": "sensors.rig.rig",
+    "RosNode": "ros.node",
     "Scene": "sensors.scene.scene",
     "load_rig": "config",
 }

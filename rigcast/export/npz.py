@@ -4,21 +4,18 @@ from pathlib import Path
 
 import numpy as np
 
-from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
-
-_EVERY_FRAME = ("range", "points", "normal", "geom_id", "body_id", "stamp")
+from rigcast.export.fields import fields_of
+from rigcast.sensors.rig.frame import CameraFrame, Frame
 
 
 def write_npz(path: Path, frame: Frame) -> None:
     """Write one frame to `path`, whatever its suffix. Raises OSError where it cannot be written.
 
-    Keys: `sensor`, `time`, `pose`, the per-ray fields of Frame (points in the sensor frame; `pose` takes them
-    to the world), and `ring`, `column` of a lidar or `depth`, `intrinsics` of a depth camera.
+    Keys: `sensor`, `time`, `pose`, every per-ray field that the frame has (points in the sensor frame; `pose` takes
+    them to the world), and `intrinsics` of a depth camera.
     """
-    fields = {name: getattr(frame, name).numpy() for name in _EVERY_FRAME}
-    if isinstance(frame, LidarFrame):
-        fields |= {"ring": frame.ring.numpy(), "column": frame.column.numpy()}
+    fields = fields_of(frame)
     if isinstance(frame, CameraFrame):
-        fields |= {"depth": frame.depth.numpy(), "intrinsics": frame.intrinsics}
+        fields |= {"intrinsics": frame.intrinsics}
     with path.open("wb") as file:
         np.savez(file, sensor=frame.sensor, time=frame.time, pose=frame.pose, **fields)

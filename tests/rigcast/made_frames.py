@@ -34,16 +34,17 @@ def model() -> mujoco.MjModel:
 def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -> Any:
     """A frame of `kind` whose range is `distance`; other readings are random, and misses where that is none.
 
-    Fields can be `given` by name. A frame works out its fields when asked; here they are there already.
+    Fields can be `given` by name; rays: the shape of the rays where each has several returns. A frame works out
+    its fields when asked; here they are there already.
     """
     frame = kind(
         sensor=given.pop("sensor", "eye"),
         time=given.pop("time", 0.1),
         pose=POSE,
         shape=distance.shape,
-        **_own_fields(kind, distance.shape),
+        **_own_fields(kind, given.pop("rays", distance.shape)),
     )
-    arrays = _random_fields(distance) | {"range": distance} | given
+    arrays = _random_fields(kind, distance) | {"range": distance} | given
     vars(frame).update({name: wp.array(array, device="cpu") for name, array in arrays.items()})
     return frame
 
@@ -68,7 +69,7 @@ def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
     return fields
 
 
-def _random_fields(distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+def _random_fields(kind: type[Frame], distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
     rng = np.random.default_rng(distance.size)
     shape, hit = distance.shape, np.isfinite(distance)
     normal = rng.normal(size=(*shape, 3))
@@ -76,7 +77,7 @@ def _random_fields(distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
     return {
         "points": np.where(hit[..., None], rng.normal(size=(*shape, 3)), np.nan).astype(np.float32),
         "normal": np.where(hit[..., None], normal, 0.0).astype(np.float32),
-        "depth": (0.8 * distance).astype(np.float32),
+        **({"depth": (0.8 * distance).astype(np.float32)} if kind is CameraFrame else {}),
         "geom_id": np.where(hit, rng.integers(0, 3, shape), -1).astype(np.int32),
         "body_id": np.where(hit, rng.integers(0, 3, shape), -1).astype(np.int32),
         "stamp": 1700000000.123 + rng.random(shape),

@@ -151,7 +151,7 @@ def test_schema_knows_the_keys_and_explains_them() -> None:
     document = schema()
     definitions = document["$defs"]
     assert set(document["properties"]) == set(RigFile.model_fields)
-    assert set(definitions) == {"Lidar", "DepthCamera", "HeightScan", "Mount", "Filter", "Prop"}
+    assert set(definitions) == {"Lidar", "DepthCamera", "HeightScan", "Mount", "Filter", "Prop", "Export"}
     for name, definition in {"RigFile": document, **definitions}.items():
         assert definition["additionalProperties"] is False
         unexplained = [key for key, field in definition["properties"].items() if "description" not in field]

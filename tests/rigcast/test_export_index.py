@@ -64,9 +64,14 @@ def test_every_sensor_gets_the_formats_that_fit_it(
 @pytest.mark.parametrize(
     ("formats", "messages"),
     [
-        ([], ["--format: got none, expected any of exr, ply, npz"]),
-        (["plx"], ["got 'plx', expected any of exr, ply, npz; did you mean 'ply'?"]),
-        (["las", "exd"], ["got 'las'", "got 'exd'"]),
+        ([], ["--format: got none, expected any of exr, exr_multipart, png, ply"]),
+        (
+            ["plx"],
+            [
+                "got 'plx', expected any of exr, exr_multipart, png, ply, pcd",
+            ],
+        ),
+        (["lss", "exd"], ["got 'lss'", "got 'exd'"]),
         (["exr"], ["sensor 'top' is a lidar", "sensor 'feet' is a height_scan"]),
     ],
 )
@@ -85,6 +90,7 @@ def test_the_folder_holds_frames_previews_and_the_index(tmp_path: Path) -> None:
         "eye/000000.exr",
         "eye/preview.png",
         "frames.npz",
+        "ids.json",
         "top/000000.ply",
         "top/000001.ply",
         "top/preview.png",
@@ -142,6 +148,7 @@ def test_what_an_earlier_run_left_is_replaced_and_nothing_else_is_touched(tmp_pa
     record(tmp_path, ["top"], rig=(LIDAR, CAMERA))
     assert files_in(tmp_path) == [
         "frames.npz",
+        "ids.json",
         "other/000000.npz",
         "top/000000.ply",
         "top/notes.txt",
@@ -197,7 +204,7 @@ def test_a_failing_frame_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"000000\.exr: cannot be written"):
         recorder.write(a_frame("eye"))
     recorder.finish()
-    assert files_in(tmp_path) == ["eye", "frames.npz"]
+    assert files_in(tmp_path) == ["eye", "frames.npz", "ids.json"]
 
 
 @pytest.mark.parametrize("place", ["file", "file/below", 300 * "x"])
