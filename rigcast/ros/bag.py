@@ -20,7 +20,7 @@ Storage = Literal["mcap", "sqlite3"]
 
 
 class Bag:
-    """A bag that is being written; what has been written before a call returns, survives a crash.
+    """A bag that is being written; what was settled survives a crash.
 
     A bag that was not closed lacks metadata.yaml, and an MCAP its index: `ros2 bag reindex` and `mcap recover` add
     them.
@@ -42,22 +42,26 @@ class Bag:
             self._storage.conn.execute("PRAGMA synchronous=OFF")  # safe when this process dies; 10 ms less a frame
         self._connections = {topic.name: self._connect(topic) for topic in topics}
 
-    def write(self, messages: Iterable[Message]) -> None:
-        """Write messages and hand them to the operating system. Raises OSError where that fails."""
+    def write(self, messages: Iterable[Message], settle: bool) -> None:
+        """Write messages; settle: hand all so far to the operating system. Raises OSError where that fails."""
         with _os_errors():
             for message in messages:
                 self._writer.write(self._connections[message.topic], nanoseconds(message.time), message.data)
-            # by itself rosbags would keep up to a megabyte, or the whole bag in one transaction
-            if self._is_mcap:
-                self._storage.close_chunk()
-                self._storage.bio.flush()
-            else:
-                self._storage.conn.commit()
+            if settle:
+                self._settle()
 
     def close(self) -> None:
         """Write index and metadata. Raises OSError where that fails."""
         with _os_errors():
             self._writer.close()
+
+    def _settle(self) -> None:
+        """By itself rosbags would keep up to a megabyte, or the whole bag in one transaction."""
+        if self._is_mcap:
+            self._storage.close_chunk()
+            self._storage.bio.flush()
+        else:
+            self._storage.conn.commit()
 
     def _connect(self, topic: Topic) -> Any:
         qos = [_qos(topic.latched)]
@@ -90,7 +94,7 @@ class BagRecorder:
             sent = self._stream.opening(sent[0].time) + sent
             self._opened = True
         if sent:
-            self._bag.write(sent)
+            self._bag.write(sent, settle=bool(frames))
 
     def close(self) -> None:
         """Write index and metadata."""

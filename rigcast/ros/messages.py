@@ -4,6 +4,7 @@ Times are those of the simulation. Frames of reference: REP-103, cameras in thei
 by REP-117 and REP-118 (+inf no return, -inf too near, NaN invalid; 0 in 16UC1).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
@@ -35,7 +36,8 @@ def make(kind: str, *values: Any) -> Any:
 
 def nanoseconds(time: float) -> int:
     """Simulation time [s] in whole nanoseconds."""
-    return round(time * 1e9)
+    whole = math.floor(time)  # apart: a float64 of 1e18 ns would be off by up to 128 ns
+    return 10**9 * whole + round((time - whole) * 1e9)
 
 
 def stamp(time: float) -> Any:
