@@ -17,6 +17,7 @@ _TYPES = {
     "points": np.float32,
     "normal": np.float32,
     "depth": np.float32,
+    "depth_16bit": np.uint16,
     "intensity": np.float32,
     "ring": np.int32,
     "column": np.int32,
@@ -56,7 +57,7 @@ def rays_of(frame: Frame) -> Fields:
     fields = fields_of(frame)
     shape = fields["range"].shape
     rays = {name: _spread(name, field, shape) for name, field in fields.items()}
-    if fields["stamp"].ndim < len(shape):
+    if _has_returns(fields):
         rays["return_number"] = np.broadcast_to(np.arange(shape[-1], dtype=np.uint8), shape).reshape(-1)
     return rays
 
@@ -68,6 +69,15 @@ def points_of(frame: Frame) -> Fields:
     return {name: field[hit] for name, field in rays.items()}
 
 
+def intensity_of(rays: Fields, white: float, most: float) -> NDArray[np.float32]:
+    """(n,) the intensity in the numbers of a format: `white` for 1, a white surface facing the sensor, `most` at most.
+
+    0 where the frame has no intensity.
+    """
+    intensity = rays.get("intensity", np.zeros(len(rays["range"]), np.float32))
+    return np.clip(white * intensity, 0, most).astype(np.float32)
+
+
 def _fetch(frame: Frame) -> Fields:
     values = {name: getattr(frame, name, None) for name in _TYPES}
     return {
@@ -75,6 +85,15 @@ def _fetch(frame: Frame) -> Fields:
         for name, value in values.items()
         if value is not None
     }
+
+
+def _has_returns(fields: Fields) -> bool:
+    """Whether the last axis is that of several returns: then all of it has one ring and one column."""
+    shape = fields["range"].shape
+    if any(field.ndim < len(shape) for field in fields.values()):
+        return True
+    named = [fields[name] for name in ("ring", "column") if name in fields]
+    return len(named) == 2 and shape[-1] > 1 and all((index == index[..., :1]).all() for index in named)
 
 
 def _spread(name: str, field: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:

@@ -58,7 +58,8 @@ class FrameIndex:
     def write(self, path: Path) -> None:
         """Write the rows so far to `path`, whatever its suffix. Raises OSError where it cannot be written."""
         with self._path.open(encoding="utf-8") as journal, path.open("wb") as file:
-            np.savez(file, **_frame_table(journal, self._formats), **self._fixed)
+            columns: dict[str, Any] = _frame_table(journal, self._formats) | self._fixed
+            np.savez(file, **columns)
 
     def close(self) -> None:
         """Remove the journal."""

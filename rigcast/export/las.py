@@ -3,8 +3,8 @@
 Point format 6. `x y z` [m] in the sensor frame, in whole steps of the smallest power of ten, from 1e-6 m up, in
 which they fit; `gps_time` is the ray's stamp on the simulation's clock [s]; `classification` is 1 for geoms of no
 class and 63 + k for class k of the rig's `classes:` (64 to 255 are the user's in LAS); `intensity` is that of the
-frame, rounded; `return_number` counts from 1. Extra dimensions: `normal_x normal_y normal_z` (float32), `ring`,
-`column`, `geom_id`, `body_id` and those of flexes, skins and props (int32).
+frame, 65535 for 1 and more; `return_number` counts from 1. Extra dimensions: `normal_x normal_y normal_z`
+(float32), `ring`, `column`, `geom_id`, `body_id` and those of flexes, skins and props (int32).
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.export.fields import Fields, points_of
+from rigcast.export.fields import Fields, intensity_of, points_of
 from rigcast.export.ids import IdTable
 from rigcast.sensors.rig.frame import Frame
 
@@ -56,7 +56,7 @@ def _dimensions(points: Fields, ids: IdTable) -> Fields:
         "return_number": points.get("return_number", np.zeros(count, np.uint8)) + 1,
     }
     if "intensity" in points:
-        dimensions["intensity"] = np.rint(points["intensity"]).clip(0, 65535).astype(np.uint16)
+        dimensions["intensity"] = np.rint(intensity_of(points, white=65535, most=65535)).astype(np.uint16)
     dimensions |= {name: points["normal"][:, k] for k, name in enumerate(_NORMALS)}
     return dimensions | {name: points[name] for name in _EXTRA if name in points}
 

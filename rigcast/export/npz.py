@@ -1,6 +1,7 @@
 """A frame as a NumPy archive: every ray, misses included, in the frame's own arrays and shapes."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ def write_npz(path: Path, frame: Frame) -> None:
     Keys: `sensor`, `time`, `pose`, every per-ray field that the frame has (points in the sensor frame; `pose` takes
     them to the world), and `intrinsics` of a depth camera.
     """
-    fields = fields_of(frame)
+    fields: dict[str, Any] = fields_of(frame)
     if isinstance(frame, CameraFrame):
         fields |= {"intrinsics": frame.intrinsics}
     with path.open("wb") as file:

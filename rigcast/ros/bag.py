@@ -4,7 +4,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import mujoco
 
@@ -36,7 +36,7 @@ class Bag:
 
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin[storage.upper()])
         self._writer.open()
-        self._storage: Any = self._writer.storage
+        self._storage = cast(Any, self._writer.storage)
         self._is_mcap = storage == "mcap"
         if not self._is_mcap:
             self._storage.conn.execute("PRAGMA synchronous=OFF")  # safe when this process dies; 10 ms less a frame

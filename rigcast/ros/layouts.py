@@ -10,8 +10,9 @@
               field that the frame has, timestamp f64
 
 x, y, z are NaN where nothing was hit; range is 0 there in Ouster's integer millimetres. `tag` holds the number of
-the return in bits 4 and 5, as livox_ros_driver2 has it. A frame without intensity has 0 in the fields of makers, as
-have `reflectivity` of it and `ambient`, which no sensor here measures.
+the return in bits 4 and 5, as livox_ros_driver2 has it. In the fields of makers a white surface that faces the
+sensor has the intensity 100 (Velodyne, Ouster, Hesai: per cent of reflectivity) or 150 (Livox), at most 255; a frame
+without intensity has 0 there. `reflectivity` is the same, rounded; `ambient`, which nothing here measures, 0.
 """
 
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.export.fields import Fields, fields_of, rays_of
+from rigcast.export.fields import Fields, fields_of, intensity_of, rays_of
 from rigcast.export.options import PointLayout
 from rigcast.sensors.rig.frame import Frame
 
@@ -87,7 +88,8 @@ def _rows_columns(frame: Frame) -> tuple[int, int]:
 
 def _of_maker(rays: Fields, layout: str) -> NDArray[np.void]:
     nothing = np.zeros(len(rays["range"]), np.int32)
-    intensity, ring = rays.get("intensity", nothing), rays.get("ring", nothing)
+    intensity = intensity_of(rays, white=150 if layout == "livox" else 100, most=255)
+    ring = rays.get("ring", nothing)
     values: dict[str, Any] = {
         **dict(zip("xyz", rays["points"].T, strict=True)),
         "intensity": intensity,
@@ -97,7 +99,7 @@ def _of_maker(rays: Fields, layout: str) -> NDArray[np.void]:
         "timestamp": rays["stamp"] if layout == "hesai" else np.rint(1e9 * rays["stamp"]),
         "tag": rays.get("return_number", nothing) << 4,
         "t": rays["stamp_ns"],
-        "reflectivity": np.rint(intensity).clip(0, 65535),
+        "reflectivity": np.rint(intensity),
         "ambient": nothing,
         "range": np.where(np.isfinite(rays["range"]), np.rint(1000.0 * np.nan_to_num(rays["range"], posinf=0)), 0),
     }

@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.export.png import millimetres
+from rigcast.export.fields import fields_of
+from rigcast.export.png import MILLIMETRE, whole_steps
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 from .layouts import Points
 
+_SCAN = ("range", "stamp", "intensity")
 _DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # of PointField
 
 
@@ -65,10 +67,13 @@ def point_cloud(time: float, frame_id: str, points: Points) -> Any:
 
 
 def laser_scan(frame: Frame, frame_id: str, angles: NDArray[np.float64], spec: SensorSpec) -> Any:
-    """sensor_msgs/LaserScan of a scanner whose rays are at evenly spaced `angles` [rad], counter-clockwise."""
-    fired = frame.stamp.numpy().reshape(-1)
+    """sensor_msgs/LaserScan of a scanner whose rays are at evenly spaced `angles` [rad].
+
+    Of several returns the first in the frame.
+    """
     count = len(angles)
-    intensity = getattr(frame, "intensity", None)
+    fields = {name: field.reshape(count, -1)[:, 0].copy() for name, field in fields_of(frame).items() if name in _SCAN}
+    fired = fields["stamp"]
     return make(
         "sensor_msgs/msg/LaserScan",
         header(frame.time, frame_id),
@@ -79,25 +84,25 @@ def laser_scan(frame: Frame, frame_id: str, angles: NDArray[np.float64], spec: S
         0.0 if spec.rate_hz is None else 1.0 / spec.rate_hz,
         spec.min_range,
         spec.max_range,
-        frame.range.numpy().reshape(-1),
-        np.zeros(0, np.float32) if intensity is None else intensity.numpy().reshape(-1),
+        fields["range"],
+        fields.get("intensity", np.zeros(0, np.float32)),
     )
 
 
 def depth_image(frame: CameraFrame, frame_id: str, encoding: str) -> Any:
     """sensor_msgs/Image of the z-depth: 32FC1 in metres or 16UC1 in millimetres."""
     depth = frame.depth.numpy()
-    pixels = depth.astype("<f4") if encoding == "32FC1" else millimetres(depth).astype("<u2")
+    pixels = depth.astype("<f4") if encoding == "32FC1" else whole_steps(depth, MILLIMETRE).astype("<u2")
     height, width = pixels.shape
     data = np.frombuffer(np.ascontiguousarray(pixels).tobytes(), np.uint8)
     step = width * pixels.itemsize
     return make("sensor_msgs/msg/Image", header(frame.time, frame_id), height, width, encoding, False, step, data)
 
 
-def camera_info(frame: CameraFrame, frame_id: str, spec: SensorSpec) -> Any:
+def camera_info(frame: CameraFrame, frame_id: str) -> Any:
     """sensor_msgs/CameraInfo, where the centre of the first pixel is at (0, 0): ours is at (0.5, 0.5)."""
     matrix = frame.intrinsics - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-    model, distortion = _distortion(getattr(spec, "lens", None))
+    model, distortion = _distortion(getattr(frame, "lens", None))
     height, width = frame.shape[:2]
     return make(
         "sensor_msgs/msg/CameraInfo",

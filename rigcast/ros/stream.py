@@ -99,7 +99,7 @@ class MessageStream:
         if isinstance(frame, CameraFrame):
             image = messages.depth_image(frame, frame_id, self._options.depth_encoding)
             yield _message(f"/{frame.sensor}/depth/image", time, image)
-            info = messages.camera_info(frame, frame_id, spec)
+            info = messages.camera_info(frame, frame_id)
             yield _message(f"/{frame.sensor}/depth/camera_info", time, info)
             return
         angles = self._angles[frame.sensor]
@@ -132,14 +132,14 @@ class MessageStream:
 
 
 def planar_angles(pattern: Pattern) -> NDArray[np.float64] | None:
-    """(rays,) the angles [rad] of a scanner that fires in its x-y plane at even steps, growing; else None."""
+    """(rays,) the angles [rad] of a scanner that fires in its x-y plane at even steps, either way round; else None."""
     directions = pattern.directions.reshape(-1, 3)
     one_row = pattern.directions.ndim == 2 or pattern.directions.shape[0] == 1
     if pattern.origins is not None or not one_row or np.abs(directions[:, 2]).max() > 1e-9:
         return None
     angles = np.unwrap(np.arctan2(directions[:, 1], directions[:, 0]))
     steps = np.diff(angles)
-    even = len(steps) > 0 and steps[0] > 0 and np.abs(steps - steps[0]).max() < 1e-9
+    even = len(steps) > 0 and steps[0] != 0 and np.abs(steps - steps[0]).max() < 1e-9
     return angles if even else None
 
 

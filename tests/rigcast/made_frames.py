@@ -34,15 +34,14 @@ def model() -> mujoco.MjModel:
 def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -> Any:
     """A frame of `kind` whose range is `distance`; other readings are random, and misses where that is none.
 
-    Fields can be `given` by name; rays: the shape of the rays where each has several returns. A frame works out
-    its fields when asked; here they are there already.
+    Fields can be `given` by name. A frame works out its fields when asked; here they are there already.
     """
     frame = kind(
         sensor=given.pop("sensor", "eye"),
         time=given.pop("time", 0.1),
         pose=POSE,
         shape=distance.shape,
-        **_own_fields(kind, given.pop("rays", distance.shape)),
+        **_own_fields(kind, distance.shape),
     )
     arrays = _random_fields(kind, distance) | {"range": distance} | given
     vars(frame).update({name: wp.array(array, device="cpu") for name, array in arrays.items()})
@@ -64,7 +63,7 @@ def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
     if kind is CameraFrame:
         fields |= {"intrinsics": INTRINSICS}
     if kind is LidarFrame:
-        ring, column = np.indices(shape, dtype=np.int32)
+        ring, column, *_ = np.indices(shape, dtype=np.int32)
         fields |= {"ring": wp.array(ring, device="cpu"), "column": wp.array(column, device="cpu")}
     return fields
 

@@ -1,5 +1,6 @@
 """Point files and depth images, each read back with a reader that is not ours."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,21 +37,24 @@ def rich_frame(kind: type[Frame]) -> Any:
     """A frame with the fields that only some have."""
     rng, shape = np.random.default_rng(1), SHAPES[kind]
     ids = {name: rng.integers(-1, 9, shape, np.int32) for name in ("flex_id", "skin_id", "prop_id")}
-    return a_frame(kind, intensity=rng.uniform(0, 255, shape).astype(np.float32), **ids)
+    return a_frame(kind, intensity=rng.uniform(0, 1.2, shape).astype(np.float32), **ids)
 
 
-def double_return_frame() -> Any:
-    """Rays (4, 25) with two returns each; ring, column and stamp are per ray."""
-    stamp = START + np.linspace(0, 0.1, 100).reshape(4, 25)
-    return make_frame(LidarFrame, random_range((4, 25, 2), 6), time=START, stamp=stamp, rays=(4, 25))
+def double_return_frame(repeated: bool) -> Any:
+    """Rays (4, 25) with two returns each; ring, column and stamp per ray, or repeated for each return."""
+    indices = [START + np.linspace(0, 0.1, 100).reshape(4, 25), *np.indices((4, 25), np.int32)]
+    if repeated:
+        indices = [np.repeat(index[..., None], 2, axis=-1) for index in indices]
+    given = dict(zip(("stamp", "ring", "column"), indices, strict=True))
+    return make_frame(LidarFrame, random_range((4, 25, 2), 6), time=START, **given)
 
 
-FRAMES = {
+FRAMES: dict[str, Callable[[], Any]] = {
     "other": lambda: a_frame(Frame),
     "lidar": lambda: a_frame(LidarFrame),
     "camera": lambda: a_frame(CameraFrame),
     "rich": lambda: rich_frame(LidarFrame),
-    "returns": double_return_frame,
+    "returns": lambda: double_return_frame(repeated=False),
     "empty": lambda: make_frame(LidarFrame, np.full((2, 3), np.inf, np.float32), time=START),
 }
 EXTRAS = ("intensity", "ring", "column", "return_number", "geom_id", "body_id", "flex_id", "skin_id", "prop_id")
@@ -103,7 +107,8 @@ def test_las_and_laz_come_back(tmp_path: Path, frame: Any, compress: bool) -> No
     expect(read.classification, 63 + IDS.geom_class[points["geom_id"]], "classification")
     expect(read.return_number, points.get("return_number", np.zeros(len(read), int)) + 1, "return_number")
     if "intensity" in points:
-        expect(read.intensity, np.rint(points["intensity"]), "intensity")
+        expected = np.minimum(65535 * points["intensity"].astype(float), 65535)
+        np.testing.assert_allclose(read.intensity, expected, rtol=0, atol=0.51)
     for k, axis in enumerate("xyz"):
         expect(read[f"normal_{axis}"], points["normal"][:, k], axis)
     for name in set(EXTRAS) - {"intensity", "return_number"} & points.keys():
@@ -132,7 +137,7 @@ def test_kitti_and_its_labels_come_back(tmp_path: Path, frame: Any) -> None:
     points = points_of(frame)
     read = np.fromfile(tmp_path / "a.bin", "<f4").reshape(-1, 4)
     expect(read[:, :3], points["points"], "points")
-    expect(read[:, 3], points.get("intensity", np.zeros(len(read), np.float32)), "intensity")
+    expect(read[:, 3], points.get("intensity", np.zeros(len(read), np.float32)).clip(0, 1), "intensity")
     labels = np.fromfile(tmp_path / "a.label", "<u4")
     expect(labels & 0xFFFF, IDS.geom_class[points["geom_id"]], "class")
     expect(labels >> 16, points["body_id"], "body")
@@ -145,7 +150,7 @@ def test_nuscenes_and_its_labels_come_back(tmp_path: Path, frame: Any) -> None:
     read = np.fromfile(tmp_path / "a.pcd.bin", "<f4").reshape(-1, 5)
     nothing = np.zeros(len(read), np.float32)
     expect(read[:, :3], points["points"], "points")
-    expect(read[:, 3], points.get("intensity", nothing), "intensity")
+    expect(read[:, 3], 100 * points.get("intensity", nothing), "intensity")
     expect(read[:, 4], points.get("ring", nothing), "ring")
     expect(np.fromfile(tmp_path / "a_lidarseg.bin", "u1"), IDS.geom_class[points["geom_id"]], "class")
 
@@ -158,8 +163,9 @@ def test_ply_takes_the_fields_that_only_some_frames_have(tmp_path: Path) -> None
         expect(read[name].ravel(), points_of(frame)[name], name)
 
 
-def test_several_returns_are_points_of_their_own_with_ring_and_number() -> None:
-    frame = double_return_frame()
+@pytest.mark.parametrize("repeated", [False, True])
+def test_several_returns_are_points_of_their_own_with_ring_and_number(repeated: bool) -> None:
+    frame = double_return_frame(repeated)
     hit = np.isfinite(frame.range.numpy())
     ring, column, number = np.indices(hit.shape)
     points = points_of(frame)
@@ -202,6 +208,11 @@ def test_the_text_of_a_png_is_exact(tmp_path: Path) -> None:
     write_png(tmp_path / "a.png", a_frame(CameraFrame))
     chunks = [data for kind, data in png.Reader(bytes=(tmp_path / "a.png").read_bytes()).chunks() if kind == b"tEXt"]
     text = dict(chunk.decode("latin-1").split("\0", 1) for chunk in chunks)
-    assert (text["sensor"], text["unit"]) == ("eye", "0.001 m")
-    for name, expected in (("time", [START]), ("pose", POSE.ravel()), ("intrinsics", INTRINSICS.ravel())):
+    assert text["sensor"] == "eye"
+    for name, expected in (
+        ("depth_scale", [0.001]),
+        ("time", [START]),
+        ("pose", POSE.ravel()),
+        ("intrinsics", INTRINSICS.ravel()),
+    ):
         expect([float(number) for number in text[name].split()], np.asarray(expected), name)

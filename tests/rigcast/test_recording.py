@@ -10,6 +10,7 @@ import sys
 import textwrap
 import tracemalloc
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -203,9 +204,8 @@ def test_a_run_that_is_killed_leaves_every_finished_frame_readable(tmp_path: Pat
 
 def interrupting(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Press Ctrl-C while the second frame is being written in a format."""
-    import rigcast.export.ply as module
-
-    usual, calls = module.export_ply, [0]
+    module: Any = import_module("rigcast.export.ply")
+    usual, calls = getattr(module, name), [0]
 
     def export(*args: Any, **kwargs: Any) -> Any:
         calls[0] += 1

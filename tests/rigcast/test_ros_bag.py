@@ -38,7 +38,7 @@ XML = """
 </mujoco>
 """
 CART = rigcast.Filter(exclude_bodies=["cart"], exclude_subtree=True)
-SENSORS = [
+SENSORS: list[Any] = [
     rigcast.Lidar(
         name="top",
         mount=rigcast.Mount(site="top", pos=(0, 0, 0.1)),

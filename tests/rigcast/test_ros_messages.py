@@ -1,5 +1,6 @@
 """What is in the messages of a frame, decoded from their bytes by a library that is not ours."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import made_frames
@@ -45,7 +46,7 @@ def lidar_frame(intensity: bool, seed: int = 3) -> Any:
     """Fired column by column within 0.1 s; the rays of a column at once."""
     rng, shape = np.random.default_rng(seed), (3, 8)
     stamp = START + np.broadcast_to(np.linspace(0, 0.0875, 8), shape)
-    given = {"intensity": rng.uniform(0, 255, shape).astype(np.float32)} if intensity else {}
+    given = {"intensity": rng.uniform(0, 1.2, shape).astype(np.float32)} if intensity else {}
     return make_frame(LidarFrame, random_range(shape, seed), sensor="top", time=START, stamp=stamp, **given)
 
 
@@ -89,7 +90,8 @@ def test_makers_clouds_hold_the_hits_in_the_order_of_firing(layout: str, intensi
         np.testing.assert_array_equal(read[axis], points[:, k], axis)
     ring, stamp = frame.ring.numpy().T[order], frame.stamp.numpy().T[order]
     np.testing.assert_array_equal(read["line" if layout == "livox" else "ring"], ring)
-    expected = frame.intensity.numpy().T[order] if intensity else np.zeros(len(read))
+    white = 150 if layout == "livox" else 100
+    expected = white * frame.intensity.numpy().T[order] if intensity else np.zeros(len(read))
     np.testing.assert_array_equal(read["intensity"], expected)
     if layout == "velodyne":
         np.testing.assert_allclose(read["time"], stamp - START, atol=2e-9)
@@ -110,8 +112,8 @@ def test_an_ouster_cloud_has_every_ray_in_its_place() -> None:
     np.testing.assert_array_equal(read["range"], expected)
     np.testing.assert_allclose(read["t"], 1e9 * (frame.stamp.numpy() - START), atol=1)
     np.testing.assert_array_equal(read["ring"], frame.ring.numpy())
-    np.testing.assert_array_equal(read["intensity"], frame.intensity.numpy())
-    np.testing.assert_array_equal(read["reflectivity"], np.rint(frame.intensity.numpy()))
+    np.testing.assert_array_equal(read["intensity"], 100 * frame.intensity.numpy())
+    np.testing.assert_array_equal(read["reflectivity"], np.rint(100 * frame.intensity.numpy()))
 
 
 @pytest.mark.parametrize("kind", ["lidar", "height_scan"])
@@ -135,7 +137,8 @@ def test_the_full_cloud_has_every_field_of_the_frame(kind: str) -> None:
 
 def test_two_returns_are_told_apart_by_livox_tag() -> None:
     distance = np.array([[[5.0, 7.0]], [[6.0, np.inf]]], np.float32)
-    frame = make_frame(LidarFrame, distance, sensor="top", rays=(2, 1), stamp=np.full((2, 1), 0.1))
+    ring, column = np.indices((2, 1), np.int32)
+    frame = make_frame(LidarFrame, distance, sensor="top", ring=ring, column=column, stamp=np.full((2, 1), 0.1))
     read = cloud(sent(LIDAR, frame, point_layout="livox")["/top/points"])[0]
     assert read["tag"].tolist() == [0x00, 0x10, 0x00]
     assert read["line"].tolist() == [0, 0, 1]
@@ -176,6 +179,7 @@ def test_a_plane_scanner_gives_a_laser_scan() -> None:
         ({"elevation_deg": (0.0,)}, True),
         ({"elevation_deg": (0.0,), "azimuth_deg": (-135, 135)}, True),
         ({"elevation_deg": (0.0,), "azimuth_deg": (100, 300)}, True),
+        ({"elevation_deg": (0.0,), "azimuth_offset_deg": (30.0,)}, True),
         ({"elevation_deg": (1.0,)}, False),
         ({"elevation_deg": (0.0, 0.0)}, False),
     ],
@@ -188,6 +192,12 @@ def test_the_angles_of_a_plane_scanner_are_those_of_its_rays(given: dict[str, An
         rays = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)
         np.testing.assert_allclose(rays, pattern.directions[0], atol=1e-12)
         assert (np.diff(angles) > 0).all()
+
+
+def test_a_scan_of_two_returns_has_the_first_of_each() -> None:
+    distance = random_range((1, 8, 2), 9)
+    scan = sent(SCANNER, make_frame(LidarFrame, distance, sensor="scan", stamp=np.zeros((1, 8))))["/scan/scan"]
+    np.testing.assert_array_equal(np.array(scan.ranges, np.float32), distance[0, :, 0])
 
 
 def test_a_depth_image_is_in_metres_with_the_misses_of_rep_117() -> None:
@@ -219,6 +229,23 @@ def test_camera_info_counts_from_the_centre_of_the_first_pixel() -> None:
     np.testing.assert_allclose(seen[..., 1] / seen[..., 2], v, atol=1e-12)
     np.testing.assert_array_equal(np.array(info.p).reshape(3, 4)[:, :3], np.array(info.k).reshape(3, 3))
     np.testing.assert_array_equal(info.r, np.eye(3).ravel())
+
+
+LENSES = [
+    ("brown_conrady", [1, 2, 3, 4, 5, 0, 0, 0], "plumb_bob", [1, 2, 3, 4, 5]),
+    ("brown_conrady", [1, 2, 3, 4, 5, 6, 7, 8], "rational_polynomial", [1, 2, 3, 4, 5, 6, 7, 8]),
+    ("kannala_brandt", [1, 2, 3, 4], "equidistant", [1, 2, 3, 4]),
+]
+
+
+@pytest.mark.parametrize(("kind", "coefficients", "model", "d"), LENSES)
+def test_camera_info_has_the_lens_by_the_names_of_ros(
+    kind: str, coefficients: list[float], model: str, d: list[float]
+) -> None:
+    frame = make_frame(CameraFrame, random_range((4, 6), 0))
+    object.__setattr__(frame, "lens", SimpleNamespace(type=kind, coefficients=np.array(coefficients)))
+    info = sent(CAMERA, frame)["/eye/depth/camera_info"]
+    assert (info.distortion_model, list(info.d)) == (model, d)
 
 
 @pytest.mark.parametrize(
