@@ -46,8 +46,8 @@ class RigFile(Spec):
     )
     classes: Mapping[str, Sequence[str]] = Field(
         default={},
-        description="classes for segmentation: names of geoms and bodies by class; a body stands for all below it, "
-        "* and ? match as in a shell",
+        description="classes for segmentation: names of geoms, bodies, flexes, skins and props by class; a body stands "
+        "for all below it, * and ? match as in a shell",
     )
     export: Export = Field(default=Export(), description="how frames are written")
     sensors: tuple[AnySensor, ...] = Field(
@@ -250,7 +250,8 @@ def _class_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> l
     classes = content.get("classes") if isinstance(content, dict) else None
     if classes is None or any(fault.where[:1] == ("classes",) for fault in faults):
         return []
-    return [fault.under("classes") for fault in class_faults(model, classes)]
+    props = [Prop.model_validate(raw) for _, raw in _sound_items("props", content, faults)]
+    return [fault.under("classes") for fault in class_faults(model, classes, props)]
 
 
 def _config(document: YamlFile) -> RigConfig:

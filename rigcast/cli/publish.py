@@ -35,7 +35,8 @@ def publish(
     steps = None if duration is None else step_count(compiled, duration)
     data = initial_data(compiled, config.keyframe)
     loaded = ready_rig(console, config, compiled, data, device, seed)
-    with RosNode(compiled, config.sensors, classes=config.classes, options=config.export) as node:
+    node = RosNode(compiled, config.sensors, classes=config.classes, props=config.props, options=config.export)
+    with node:
         console.print(escape(f"{rig}: publishing {', '.join(spec.name for spec in config.sensors)}; Ctrl-C ends it"))
         frames = _simulate(loaded, data, node, steps, speed)
     console.print(f"published {frames} frames")

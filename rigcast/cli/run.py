@@ -52,7 +52,8 @@ def run(
     data = initial_data(compiled, config.keyframe)
     loaded = ready_rig(console, config, compiled, data, device, seed)
     wanted = None if formats is None else split_formats(formats)
-    recorder = Recorder(folder, compiled, config.sensors, wanted, classes=config.classes, options=config.export)
+    how = {"classes": config.classes, "props": config.props, "options": config.export}
+    recorder = Recorder(folder, compiled, config.sensors, wanted, **how)
     names = ", ".join(spec.name for spec in config.sensors)
     _say(console, f"{rig}: {names}; {duration:g} s on {loaded.scene.device}, to {folder}")
     spent = Spent(loading=perf_counter() - began)

@@ -25,7 +25,7 @@ def write_kitti(path: Path, frame: Frame) -> None:
 def write_kitti_labels(path: Path, frame: Frame, ids: IdTable) -> None:
     """Write the labels of the same points, SemanticKITTI's labels/*.label."""
     points = points_of(frame)
-    classes, bodies = ids.class_of(points["geom_id"]), points["body_id"].clip(0)
+    classes, bodies = ids.class_of(points), points["body_id"].clip(0)
     (classes.astype("<u4") | bodies.astype("<u4") << 16).astype("<u4").tofile(path)
 
 
@@ -39,4 +39,4 @@ def write_nuscenes(path: Path, frame: Frame) -> None:
 
 def write_nuscenes_labels(path: Path, frame: Frame, ids: IdTable) -> None:
     """Write the labels of the same points, nuScenes-lidarseg's *_lidarseg.bin."""
-    ids.class_of(points_of(frame)["geom_id"]).astype(np.uint8).tofile(path)
+    ids.class_of(points_of(frame)).astype(np.uint8).tofile(path)

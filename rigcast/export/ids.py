@@ -4,6 +4,8 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from itertools import chain
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,49 +14,58 @@ from numpy.typing import NDArray
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault, refuse
 from rigcast.sensors.names import did_you_mean
+from rigcast.sensors.specs.prop import Prop
 
 Classes = Mapping[str, Sequence[str]]
-"""Class name -> names of geoms and bodies; `*`, `?` and `[...]` match as in a shell."""
+"""Class name -> names of geoms, bodies, flexes, skins and props; `*`, `?` and `[...]` match as in a shell."""
+
+_KINDS = ("geom", "flex", "skin", "prop")
 
 
 @dataclass(frozen=True)
 class IdTable:
-    """What the geom and body ids of a model stand for; row i is id i.
+    """What ids stand for; row i is id i.
 
-    `geom_name` (ngeom,) and `body_name` (nbody,) are strings, `geom_body` (ngeom,) int32 body ids, `geom_class`
-    (ngeom,) int32 rows of `class_name`, whose row 0, "", is for geoms of no class.
-    A geom or body without a name is called by kind and id: "geom_12", "body_3".
+    For geoms, flexes, skins and props `geom_name` (n,) ... are strings and `geom_class` (n,) ... int32 rows of
+    `class_name`, whose row 0, "", is for no class. `geom_body`, `prop_body` (n,) int32 are body ids, rows of
+    `body_name`. What has no name is called by kind and id: "geom_12", "body_3".
     """
 
     geom_name: NDArray[np.str_]
     geom_body: NDArray[np.int32]
     geom_class: NDArray[np.int32]
     body_name: NDArray[np.str_]
+    flex_name: NDArray[np.str_]
+    flex_class: NDArray[np.int32]
+    skin_name: NDArray[np.str_]
+    skin_class: NDArray[np.int32]
+    prop_name: NDArray[np.str_]
+    prop_body: NDArray[np.int32]
+    prop_class: NDArray[np.int32]
     class_name: NDArray[np.str_]
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, classes: Classes | None = None) -> "IdTable":
-        """The table of a model.
+    def of(cls, model: mujoco.MjModel, classes: Classes | None = None, props: Sequence[Prop] = ()) -> "IdTable":
+        """The table of a model, and of the props beside it.
 
-        classes: a name stands for a geom, or for a body with all that is below it; a geom's own name counts
-        before its body's, a body's before its parent's.
+        classes: a name stands for a geom, flex, skin or prop, or for a body with all that is below it; a thing's
+        own name counts before its body's, a body's before its parent's.
 
-        Raises InputError for a name that the model does not have, or that two classes claim.
+        Raises InputError for a name that nothing has, or that two classes claim.
         """
         classes = {} if classes is None else classes
-        refuse("classes", class_faults(model, classes))
-        geom_names, body_names = _geom_names(model), _body_names(model)
-        geom_body = np.array(model.geom_bodyid, dtype=np.int32)
-        body_class = _body_classes(model, body_names, classes)
-        own = (_class_of(name, classes) for name in geom_names)
-        geom_class = [body_class[body] if k is None else k for k, body in zip(own, geom_body, strict=True)]
-        return cls(
-            geom_name=np.array(geom_names, dtype=np.str_),
-            geom_body=geom_body,
-            geom_class=np.array(geom_class, dtype=np.int32),
-            body_name=np.array(body_names, dtype=np.str_),
-            class_name=np.array(["", *classes], dtype=np.str_),
-        )
+        refuse("classes", class_faults(model, classes, props))
+        names = _names(model, props)
+        bodies = {"geom": model.geom_bodyid, "prop": [prop.mount.bind(model).body_id for prop in props]}
+        body_class = _body_classes(model, names["body"], classes)
+        columns = {f"{kind}_name": _strings(names[kind]) for kind in names}
+        columns |= {f"{kind}_body": np.array(ids, dtype=np.int32) for kind, ids in bodies.items()}
+        for kind in _KINDS:
+            inherited = [body_class[body] for body in bodies[kind]] if kind in bodies else [0] * len(names[kind])
+            own = [_class_of(name, classes) for name in names[kind]]
+            given = [i if o is None else o for i, o in zip(inherited, own, strict=True)]
+            columns[f"{kind}_class"] = np.array(given, dtype=np.int32)
+        return cls(**columns, class_name=_strings(["", *classes]))
 
     def lists(self) -> dict[str, list[str] | list[int]]:
         """The columns by name, as plain lists."""
@@ -64,16 +75,22 @@ class IdTable:
         """The table as one JSON object of lists, in plain ASCII."""
         return json.dumps(self.lists())
 
-    def class_of(self, geom_id: NDArray[np.int32]) -> NDArray[np.int32]:
-        """(...) the class of each geom id; 0 where that is -1."""
-        return np.where(geom_id >= 0, self.geom_class[geom_id], 0).astype(np.int32)
+    def class_of(self, fields: Mapping[str, NDArray[Any]]) -> NDArray[np.int32]:
+        """(...) the class of what each ray hit, from `geom_id` and the other ids among its fields; 0 for a miss."""
+        classes = np.zeros(fields["geom_id"].shape, np.int32)
+        for kind in _KINDS:
+            ids = fields.get(f"{kind}_id")
+            if ids is not None:
+                hit = ids >= 0
+                classes[hit] = getattr(self, f"{kind}_class")[ids[hit]]
+        return classes
 
 
-def class_faults(model: mujoco.MjModel, classes: Classes) -> list[Fault]:
-    """What keeps `classes` from being those of a model: names that it lacks, things in two classes."""
-    known = [*_geom_names(model), *_body_names(model)]
+def class_faults(model: mujoco.MjModel, classes: Classes, props: Sequence[Prop] = ()) -> list[Fault]:
+    """What keeps `classes` from being those of a model: names that nothing has, things in two classes."""
+    known = list(chain.from_iterable(_names(model, props).values()))
     unknown = [
-        Fault((label, i), f"no geom or body {name!r} in the model{did_you_mean(name, known)}")
+        Fault((label, i), f"no geom, body, flex, skin or prop {name!r}{did_you_mean(name, known)}")
         for label, names in classes.items()
         for i, name in enumerate(names)
         if not any(fnmatchcase(other, name) for other in known)
@@ -111,9 +128,16 @@ def _body_classes(model: mujoco.MjModel, names: Sequence[str], classes: Classes)
     return found
 
 
-def _geom_names(model: mujoco.MjModel) -> list[str]:
-    return [model.geom(i).name or f"geom_{i}" for i in range(model.ngeom)]
+def _names(model: mujoco.MjModel, props: Sequence[Prop]) -> dict[str, list[str]]:
+    """By kind, the name of each thing."""
+    counts = {"geom": model.ngeom, "body": model.nbody, "flex": model.nflex, "skin": model.nskin}
+    names = {kind: [_name(model, kind, i) for i in range(count)] for kind, count in counts.items()}
+    return names | {"prop": [prop.name for prop in props]}
 
 
-def _body_names(model: mujoco.MjModel) -> list[str]:
-    return [model.body(i).name or f"body_{i}" for i in range(model.nbody)]
+def _name(model: mujoco.MjModel, kind: str, i: int) -> str:
+    return mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), i) or f"{kind}_{i}"
+
+
+def _strings(values: Sequence[str]) -> NDArray[np.str_]:
+    return np.array(values, dtype=np.str_)

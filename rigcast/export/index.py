@@ -7,7 +7,7 @@ frames.npz, "" where that sensor is not written so.
 Sensors, S rows in the order of the rig: `sensor_name`, `sensor_type` (S,) str, `sensor_shape` (S, 2) int64,
 the last 0 where rays have one axis only, `sensor_intrinsics` (S, 3, 3) float64, NaN unless a camera,
 `sensor_spec` (S,) str, JSON of everything the rig says about it, with Infinity as Python writes and reads it.
-Ids: the columns of `IdTable`: `geom_name`, `geom_body`, `geom_class`, `body_name`, `class_name`.
+Ids: the columns of `IdTable`: `geom_name`, `geom_body`, `geom_class`, `body_name`, `class_name`...
 
 While a run goes on, frames.jsonl has the frames so far: a line of JSON for each, with `sensor`, `frame`, `time`,
 `pose` (16 numbers, row by row) and `files` by format. It is what a run that was killed leaves in place of frames.npz.

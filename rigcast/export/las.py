@@ -1,7 +1,7 @@
 """A frame as LAS 1.4 or LAZ: one point per ray, or return, with a finite range.
 
 Point format 6. `x y z` [m] in the sensor frame, in whole steps of the smallest power of ten, from 1e-6 m up, in
-which they fit; `gps_time` is the ray's stamp on the simulation's clock [s]; `classification` is 1 for geoms of no
+which they fit; `gps_time` is the ray's stamp on the simulation's clock [s]; `classification` is 1 for what is of no
 class and 63 + k for class k of the rig's `classes:` (64 to 255 are the user's in LAS); `intensity` is that of the
 frame, 65535 for 1 and more; `return_number` counts from 1. Extra dimensions: `normal_x normal_y normal_z`
 (float32), `ring`, `column`, `geom_id`, `body_id` and those of flexes, skins and props (int32).
@@ -48,7 +48,7 @@ def _las_data(laspy: Any, points: Fields, ids: IdTable) -> "laspy.LasData":
 
 
 def _dimensions(points: Fields, ids: IdTable) -> Fields:
-    classes = ids.class_of(points["geom_id"])
+    classes = ids.class_of(points)
     count = len(points["range"])
     dimensions = {
         "gps_time": points["stamp"],

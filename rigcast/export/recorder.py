@@ -33,6 +33,7 @@ from rigcast.export.run_files import RunFile, open_run_file
 from rigcast.preview import draw_preview
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame
+from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 INDEX_NAME = "frames.npz"
@@ -71,7 +72,7 @@ class Recorder:
         folder: DIR, created if need be.
         model, sensors: of the rig whose frames will come.
         formats: any of FORMATS; None is exr for cameras, ply for the others.
-        classes: of geoms and bodies, as in a rig's `classes:`.
+        classes: as in a rig's `classes:`. props: of the rig.
         options: as in a rig's `export:`.
 
     Raises:
@@ -91,11 +92,12 @@ class Recorder:
         formats: Sequence[str] | None = None,
         *,
         classes: Classes | None = None,
+        props: Sequence[Prop] = (),
         options: Export | None = None,
     ) -> None:
         chosen = choose_formats(sensors, formats)
         options = Export() if options is None else options
-        ids = IdTable.of(model, classes)
+        ids = IdTable.of(model, classes, props)
         used = sorted({name for formats in chosen.values() for name in formats})
         _refuse(sensors, used, ids)
         self.folder = Path(folder)

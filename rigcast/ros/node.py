@@ -12,6 +12,7 @@ from rigcast.export.ids import Classes, IdTable
 from rigcast.export.options import Export
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import Frame
+from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 from .stream import Message, MessageStream, Topic
@@ -25,7 +26,7 @@ class RosNode:
 
     Args:
         model, sensors: of the rig whose frames will come.
-        classes: of geoms and bodies, as in a rig's `classes:`.
+        classes: as in a rig's `classes:`. props: of the rig.
         options: as in a rig's `export:`.
         name: of the node.
 
@@ -44,12 +45,13 @@ class RosNode:
         sensors: Sequence[SensorSpec],
         *,
         classes: Classes | None = None,
+        props: Sequence[Prop] = (),
         options: Export | None = None,
         name: str = "rigcast",
     ) -> None:
         require_ros()
         options = Export() if options is None else options
-        self._stream = MessageStream(model, sensors, IdTable.of(model, classes), options)
+        self._stream = MessageStream(model, sensors, IdTable.of(model, classes, props), options)
         self._rclpy = import_module("rclpy")
         self._owns_context = not self._rclpy.ok()
         if self._owns_context:

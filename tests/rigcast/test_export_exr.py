@@ -75,6 +75,8 @@ def test_the_header_says_what_the_numbers_mean(tmp_path: Path) -> None:
         "geom_class": [0, 0, 0],
         "body_name": ["world", "crate", "body_2"],
         "class_name": [""],
+        **{f"{kind}_{what}": [] for kind in ("flex", "skin", "prop") for what in ("name", "class")},
+        "prop_body": [],
     }
     assert header["compression"] == OpenEXR.ZIP_COMPRESSION
 

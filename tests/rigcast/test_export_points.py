@@ -36,7 +36,7 @@ def a_frame(kind: type[Frame], **given: Any) -> Any:
 def rich_frame(kind: type[Frame]) -> Any:
     """A frame with the fields that only some have."""
     rng, shape = np.random.default_rng(1), SHAPES[kind]
-    ids = {name: rng.integers(-1, 9, shape, np.int32) for name in ("flex_id", "skin_id", "prop_id")}
+    ids = {name: np.full(shape, -1, np.int32) for name in ("flex_id", "skin_id", "prop_id")}
     return a_frame(kind, intensity=rng.uniform(0, 1.2, shape).astype(np.float32), **ids)
 
 

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+import rigcast
 from rigcast.config import open_rig
 from rigcast.export.ids import IdTable
 from rigcast.sensors.errors import InputError
@@ -23,6 +24,20 @@ XML = """
   </worldbody>
 </mujoco>
 """
+SOFT = """
+<mujoco>
+  <worldbody>
+    <body name="robot"><geom size="0.1"/></body>
+    <flexcomp name="towel" type="grid" count="2 2 1" spacing="1 1 1" dim="2" mass="1" radius="0.1"/>
+  </worldbody>
+  <deformable>
+    <skin name="hide" vertex="0 0 0  1 0 0  0 1 0" face="0 1 2">
+      <bone body="robot" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 1 2" vertweight="1 1 1"/>
+    </skin>
+  </deformable>
+</mujoco>
+"""
+PROPS = {"sign": rigcast.Mount(), "post": rigcast.Mount(body="robot")}
 # floor, hull, geom_2 of the arm, blade, shelf, geom_5 of rack_2
 MODEL = mujoco.MjModel.from_xml_string(XML)
 
@@ -47,7 +62,20 @@ def test_a_geom_has_the_class_of_the_nearest_name(classes: dict[str, list[str]],
 
 def test_a_miss_has_no_class() -> None:
     table = IdTable.of(MODEL, {"rack": ["rack_2"]})
-    np.testing.assert_array_equal(table.class_of(np.array([[-1, 5], [0, -1]], np.int32)), [[0, 1], [0, 0]])
+    fields = {"geom_id": np.array([[-1, 5], [0, -1]], np.int32)}
+    np.testing.assert_array_equal(table.class_of(fields), [[0, 1], [0, 0]])
+
+
+def test_flexes_skins_and_props_have_names_and_classes() -> None:
+    model = mujoco.MjModel.from_xml_string(SOFT)
+    sign, post = (rigcast.Prop(name=name, file="x.stl", mount=mount) for name, mount in PROPS.items())
+    table = IdTable.of(model, {"cloth": ["towel"], "robot": ["robot"], "sign": ["sign"]}, [sign, post])
+    assert (table.flex_name.tolist(), table.flex_class.tolist()) == (["towel"], [1])
+    assert (table.skin_name.tolist(), table.skin_class.tolist()) == (["hide"], [0])
+    assert (table.prop_name.tolist(), table.prop_body.tolist()) == (["sign", "post"], [0, 1])
+    assert table.prop_class.tolist() == [3, 2]
+    ids = {"geom_id": [-1, 0, -1, -1], "flex_id": [0, -1, -1, -1], "prop_id": [-1, -1, 1, -1]}
+    np.testing.assert_array_equal(table.class_of({k: np.array(v, np.int32) for k, v in ids.items()}), [1, 2, 2, 0])
 
 
 @pytest.mark.parametrize(
@@ -55,7 +83,7 @@ def test_a_miss_has_no_class() -> None:
     [
         (
             "{rack: [rack_3]}",
-            "rig.yaml:4:18: classes.rack[0]: no geom or body 'rack_3' in the model; did you mean 'rack_",
+            "rig.yaml:4:18: classes.rack[0]: no geom, body, flex, skin or prop 'rack_3'; did you mean 'rack_",
         ),
         ("{a: [robot], b: ['ro*']}", "classes.b: 'robot' is in class 'a' already, expected one class for each"),
         ("{a: robot}", "classes.a: must be a list, got 'robot'"),
