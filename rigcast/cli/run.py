@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
@@ -52,7 +52,7 @@ def run(
     data = initial_data(compiled, config.keyframe)
     loaded = ready_rig(console, config, compiled, data, device, seed)
     wanted = None if formats is None else split_formats(formats)
-    how = {"classes": config.classes, "props": config.props, "options": config.export}
+    how: dict[str, Any] = {"classes": config.classes, "props": config.props, "options": config.export}
     recorder = Recorder(folder, compiled, config.sensors, wanted, **how)
     names = ", ".join(spec.name for spec in config.sensors)
     _say(console, f"{rig}: {names}; {duration:g} s on {loaded.scene.device}, to {folder}")

@@ -58,7 +58,7 @@ class IdTable:
         names = _names(model, props)
         bodies = {"geom": model.geom_bodyid, "prop": [prop.mount.bind(model).body_id for prop in props]}
         body_class = _body_classes(model, names["body"], classes)
-        columns = {f"{kind}_name": _strings(names[kind]) for kind in names}
+        columns: dict[str, NDArray[Any]] = {f"{kind}_name": _strings(names[kind]) for kind in names}
         columns |= {f"{kind}_body": np.array(ids, dtype=np.int32) for kind, ids in bodies.items()}
         for kind in _KINDS:
             inherited = [body_class[body] for body in bodies[kind]] if kind in bodies else [0] * len(names[kind])

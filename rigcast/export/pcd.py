@@ -6,13 +6,11 @@ those of flexes, skins and props (int32). VIEWPOINT is the sensor's pose in the 
 """
 
 from pathlib import Path
-from typing import Any
 
-import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from rigcast.export.fields import Fields, points_of
+from rigcast.export.quaternion import quaternion
 from rigcast.sensors.rig.frame import Frame
 
 _SCALARS = {
@@ -35,7 +33,8 @@ def write_pcd(path: Path, frame: Frame) -> None:
     columns = _columns(points_of(frame), frame.time)
     types = [column.dtype.type for column in columns.values()]
     cloud = PointCloud.from_points(list(columns.values()), list(columns), types)
-    cloud.metadata = cloud.metadata.derive(viewpoint=_viewpoint(frame.pose))
+    viewpoint = (*frame.pose[:3, 3].tolist(), *quaternion(frame.pose[:3, :3]))
+    cloud.metadata = cloud.metadata.model_copy(update={"viewpoint": viewpoint})
     with path.open("wb") as file:
         cloud.save(file, Encoding.BINARY)
 
@@ -45,10 +44,3 @@ def _columns(points: Fields, time: float) -> Fields:
     columns = {axis: points[name][:, k] for name, axes in vectors for k, axis in enumerate(axes)}
     columns["time"] = (points["stamp"] - time).astype(np.float32)
     return columns | {name: points[name].astype(kind) for name, kind in _SCALARS.items() if name in points}
-
-
-def _viewpoint(pose: NDArray[np.float64]) -> tuple[Any, ...]:
-    """Position and quaternion w, x, y, z."""
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(pose[:3, :3]).reshape(9))
-    return (*pose[:3, 3].tolist(), *quat.tolist())

@@ -22,7 +22,6 @@ from types import TracebackType
 import mujoco
 
 from rigcast.export.exr import write_exr
-from rigcast.export.fields import fields_of
 from rigcast.export.files import make_writable, replacing, require_room, uninterrupted
 from rigcast.export.formats import FORMATS, choose_formats
 from rigcast.export.frame_files import file_writers
@@ -45,6 +44,7 @@ UNFINISHED_NAME = "unfinished"
 
 _ROOM = 2**24  # bytes kept free for the index and the ends of recordings, and per frame written ...
 _ROOM_PER_FRAME = 1024  # ... their rows
+_PER_RAY = 128  # bytes of all fields of a ray, rounded up
 
 
 @dataclass
@@ -224,7 +224,7 @@ class Recorder:
 
     def _require_room(self, frames: Sequence[Frame]) -> None:
         """Stop while there is still room to complete what was begun."""
-        size = sum(field.nbytes for frame in frames for field in fields_of(frame).values())
+        size = _PER_RAY * sum(frame.range.size for frame in frames)
         formats = max(len(output.formats) for output in self.outputs.values())
         require_room(self.folder, _ROOM + _ROOM_PER_FRAME * self.frames + 2 * formats * size)
 

@@ -5,7 +5,7 @@ by REP-117 and REP-118 (+inf no return, -inf too near, NaN invalid; 0 in 16UC1).
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rigcast.export.fields import fields_of
 from rigcast.export.png import MILLIMETRE, whole_steps
+from rigcast.export.quaternion import quaternion
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
@@ -163,12 +164,3 @@ def _transform(pose: NDArray[np.float64]) -> Any:
         make("geometry_msgs/msg/Vector3", *pose[:3, 3].tolist()),
         make("geometry_msgs/msg/Quaternion", x, y, z, w),
     )
-
-
-def quaternion(rotation: NDArray[np.float64]) -> Sequence[float]:
-    """w, x, y, z of a rotation matrix."""
-    import mujoco
-
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(rotation).reshape(9))
-    return [float(value) for value in quat]

@@ -6,7 +6,7 @@ Every body is a frame in that of its parent, called by its name ("body_3" if it 
 scan keeps upright, an MJCF camera may track) is a frame in the world's.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -113,8 +113,3 @@ def _inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     inverse[:3, :3] = pose[:3, :3].T
     inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
     return inverse
-
-
-def merged(poses: Sequence[Mapping[tuple[str, str], NDArray[np.float64]]]) -> Poses:
-    """All of several mappings in one."""
-    return {link: pose for each in poses for link, pose in each.items()}

@@ -68,7 +68,7 @@ def test_a_miss_has_no_class() -> None:
 
 def test_flexes_skins_and_props_have_names_and_classes() -> None:
     model = mujoco.MjModel.from_xml_string(SOFT)
-    sign, post = (rigcast.Prop(name=name, file="x.stl", mount=mount) for name, mount in PROPS.items())
+    sign, post = (rigcast.Prop(name=name, file=Path("x.stl"), mount=mount) for name, mount in PROPS.items())
     table = IdTable.of(model, {"cloth": ["towel"], "robot": ["robot"], "sign": ["sign"]}, [sign, post])
     assert (table.flex_name.tolist(), table.flex_class.tolist()) == (["towel"], [1])
     assert (table.skin_name.tolist(), table.skin_class.tolist()) == (["hide"], [0])

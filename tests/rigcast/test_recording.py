@@ -265,14 +265,14 @@ def test_a_disk_that_fills_up_is_reported_with_what_was_saved(tmp_path: Path, mo
 FULL_DISK = """
 set -e
 mkdir disk
-mount -t tmpfs -o size=24m tmpfs disk
+mount -t tmpfs -o size=40m tmpfs disk
 trap 'status=$?; cp -r disk/out kept; umount disk; exit $status' EXIT
 {command}
 """
 
 
 def test_a_really_full_disk_leaves_complete_files(tmp_path: Path) -> None:
-    """A run on a file system of 24 MB, mounted where the kernel lets this user do so."""
+    """A run on a file system of 40 MB, mounted where the kernel lets this user do so."""
     (tmp_path / "room.xml").write_text(made_frames.MODEL_XML)
     (tmp_path / "rig.yaml").write_text(
         "model: room.xml\n"
