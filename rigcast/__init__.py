@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .config import load_rig as load_rig
+    from .export.options import Export as Export
+    from .export.recorder import Recorder as Recorder
+    from .ros.node import RosNode as RosNode
     from .sensors.errors import InputError as InputError
     from .sensors.rig.frame import CameraFrame as CameraFrame
     from .sensors.rig.frame import Frame as Frame
@@ -36,6 +39,7 @@ _HOME = {
     "CameraFrame": "sensors.rig.frame",
     "DepthCamera": "sensors.specs.depth_camera",
     "Detection": "sensors.specs.lidar_effects",
+    "Export": "export.options",
     "Filter": "sensors.specs.filter",
     "Frame": "sensors.rig.frame",
     "HeightScan": "sensors.specs.height_scan",
@@ -47,7 +51,9 @@ _HOME = {
     "Mount": "sensors.specs.mount",
     "Noise": "sensors.specs.lidar_effects",
     "Prop": "sensors.specs.prop",
+    "Recorder": "export.recorder",
     "Rig": "sensors.rig.rig",
+    "RosNode": "ros.node",
     "Scene": "sensors.scene.scene",
     "Stereo": "sensors.specs.ranging",
     "Surface": "sensors.specs.surface",

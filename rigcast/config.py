@@ -1,6 +1,6 @@
 """Rig files: from YAML to a rig on a MuJoCo model, with every mistake shown where it is in the file."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import mujoco
 from pydantic import Field, TypeAdapter, ValidationError, field_validator
 
+from rigcast.export.ids import class_faults
+from rigcast.export.options import Export
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault, faults_of
 from rigcast.sensors.names import expected_one_of, model_names
@@ -46,6 +48,12 @@ class RigFile(Spec):
     surfaces: tuple[Surface, ...] = Field(
         default=(), description="how things reflect, in place of the model's colours; the last entry for one counts"
     )
+    classes: Mapping[str, Sequence[str]] = Field(
+        default={},
+        description="classes for segmentation: names of geoms, bodies, flexes, skins and props by class; a body stands "
+        "for all below it, * and ? match as in a shell",
+    )
+    export: Export = Field(default=Export(), description="how frames are written")
     sensors: tuple[AnySensor, ...] = Field(
         description="the sensors, each with a name of its own", json_schema_extra={"minItems": 1}
     )
@@ -72,6 +80,8 @@ class RigConfig:
     on_unsupported: Literal["error", "warn"]
     props: tuple[Prop, ...]
     surfaces: tuple[Surface, ...]
+    classes: Mapping[str, Sequence[str]]
+    export: Export
     sensors: tuple[AnySensor, ...]
 
     def build(self, model: mujoco.MjModel, device: str | None = None, seed: int | None = None) -> "Rig":
@@ -196,7 +206,7 @@ def _own_model(document: YamlFile, faults: list[Fault]) -> tuple[mujoco.MjModel 
 
 def _binding_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> list[Fault]:
     """What the model lacks, for the sensors and props that have no `faults` in themselves."""
-    unbound = _keyframe_faults(content, model)
+    unbound = _keyframe_faults(content, model) + _class_faults(content, faults, model)
     for i, raw in _sound_items("sensors", content, faults):
         unbound += [fault.under("sensors", i) for fault in _SENSOR.validate_python(raw).faults(model)]
     for i, raw in _sound_items("props", content, faults):
@@ -252,10 +262,27 @@ def _keyframe_faults(content: Any, model: mujoco.MjModel) -> list[Fault]:
     return [Fault(("keyframe",), f"no keyframe {name!r} in the model, {expected_one_of(name, names)}")]
 
 
+def _class_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> list[Fault]:
+    classes = content.get("classes") if isinstance(content, dict) else None
+    if classes is None or any(fault.where[:1] == ("classes",) for fault in faults):
+        return []
+    props = [Prop.model_validate(raw) for _, raw in _sound_items("props", content, faults)]
+    return [fault.under("classes") for fault in class_faults(model, classes, props)]
+
+
 def _config(document: YamlFile) -> RigConfig:
     file, folder = RigFile.model_validate(document.content), document.path.parent
     model = None if file.model is None else folder / file.model
     props = tuple(prop.model_copy(update={"file": folder / prop.file}) for prop in file.props)
     return RigConfig(
-        document.path, model, file.seed, file.keyframe, file.on_unsupported, props, file.surfaces, file.sensors
+        path=document.path,
+        model=model,
+        seed=file.seed,
+        keyframe=file.keyframe,
+        on_unsupported=file.on_unsupported,
+        props=props,
+        surfaces=file.surfaces,
+        classes=file.classes,
+        export=file.export,
+        sensors=file.sensors,
     )

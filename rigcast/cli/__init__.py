@@ -15,6 +15,7 @@ from rigcast.sensors.errors import InputError
 _COMMANDS = {
     "run": "Run a rig on its model and write what its sensors see.",
     "check": "Compare what a rig's sensors see with MuJoCo's own ray casting.",
+    "publish": "Run a rig and publish what its sensors see to ROS 2.",
     "validate": "Check a rig and its model; show every mistake, or the sensors.",
     "presets": "List the device presets, or show one.",
     "schema": "Print the JSON schema of rig files.",

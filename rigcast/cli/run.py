@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
@@ -18,6 +18,7 @@ from rich.table import Table
 
 from rigcast.cli.kernels import ready_rig
 from rigcast.config import open_rig
+from rigcast.export.formats import FORMATS
 from rigcast.export.recorder import INDEX_NAME, Recorder
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
@@ -37,7 +38,7 @@ def run(
     duration: Annotated[float, typer.Option(help="time to simulate, s")] = 3.0,
     formats: Annotated[
         str | None,
-        typer.Option("--format", help="of exr,ply,npz  [default: exr for cameras, ply for the others]"),
+        typer.Option("--format", help=f"of {','.join(FORMATS)}  [default: exr for cameras, ply for the others]"),
     ] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")] = None,
@@ -50,7 +51,9 @@ def run(
     folder = Path("out") / rig.stem if out is None else out
     data = initial_data(compiled, config.keyframe)
     loaded = ready_rig(console, config, compiled, data, device, seed)
-    recorder = Recorder(folder, compiled, config.sensors, None if formats is None else split_formats(formats))
+    wanted = None if formats is None else split_formats(formats)
+    how: dict[str, Any] = {"classes": config.classes, "props": config.props, "options": config.export}
+    recorder = Recorder(folder, compiled, config.sensors, wanted, **how)
     names = ", ".join(spec.name for spec in config.sensors)
     _say(console, f"{rig}: {names}; {duration:g} s on {loaded.scene.device}, to {folder}")
     spent = Spent(loading=perf_counter() - began)
@@ -62,6 +65,8 @@ def run(
         recorder.finish()
         spent.writing += perf_counter() - finishing
     console.print(summary(config.sensors, recorder))
+    for path in recorder.run_files:
+        _say(console, f"{path}: the whole run, {decimal(_size(path))}")
     _say(console, f"{folder / INDEX_NAME}: index of all {recorder.frames} frames")
     _say(console, f"{spent.sentence()}, {perf_counter() - began:.1f} s in all")
 
@@ -117,16 +122,16 @@ def simulate(
     Raises:
         InputError: the simulation diverged, or a file cannot be written. Earlier frames are whole.
     """
+    recorder.step(data, ())
     for step in range(1, steps + 1):
         start = perf_counter()
         time = data.time
         mujoco.mj_step(rig.model, data)
         _refuse_divergence(rig.model, data, time, recorder)
         stepped = perf_counter()
-        frames = rig.step(data)
+        frames = list(rig.step(data))
         sensed = perf_counter()
-        for frame in frames:
-            recorder.write(frame)
+        recorder.step(data, frames)
         spent.stepping += stepped - start
         spent.sensing += sensed - stepped
         spent.writing += perf_counter() - sensed
@@ -173,12 +178,14 @@ def _bar(console: Console) -> Progress:
 
 def _quarterly(console: Console, duration: float) -> Callable[[float, int], None]:
     quarters = 0
+    began = perf_counter()
 
     def report(time: float, frames: int) -> None:
         nonlocal quarters
         if int(4.0 * time / duration + 1e-9) > quarters:
             quarters = int(4.0 * time / duration + 1e-9)
-            console.print(f"simulated {time:.2f} of {duration:.2f} s, {frames} frames")
+            left = (perf_counter() - began) * (duration / time - 1.0)
+            console.print(f"simulated {time:.2f} of {duration:.2f} s, {frames} frames, {left:.0f} s left")
 
     return report
 
@@ -195,6 +202,11 @@ def summary(sensors: Sequence[SensorSpec], recorder: Recorder) -> Table:
         counts = (str(output.frames), str(output.files), decimal(output.size))
         table.add_row(spec.name, spec.type, *counts, escape(folder))
     return table
+
+
+def _size(folder: Path) -> int:
+    """Bytes of all files in a folder."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def _say(console: Console, line: str) -> None:

@@ -1,4 +1,4 @@
-"""A depth camera's frame as an OpenEXR image: every pixel and every attribute exact.
+"""Depth cameras' frames as OpenEXR images: every pixel and every attribute exact.
 
 Channels, all (H, W): `Z` z-depth and `range` [m], `normal.X`, `normal.Y`, `normal.Z` (32-bit float; optical
 frame), `geom_id`, `body_id` (32-bit unsigned). In Z and range +inf is no return, -inf nearer than the
@@ -7,9 +7,12 @@ minimum, NaN invalid; there the normal is 0 and the ids are 4294967295.
 Attributes: `sensor`, `units`, `conventions`, `ids` (JSON, see IdTable.json) are strings; `time` [s] is one
 float64, `pose` (4x4, sensor in world) and `intrinsics` (3x3) are float64 matrices. A camera with a lens adds
 `distortion_model`, "brown_conrady" or "kannala_brandt", and `distortion_k1`... by OpenCV's names, one float64 each.
-OpenEXR would round a Python float to float32, so no number is handed over as one.
+OpenEXR would round a Python float to float32, so no number is handed over as one. A frame that has them adds the
+channels `intensity` (float) and `flex_id`, `skin_id`, `prop_id` (unsigned). Several frames make one file with a part
+for each, called by its sensor; their common display window holds the largest.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,7 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from rigcast.export.fields import fields_of
 from rigcast.export.ids import IdTable
 from rigcast.sensors.rig.frame import CameraFrame
 
@@ -30,18 +34,26 @@ CONVENTIONS = (
 )
 
 
-def write_exr(path: Path, frame: CameraFrame, ids: IdTable) -> None:
-    """Write one frame to `path`, whatever its suffix. Raises OSError where OpenEXR cannot write."""
+def write_exr(path: Path, frames: CameraFrame | Sequence[CameraFrame], ids: IdTable, compression: str = "zip") -> None:
+    """Write one frame, or one of each of several cameras, to `path`, whatever its suffix.
+
+    compression: "none", "rle", "zips", "zip" or "piz". Raises OSError where OpenEXR cannot write.
+    """
+    frames = [frames] if isinstance(frames, CameraFrame) else frames
+    height, width = np.max([frame.depth.shape for frame in frames], axis=0)
+    window = (np.array([0, 0], np.int32), np.array([width - 1, height - 1], np.int32))
+    parts = [_part(frame, ids, compression, window) for frame in frames]
     try:
-        OpenEXR.File(_header(frame, ids), _channels(frame)).write(str(path))
+        OpenEXR.File(parts).write(str(path))
     except RuntimeError as error:
         raise OSError(str(error)) from error
 
 
-def _header(frame: CameraFrame, ids: IdTable) -> dict[str, Any]:
-    return {
-        "compression": OpenEXR.ZIP_COMPRESSION,
+def _part(frame: CameraFrame, ids: IdTable, compression: str, window: tuple[Any, Any]) -> OpenEXR.Part:
+    header = {
+        "compression": getattr(OpenEXR, f"{'NO' if compression == 'none' else compression.upper()}_COMPRESSION"),
         "type": OpenEXR.scanlineimage,
+        "displayWindow": window,  # parts of a file must have the same
         "sensor": frame.sensor,
         "time": np.array([frame.time], dtype=np.float64),
         "pose": np.ascontiguousarray(frame.pose, dtype=np.float64),
@@ -51,6 +63,7 @@ def _header(frame: CameraFrame, ids: IdTable) -> dict[str, Any]:
         "ids": ids.json(),
         **_distortion(frame),
     }
+    return OpenEXR.Part(header, _channels(frame), frame.sensor)
 
 
 def _distortion(frame: CameraFrame) -> dict[str, Any]:
@@ -63,17 +76,10 @@ def _distortion(frame: CameraFrame) -> dict[str, Any]:
 
 def _channels(frame: CameraFrame) -> dict[str, NDArray[Any]]:
     """OpenEXR writes strided arrays wrong without a word, hence the copies of the normal's components."""
-    normal = frame.normal.numpy()
-    return {
-        "Z": np.ascontiguousarray(frame.depth.numpy()),
-        "range": np.ascontiguousarray(frame.range.numpy()),
-        "normal.X": np.ascontiguousarray(normal[..., 0]),
-        "normal.Y": np.ascontiguousarray(normal[..., 1]),
-        "normal.Z": np.ascontiguousarray(normal[..., 2]),
-        "geom_id": _unsigned(frame.geom_id.numpy()),
-        "body_id": _unsigned(frame.body_id.numpy()),
-    }
-
-
-def _unsigned(ids: NDArray[np.int32]) -> NDArray[np.uint32]:
-    return np.ascontiguousarray(ids).astype(np.uint32)  # -1 becomes 4294967295
+    fields = fields_of(frame)
+    channels = {"Z": fields["depth"], "range": fields["range"]}
+    channels |= {f"normal.{axis}": np.ascontiguousarray(fields["normal"][..., k]) for k, axis in enumerate("XYZ")}
+    if "intensity" in fields:
+        channels["intensity"] = fields["intensity"]
+    ids = ("geom_id", "body_id", "flex_id", "skin_id", "prop_id")
+    return channels | {name: fields[name].astype(np.uint32) for name in ids if name in fields}  # -1 is 4294967295

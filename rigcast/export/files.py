@@ -1,10 +1,15 @@
 """Files that appear whole or not at all, and folders known to be writable before work begins."""
 
+import errno
 import os
+import shutil
+import signal
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from rigcast.sensors.errors import InputError
 
@@ -42,3 +47,36 @@ def make_writable(folder: Path) -> None:
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(f"{folder}: the output folder cannot be written: {reason}") from error
+
+
+def require_room(folder: Path, size: int) -> None:
+    """Raise OSError(ENOSPC) where less than `size` bytes are free.
+
+    Asked before each frame, with what closing the files will take, so that a full disk finds them complete.
+    """
+    if shutil.disk_usage(folder).free < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold Ctrl-C back until the body is done, then raise KeyboardInterrupt; a second Ctrl-C is not held back.
+
+    Only the main thread gets Ctrl-C; in others this does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed: list[int] = []
+
+    def hold(number: int, _where: Any) -> None:
+        pressed.append(number)
+        signal.signal(signal.SIGINT, usual)
+
+    usual = signal.signal(signal.SIGINT, hold)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+    if pressed:
+        raise KeyboardInterrupt

@@ -1,38 +1,82 @@
-"""Which sensor is written in which format."""
+"""The formats that there are, and which sensor is written in which."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Literal
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import did_you_mean
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
-FORMATS = ("exr", "ply", "npz")
+Kind = Literal["frame", "cameras", "run"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format that frames are written in.
+
+    holds: what one file of it holds, a frame, the frames of all cameras at one time, or a whole run.
+    suffixes: of the files of a frame; of a run, its folder. needs: the module that writes it and the extra
+    that brings it, where that does not come with rigcast. most_classes: more have no numbers in it.
+    """
+
+    holds: Kind = "frame"
+    suffixes: tuple[str, ...] = ()
+    images_only: bool = False
+    needs: tuple[str, str] | None = None
+    most_classes: int | None = None
+
+
+FORMATS = {
+    "exr": Format(suffixes=(".exr",), images_only=True),
+    "exr_multipart": Format("cameras", (".exr",), images_only=True),
+    "png": Format(suffixes=(".png",), images_only=True),
+    "ply": Format(suffixes=(".ply",)),
+    "pcd": Format(suffixes=(".pcd",), needs=("pypcd4", "pcd")),
+    "las": Format(suffixes=(".las",), needs=("laspy", "las"), most_classes=192),
+    "laz": Format(suffixes=(".laz",), needs=("lazrs", "las"), most_classes=192),
+    "kitti": Format(suffixes=(".bin", ".label"), most_classes=2**16 - 1),
+    "nuscenes": Format(suffixes=(".pcd.bin", "_lidarseg.bin"), most_classes=2**8 - 1),
+    "npz": Format(suffixes=(".npz",)),
+    "zarr": Format("run", ("frames.zarr",), needs=("zarr", "zarr")),
+    "mcap": Format("run", ("rosbag2_mcap",), needs=("rosbags", "ros")),
+    "sqlite3": Format("run", ("rosbag2_sqlite3",), needs=("rosbags", "ros")),
+}
 
 
 def choose_formats(sensors: Sequence[SensorSpec], formats: Sequence[str] | None) -> dict[str, tuple[str, ...]]:
-    """Give every sensor, by name, the formats that fit it: all fit a depth camera, all but exr the others.
+    """Give every sensor, by name, the formats that fit it: all fit a depth camera, those of images no other.
 
     Args:
         sensors: of one rig.
         formats: any of FORMATS; None is exr for depth cameras and ply for the others.
 
     Raises:
-        InputError: no format, unknown formats, or sensors that none of them fits; all that are, at once.
+        InputError: no format, unknown formats, ones whose library is not installed, or sensors that none of them
+            fits; all that are, at once.
     """
     if formats is None:
         return {spec.name: ("exr",) if _is_image(spec) else ("ply",) for spec in sensors}
     wanted = tuple(dict.fromkeys(formats))
     faults = [_unknown(name) for name in wanted if name not in FORMATS]
+    faults += [_missing(name) for name in wanted if name in FORMATS and not is_installed(name)]
     if not wanted:
         faults = [f"--format: got none, expected any of {', '.join(FORMATS)}"]
     if faults:
         raise InputError("\n".join(faults))
-    chosen = {spec.name: tuple(f for f in wanted if f != "exr" or _is_image(spec)) for spec in sensors}
-    faults = [_unfit(spec) for spec in sensors if not chosen[spec.name]]
+    chosen = {spec.name: tuple(f for f in wanted if _is_image(spec) or not FORMATS[f].images_only) for spec in sensors}
+    faults = [_unfit(spec, wanted) for spec in sensors if not chosen[spec.name]]
     if faults:
         raise InputError("\n".join(faults))
     return chosen
+
+
+def is_installed(name: str) -> bool:
+    """Whether the library that writes a format is there."""
+    needs = FORMATS[name].needs
+    return needs is None or find_spec(needs[0]) is not None
 
 
 def _is_image(spec: SensorSpec) -> bool:
@@ -40,11 +84,16 @@ def _is_image(spec: SensorSpec) -> bool:
 
 
 def _unknown(name: str) -> str:
-    return f"--format: got {name!r}, expected any of {', '.join(FORMATS)}{did_you_mean(name, FORMATS)}"
+    return f"--format: got {name!r}, expected any of {', '.join(FORMATS)}{did_you_mean(name, list(FORMATS))}"
 
 
-def _unfit(spec: SensorSpec) -> str:
+def _missing(name: str) -> str:
+    module, extra = FORMATS[name].needs or ("", "")
+    return f"--format: {name} needs {module}, which is not installed; pip install 'rigcast[{extra}]' brings it"
+
+
+def _unfit(spec: SensorSpec, wanted: Sequence[str]) -> str:
     return (
-        f"--format: sensor {spec.name!r} is a {spec.type}, and got exr only, which holds depth cameras; "
-        f"expected ply or npz as well"
+        f"--format: sensor {spec.name!r} is a {spec.type}, and got {', '.join(wanted)} only, for depth cameras; "
+        f"expected ply, npz or another as well"
     )

@@ -1,18 +1,22 @@
 """frames.npz: what a run wrote, one row per frame, with the sensors and the names behind the ids.
 
 Frames, F rows in the order written: `sensor` (F,) str, `frame` (F,) int64, its number within that sensor,
-`time` (F,) float64 [s], `pose` (F, 4, 4) float64, sensor in world, and for each format of the run (`exr`,
-`ply`, `npz`) the file (F,) str, relative to the folder of frames.npz, "" where that sensor is not written so.
+`time` (F,) float64 [s], `pose` (F, 4, 4) float64, sensor in world, and for each format of the run that has files of
+frames or cameras (`exr`, `ply`, ...) the file (F,) str, the first if it has several, relative to the folder of
+frames.npz, "" where that sensor is not written so.
 Sensors, S rows in the order of the rig: `sensor_name`, `sensor_type` (S,) str, `sensor_shape` (S, 2) int64,
 the last 0 where rays have one axis only, `sensor_intrinsics` (S, 3, 3) float64, NaN unless a camera,
 `sensor_distortion_model` (S,) str, "" without a lens, `sensor_distortion` (S, 8) float64, its coefficients in OpenCV's
 order, then NaN,
 `sensor_spec` (S,) str, JSON of everything the rig says about it, with Infinity as Python writes and reads it.
-Ids: `geom_name`, `geom_body`, `body_name` of `IdTable`.
+Ids: the columns of `IdTable`: `geom_name`, `geom_body`, `geom_class`, `body_name`, `class_name`...
+
+While a run goes on, frames.jsonl has the frames so far: a line of JSON for each, with `sensor`, `frame`, `time`,
+`pose` (16 numbers, row by row) and `files` by format. It is what a run that was killed leaves in place of frames.npz.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,45 +31,55 @@ from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 
 class FrameIndex:
-    """The rows of frames.npz, gathered while a run writes its frames."""
+    """The frames that a run has written, kept in `journal`, a file, and made into frames.npz at its end."""
 
     def __init__(
         self,
+        journal: Path,
         sensors: Sequence[SensorSpec],
         patterns: Mapping[str, Pattern],
         formats: Sequence[str],
         ids: IdTable,
     ) -> None:
         self._fixed = _sensor_table(sensors, patterns) | vars(ids)
-        self._sensor: list[str] = []
-        self._frame: list[int] = []
-        self._time: list[float] = []
-        self._pose: list[NDArray[np.float64]] = []
-        self._files: dict[str, list[str]] = {name: [] for name in formats}
+        self._formats = formats
+        self._path = journal
+        self._journal = journal.open("w", encoding="utf-8")
+        self._count = 0
 
     def __len__(self) -> int:
-        return len(self._sensor)
+        return self._count
 
     def add(self, frame: Frame, number: int, files: Mapping[str, str]) -> None:
-        """Append a frame; `files` maps format to path relative to the run's folder."""
-        self._sensor.append(frame.sensor)
-        self._frame.append(number)
-        self._time.append(frame.time)
-        self._pose.append(np.array(frame.pose, dtype=np.float64))
-        for name, column in self._files.items():
-            column.append(files.get(name, ""))
+        """Append a frame; `files` maps format to path relative to the run's folder. Raises OSError."""
+        pose = np.asarray(frame.pose, dtype=np.float64).ravel().tolist()
+        row = {"sensor": frame.sensor, "frame": number, "time": float(frame.time), "pose": pose, "files": files}
+        self._journal.write(json.dumps(row) + "\n")
+        self._journal.flush()
+        self._count += 1
 
     def write(self, path: Path) -> None:
         """Write the rows so far to `path`, whatever its suffix. Raises OSError where it cannot be written."""
-        columns: dict[str, Any] = {
-            "sensor": np.array(self._sensor, dtype=np.str_),
-            "frame": np.array(self._frame, dtype=np.int64),
-            "time": np.array(self._time, dtype=np.float64),
-            "pose": np.array(self._pose, dtype=np.float64).reshape(-1, 4, 4),
-        }
-        columns |= {name: np.array(files, dtype=np.str_) for name, files in self._files.items()}
-        with path.open("wb") as file:
-            np.savez(file, **columns, **self._fixed)
+        with self._path.open(encoding="utf-8") as journal, path.open("wb") as file:
+            columns: dict[str, Any] = _frame_table(journal, self._formats) | self._fixed
+            np.savez(file, **columns)
+
+    def close(self) -> None:
+        """Remove the journal."""
+        self._journal.close()
+        self._path.unlink(missing_ok=True)
+
+
+def _frame_table(journal: Iterable[str], formats: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """The frame columns of frames.npz from the lines of a journal."""
+    rows = [json.loads(line) for line in journal]
+    return {
+        "sensor": np.array([row["sensor"] for row in rows], dtype=np.str_),
+        "frame": np.array([row["frame"] for row in rows], dtype=np.int64),
+        "time": np.array([row["time"] for row in rows], dtype=np.float64),
+        "pose": np.array([row["pose"] for row in rows], dtype=np.float64).reshape(-1, 4, 4),
+        **{name: np.array([row["files"].get(name, "") for row in rows], dtype=np.str_) for name in formats},
+    }
 
 
 def _sensor_table(sensors: Sequence[SensorSpec], patterns: Mapping[str, Pattern]) -> dict[str, NDArray[Any]]:

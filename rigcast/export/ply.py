@@ -1,7 +1,8 @@
 """A frame as a PLY point cloud, binary little endian: one vertex per ray with a finite range.
 
 Vertex properties: `x y z` [m] and `nx ny nz` (float; sensor frame), `geom_id`, `body_id` (int), `stamp`
-(double, absolute time of the ray [s]); a lidar adds `ring` (ushort) and `column` (int). PLY has no notion of
+(double, absolute time of the ray [s]); a lidar adds `ring` (ushort) and `column` (int), and a frame that has them
+`intensity` (float), `flex_id`, `skin_id`, `prop_id` (int). PLY has no notion of
 a miss, so rays without a finite range are left out, and trimesh's writer has no room for comments: sensor,
 time and pose of every file are in the run's frames.npz.
 """
@@ -14,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.exchange.ply import export_ply
 
-from rigcast.sensors.rig.frame import Frame, LidarFrame
+from rigcast.export.fields import Fields, points_of
+from rigcast.sensors.rig.frame import Frame
 
 
 @dataclass(frozen=True)
@@ -30,18 +32,16 @@ class _Cloud:
 
 def write_ply(path: Path, frame: Frame) -> None:
     """Write the points of one frame to `path`. Raises OSError where it cannot be written."""
-    hit = np.isfinite(frame.range.numpy())
-    cloud = _Cloud(frame.points.numpy()[hit], _attributes(frame, hit))
+    points = points_of(frame)
+    cloud = _Cloud(points["points"], _attributes(points))
     path.write_bytes(export_ply(cloud, encoding="binary_little_endian", vertex_normal=False))
 
 
-def _attributes(frame: Frame, hit: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
-    normal = frame.normal.numpy()[hit]
-    attributes: dict[str, NDArray[Any]] = {"nx": normal[:, 0], "ny": normal[:, 1], "nz": normal[:, 2]}
-    if isinstance(frame, LidarFrame):
-        attributes["ring"] = frame.ring.numpy()[hit].astype(np.uint16)
-        attributes["column"] = frame.column.numpy()[hit].astype(np.int32)
-    attributes["geom_id"] = frame.geom_id.numpy()[hit].astype(np.int32)
-    attributes["body_id"] = frame.body_id.numpy()[hit].astype(np.int32)
-    attributes["stamp"] = frame.stamp.numpy()[hit].astype(np.float64)
+def _attributes(points: Fields) -> Fields:
+    normal = points["normal"]
+    attributes: Fields = {"nx": normal[:, 0], "ny": normal[:, 1], "nz": normal[:, 2]}
+    names = ("intensity", "ring", "column", "return_number", "geom_id", "body_id", "flex_id", "skin_id", "prop_id")
+    attributes |= {name: points[name] for name in (*names, "stamp") if name in points}
+    if "ring" in attributes:
+        attributes["ring"] = attributes["ring"].astype(np.uint16)
     return attributes

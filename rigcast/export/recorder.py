@@ -1,31 +1,55 @@
-"""The folder that a run leaves: DIR/<sensor>/000000.<format>, DIR/<sensor>/preview.png, DIR/frames.npz."""
+"""The folder that a run leaves.
+
+    DIR/<sensor>/000000.<format>   the frames, in formats of single frames
+    DIR/<sensor>/preview.png       a picture of the sensor's last frame
+    DIR/cameras/000000.exr         exr_multipart: all cameras at one time
+    DIR/frames.zarr, DIR/rosbag2_mcap, DIR/rosbag2_sqlite3     formats of whole runs
+    DIR/frames.npz                 the index
+    DIR/ids.json                   what ids and classes stand for, see IdTable
+
+Files get their names when they are complete; what holds a whole run is in DIR/unfinished until then.
+"""
 
 import re
-from collections.abc import Sequence
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import count, groupby
 from pathlib import Path
-from typing import cast
+from types import TracebackType
 
 import mujoco
 
 from rigcast.export.exr import write_exr
-from rigcast.export.files import make_writable, replacing
-from rigcast.export.formats import choose_formats
-from rigcast.export.ids import IdTable
+from rigcast.export.files import make_writable, replacing, require_room, uninterrupted
+from rigcast.export.formats import FORMATS, choose_formats
+from rigcast.export.frame_files import file_writers
+from rigcast.export.ids import Classes, IdTable, require_few_classes
 from rigcast.export.index import FrameIndex
-from rigcast.export.npz import write_npz
-from rigcast.export.ply import write_ply
+from rigcast.export.options import Export
+from rigcast.export.run_files import RunFile, open_run_file
 from rigcast.preview import draw_preview
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame
+from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 INDEX_NAME = "frames.npz"
+JOURNAL_NAME = "frames.jsonl"
+IDS_NAME = "ids.json"
 PREVIEW_NAME = "preview.png"
+CAMERAS_NAME = "cameras"
+UNFINISHED_NAME = "unfinished"
+
+_ROOM = 2**24  # bytes kept free for the index and the ends of recordings, and per frame written ...
+_ROOM_PER_FRAME = 1024  # ... their rows
+_PER_RAY = 128  # bytes of all fields of a ray, rounded up
 
 
 @dataclass
 class SensorOutput:
-    """What has been written of one sensor: frames, files and their bytes, and the latest frame."""
+    """What has been written of one sensor: frames, files of its own and their bytes, and the latest frame."""
 
     folder: Path
     formats: tuple[str, ...]
@@ -40,36 +64,58 @@ class SensorOutput:
 
 
 class Recorder:
-    """Writes the frames of one rig as they come; keeps the index and each sensor's latest frame.
+    """Writes the frames of one rig as they come, in constant memory; keeps each sensor's latest frame.
 
-    Frame files and the preview that an earlier run left in the same sensor folders are removed first.
+    What an earlier run left under the same names is removed first. Leaving a `with` block calls `finish`.
 
     Args:
         folder: DIR, created if need be.
         model, sensors: of the rig whose frames will come.
-        formats: any of "exr", "ply", "npz"; None is exr for cameras, ply for the others.
+        formats: any of FORMATS; None is exr for cameras, ply for the others.
+        classes: as in a rig's `classes:`. props: of the rig.
+        options: as in a rig's `export:`.
 
     Raises:
-        InputError: a format that does not exist or does not fit a sensor; a folder that cannot be written.
+        InputError: a format that does not exist, is not installed or does not fit a sensor; classes that do not fit
+            the model; a folder that cannot be written.
+
+    >>> with Recorder("out", model, rig.sensors, ["npz", "mcap"]) as recorder:
+    ...     mujoco.mj_step(model, data)
+    ...     recorder.step(data, rig.step(data))
     """
 
     def __init__(
         self,
-        folder: Path,
+        folder: str | Path,
         model: mujoco.MjModel,
         sensors: Sequence[SensorSpec],
         formats: Sequence[str] | None = None,
+        *,
+        classes: Classes | None = None,
+        props: Sequence[Prop] = (),
+        options: Export | None = None,
     ) -> None:
         chosen = choose_formats(sensors, formats)
-        self.folder = folder
-        self.outputs = {name: SensorOutput(folder / name, formats) for name, formats in chosen.items()}
-        self._patterns = {spec.name: spec.pattern(model) for spec in sensors}
-        self._ids = IdTable.of(model)
+        options = Export() if options is None else options
+        ids = IdTable.of(model, classes, props)
         used = sorted({name for formats in chosen.values() for name in formats})
-        self._index = FrameIndex(sensors, self._patterns, used, self._ids)
-        for path in (folder, *(output.folder for output in self.outputs.values())):
+        _refuse(sensors, used, ids)
+        self.folder = Path(folder)
+        self.outputs = {name: SensorOutput(self.folder / name, formats) for name, formats in chosen.items()}
+        self._patterns = {spec.name: spec.pattern(model) for spec in sensors}
+        self._ids, self._options = ids, options
+        self._writers = file_writers(ids, options)
+        groups = [self.folder / CAMERAS_NAME] if "exr_multipart" in used else []
+        for path in (self.folder, *groups, *(output.folder for output in self.outputs.values())):
             make_writable(path)
         self._clear()
+        self.run_files = [self.folder / FORMATS[name].suffixes[0] for name in used if FORMATS[name].holds == "run"]
+        self._open = self._open_run_files(used, model, sensors)
+        self._groups = 0
+        with replacing(self.folder / IDS_NAME) as temporary:
+            temporary.write_text(ids.json())
+        indexed = [name for name in used if FORMATS[name].holds != "run"]
+        self._index = FrameIndex(self.folder / JOURNAL_NAME, sensors, self._patterns, indexed, ids)
 
     @property
     def frames(self) -> int:
@@ -77,26 +123,148 @@ class Recorder:
         return len(self._index)
 
     def write(self, frame: Frame) -> None:
-        """Write one frame in every format of its sensor. Raises InputError where a file cannot be written."""
+        """Write one frame, as `step` does; a bag gets neither clock nor transforms of bodies with it."""
+        self._record(None, [frame])
+
+    def step(self, data: mujoco.MjData, frames: Iterable[Frame]) -> None:
+        """Write the frames of one step of the simulation, each in every format of its sensor.
+
+        Call it after every step, with or without frames, and once before the first: bags hold the clock and the
+        motion of bodies between frames too. Ctrl-C waits until the frames are written.
+
+        Raises:
+            InputError: a file cannot be written, or the disk is full; the message says what was saved before.
+        """
+        self._record(data, list(frames))
+
+    def finish(self) -> None:
+        """Complete all recordings, write frames.npz and a preview of the latest frame of every sensor that had one."""
+        with self._saying_what_is_saved(), uninterrupted():
+            failures = [failure for name in list(self._open) if (failure := self._close(name))]
+            with replacing(self.folder / INDEX_NAME) as temporary:
+                self._index.write(temporary)
+            self._index.close()
+            for name, output in self.outputs.items():
+                if output.latest is not None:
+                    self._preview(name, output, output.latest)
+            if failures:
+                raise InputError("\n".join(failures))
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.finish()
+
+    def _record(self, data: mujoco.MjData | None, frames: Sequence[Frame]) -> None:
+        with self._saying_what_is_saved(), uninterrupted():
+            self._require_room(frames)
+            written: list[Path] = []
+            try:
+                numbers = self._numbers(frames)
+                files = [self._write_files(*numbered, written) for numbered in zip(frames, numbers, strict=True)]
+                self._write_parts(frames, files, written)
+                for recording in self._open.values():
+                    recording.step(data, frames)
+            except BaseException:
+                for path in written:  # a frame is saved as a whole or not at all
+                    path.unlink(missing_ok=True)
+                raise
+            for frame, paths in zip(frames, files, strict=True):
+                self._count(frame, paths)
+
+    def _numbers(self, frames: Sequence[Frame]) -> list[int]:
+        """The number of each frame within its sensor; several frames of one may fall due in one step."""
+        following = {name: count(output.frames) for name, output in self.outputs.items()}
+        return [next(following[frame.sensor]) for frame in frames]
+
+    def _write_files(self, frame: Frame, number: int, written: list[Path]) -> dict[str, list[Path]]:
+        """Write the files of one frame; their paths by format, and in `written` too, as they come."""
         output = self.outputs[frame.sensor]
-        files = {}
+        files: dict[str, list[Path]] = {}
         for name in output.formats:
-            path = output.folder / f"{output.frames:06d}.{name}"
+            for suffix, write in zip(FORMATS[name].suffixes, self._writers.get(name, ()), strict=False):
+                path = output.folder / f"{number:06d}{suffix}"
+                with replacing(path) as temporary:
+                    write(temporary, frame)
+                written.append(path)
+                files.setdefault(name, []).append(path)
+        return files
+
+    def _write_parts(
+        self, frames: Sequence[Frame], files: Sequence[dict[str, list[Path]]], written: list[Path]
+    ) -> None:
+        """Write one file for the cameras of each time, and add it to the `files` of their frames."""
+        name = "exr_multipart"
+        cameras = [
+            (frame, paths)
+            for frame, paths in zip(frames, files, strict=True)
+            if isinstance(frame, CameraFrame) and name in self.outputs[frame.sensor].formats
+        ]
+        for _, group in groupby(cameras, key=lambda pair: pair[0].time):
+            parts = list(group)
+            path = self.folder / CAMERAS_NAME / f"{self._groups:06d}.exr"
             with replacing(path) as temporary:
-                self._write_as(name, temporary, frame)
+                write_exr(temporary, [frame for frame, _ in parts], self._ids, self._options.exr_compression)
+            written.append(path)
+            self._groups += 1
+            for _, paths in parts:
+                paths[name] = [path]
+
+    def _count(self, frame: Frame, files: dict[str, list[Path]]) -> None:
+        output = self.outputs[frame.sensor]
+        names = {name: paths[0].relative_to(self.folder).as_posix() for name, paths in files.items()}
+        self._index.add(frame, output.frames, names)
+        for path in (path for paths in files.values() for path in paths):
             output.count(path)
-            files[name] = path.relative_to(self.folder).as_posix()
-        self._index.add(frame, output.frames, files)
         output.frames += 1
         output.latest = frame
 
-    def finish(self) -> None:
-        """Write frames.npz, and a preview of the latest frame of every sensor that had one."""
-        with replacing(self.folder / INDEX_NAME) as temporary:
-            self._index.write(temporary)
-        for name, output in self.outputs.items():
-            if output.latest is not None:
-                self._preview(name, output, output.latest)
+    def _require_room(self, frames: Sequence[Frame]) -> None:
+        """Stop while there is still room to complete what was begun."""
+        size = _PER_RAY * sum(frame.range.size for frame in frames)
+        formats = max(len(output.formats) for output in self.outputs.values())
+        require_room(self.folder, _ROOM + _ROOM_PER_FRAME * self.frames + 2 * formats * size)
+
+    @contextmanager
+    def _saying_what_is_saved(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            reason = f"{self.folder}: cannot be written: {error.strerror or error}"
+            raise InputError(f"{reason}; {self._saved()}") from error
+        except InputError as error:
+            raise InputError(f"{error}; {self._saved()}") from error
+
+    def _saved(self) -> str:
+        return f"{self.frames} frames from before are in {self.folder}"
+
+    def _open_run_files(
+        self, used: Sequence[str], model: mujoco.MjModel, sensors: Sequence[SensorSpec]
+    ) -> dict[str, RunFile]:
+        """Begin the recordings of whole runs, by the names of their folders, in DIR/unfinished."""
+        folders = {name: FORMATS[name].suffixes[0] for name in used if FORMATS[name].holds == "run"}
+        unfinished = self.folder / UNFINISHED_NAME
+        if folders:
+            unfinished.mkdir()
+        return {
+            folder: open_run_file(name, unfinished / folder, model, sensors, self._ids, self._options)
+            for name, folder in folders.items()
+        }
+
+    def _close(self, folder: str) -> str | None:
+        """Complete a recording and give it its name; or say why that failed."""
+        unfinished = self.folder / UNFINISHED_NAME
+        try:
+            self._open.pop(folder).close()
+            (unfinished / folder).rename(self.folder / folder)
+            if not any(unfinished.iterdir()):
+                unfinished.rmdir()
+        except OSError as error:
+            return f"{unfinished / folder}: cannot be completed: {error.strerror or error}"
+        return None
 
     def _preview(self, name: str, output: SensorOutput, frame: Frame) -> None:
         picture = draw_preview(self._patterns[name], frame)
@@ -104,17 +272,27 @@ class Recorder:
             picture.save(temporary, format="png")
         output.count(output.folder / PREVIEW_NAME)
 
-    def _write_as(self, name: str, path: Path, frame: Frame) -> None:
-        if name == "exr":
-            write_exr(path, cast(CameraFrame, frame), self._ids)
-        elif name == "ply":
-            write_ply(path, frame)
-        else:
-            write_npz(path, frame)
-
     def _clear(self) -> None:
         (self.folder / INDEX_NAME).unlink(missing_ok=True)
-        for output in self.outputs.values():
-            for path in output.folder.iterdir():
-                if path.name == PREVIEW_NAME or re.fullmatch(r"\d{6,}\.(exr|ply|npz)", path.name):
+        runs = [form.suffixes[0] for form in FORMATS.values() if form.holds == "run"]
+        for name in (UNFINISHED_NAME, *runs):
+            if (self.folder / name).is_dir():
+                shutil.rmtree(self.folder / name)
+        suffixes = {suffix for form in FORMATS.values() if form.holds != "run" for suffix in form.suffixes}
+        frame_file = re.compile(rf"\d{{6,}}({'|'.join(map(re.escape, sorted(suffixes)))})")
+        for folder in (self.folder / CAMERAS_NAME, *(output.folder for output in self.outputs.values())):
+            for path in folder.iterdir() if folder.is_dir() else ():
+                if path.name == PREVIEW_NAME or frame_file.fullmatch(path.name):
                     path.unlink()
+
+
+def _refuse(sensors: Sequence[SensorSpec], used: Sequence[str], ids: IdTable) -> None:
+    """Raise InputError for sensors called like another part of DIR, and more classes than a format holds."""
+    taken = {CAMERAS_NAME, UNFINISHED_NAME} | {f.suffixes[0] for f in FORMATS.values() if f.holds == "run"}
+    for spec in sensors:
+        if spec.name in taken:
+            raise InputError(f"sensor {spec.name!r}: the name of another part of the output folder, expected another")
+    for name in used:
+        most = FORMATS[name].most_classes
+        if most is not None:
+            require_few_classes(ids, most, name)

@@ -43,8 +43,10 @@ def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -
         pose=POSE,
         shape=distance.shape,
     )
-    arrays = _random_fields(distance) | {"range": distance} | given
+    arrays = _random_fields(kind, distance) | {"range": distance} | given
     vars(frame).update({name: wp.array(array, device="cpu") for name, array in arrays.items()})
+    if kind is not Frame and "intensity" not in given:
+        vars(frame)["intensity"] = None
     return frame
 
 
@@ -63,12 +65,12 @@ def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
     if kind is CameraFrame:
         fields |= {"intrinsics": INTRINSICS, "lens": None, "depth_scale": 0.001, "_intensity": None}
     if kind is LidarFrame:
-        ring, column = np.indices(shape, dtype=np.int32)
+        ring, column, *_ = np.indices(shape, dtype=np.int32)
         fields |= {"ring": wp.array(ring, device="cpu"), "column": wp.array(column, device="cpu"), "_intensity": None}
     return fields
 
 
-def _random_fields(distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+def _random_fields(kind: type[Frame], distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
     rng = np.random.default_rng(distance.size)
     shape, hit = distance.shape, np.isfinite(distance)
     normal = rng.normal(size=(*shape, 3))
@@ -76,10 +78,15 @@ def _random_fields(distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
     return {
         "points": np.where(hit[..., None], rng.normal(size=(*shape, 3)), np.nan).astype(np.float32),
         "normal": np.where(hit[..., None], normal, 0.0).astype(np.float32),
-        "depth_16bit": rng.integers(0, 65536, shape, np.uint16),
-        "intensity": np.where(hit, rng.random(shape), 0.0).astype(np.float32),
-        "depth": (0.8 * distance).astype(np.float32),
         "geom_id": np.where(hit, rng.integers(0, 3, shape), -1).astype(np.int32),
         "body_id": np.where(hit, rng.integers(0, 3, shape), -1).astype(np.int32),
         "stamp": 1700000000.123 + rng.random(shape),
+        **(_of_camera(rng, distance) if kind is CameraFrame else {}),
+    }
+
+
+def _of_camera(rng: np.random.Generator, distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+    return {
+        "depth": (0.8 * distance).astype(np.float32),
+        "depth_16bit": rng.integers(0, 65536, distance.shape, np.uint16),
     }

@@ -151,7 +151,7 @@ def test_schema_knows_the_keys_and_explains_them() -> None:
     document = schema()
     definitions = document["$defs"]
     assert set(document["properties"]) == set(RigFile.model_fields)
-    of_all = {"Mount", "Filter", "Prop", "Surface"}
+    of_all = {"Mount", "Filter", "Prop", "Surface", "Export"}
     of_lidars = {"Lidar", "Noise", "Detection", "Beam", "Weather"}
     of_cameras = {"DepthCamera", "BrownConrady", "KannalaBrandt", "Stereo", "TimeOfFlight"}
     assert set(definitions) == of_all | of_lidars | of_cameras | {"HeightScan"}

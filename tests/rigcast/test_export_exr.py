@@ -88,9 +88,43 @@ def test_the_header_says_what_the_numbers_mean(tmp_path: Path) -> None:
     assert json.loads(header["ids"]) == {
         "geom_name": ["floor", "geom_1", "ball"],
         "geom_body": [0, 1, 2],
+        "geom_class": [0, 0, 0],
         "body_name": ["world", "crate", "body_2"],
+        "class_name": [""],
+        **{f"{kind}_{what}": [] for kind in ("flex", "skin", "prop") for what in ("name", "class")},
+        "prop_body": [],
     }
     assert header["compression"] == OpenEXR.ZIP_COMPRESSION
+
+
+@pytest.mark.parametrize("compression", ["none", "rle", "zips", "zip", "piz"])
+def test_every_compression_is_without_loss(tmp_path: Path, compression: str) -> None:
+    frame = make_frame(CameraFrame, random_range((33, 17), 1))
+    write_exr(tmp_path / "a.exr", frame, IDS, compression)
+    file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
+    wanted = "NO" if compression == "none" else compression.upper()
+    assert file.header()["compression"] == getattr(OpenEXR, f"{wanted}_COMPRESSION")
+    np.testing.assert_array_equal(bits(file.channels()["Z"].pixels), bits(frame.depth.numpy()))
+
+
+def test_several_cameras_are_parts_of_one_file_each_with_its_own_size_and_header(tmp_path: Path) -> None:
+    shapes = {"left": (4, 6), "right": (5, 3)}
+    frames = [make_frame(CameraFrame, random_range(shape, 2), sensor=name) for name, shape in shapes.items()]
+    write_exr(tmp_path / "a.exr", frames, IDS)
+    parts = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).parts
+    assert [part.name() for part in parts] == ["left", "right"]
+    for part, frame in zip(parts, frames, strict=True):
+        assert part.header["sensor"] == frame.sensor
+        assert part.header["time"].tolist() == [frame.time]
+        np.testing.assert_array_equal(bits(part.channels["range"].pixels), bits(frame.range.numpy()), frame.sensor)
+
+
+def test_fields_that_only_some_frames_have_are_channels_too(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    given = {"intensity": rng.random((4, 6)).astype(np.float32), "flex_id": rng.integers(-1, 3, (4, 6), np.int32)}
+    _, channels = write_and_read(tmp_path / "a.exr", make_frame(CameraFrame, random_range((4, 6), 0), **given))
+    np.testing.assert_array_equal(channels["intensity"], given["intensity"])
+    np.testing.assert_array_equal(channels["flex_id"].view(np.int32), given["flex_id"])
 
 
 def test_a_file_that_cannot_be_written_is_an_os_error(tmp_path: Path) -> None:

@@ -65,9 +65,14 @@ def test_every_sensor_gets_the_formats_that_fit_it(
 @pytest.mark.parametrize(
     ("formats", "messages"),
     [
-        ([], ["--format: got none, expected any of exr, ply, npz"]),
-        (["plx"], ["got 'plx', expected any of exr, ply, npz; did you mean 'ply'?"]),
-        (["las", "exd"], ["got 'las'", "got 'exd'"]),
+        ([], ["--format: got none, expected any of exr, exr_multipart, png, ply"]),
+        (
+            ["plx"],
+            [
+                "got 'plx', expected any of exr, exr_multipart, png, ply, pcd",
+            ],
+        ),
+        (["lss", "exd"], ["got 'lss'", "got 'exd'"]),
         (["exr"], ["sensor 'top' is a lidar", "sensor 'feet' is a height_scan"]),
     ],
 )
@@ -86,6 +91,7 @@ def test_the_folder_holds_frames_previews_and_the_index(tmp_path: Path) -> None:
         "eye/000000.exr",
         "eye/preview.png",
         "frames.npz",
+        "ids.json",
         "top/000000.ply",
         "top/000001.ply",
         "top/preview.png",
@@ -143,6 +149,7 @@ def test_what_an_earlier_run_left_is_replaced_and_nothing_else_is_touched(tmp_pa
     record(tmp_path, ["top"], rig=(LIDAR, CAMERA))
     assert files_in(tmp_path) == [
         "frames.npz",
+        "ids.json",
         "other/000000.npz",
         "top/000000.ply",
         "top/notes.txt",
@@ -154,7 +161,7 @@ def test_what_an_earlier_run_left_is_replaced_and_nothing_else_is_touched(tmp_pa
 def test_npz_keeps_every_ray(tmp_path: Path, name: str) -> None:
     frame = a_frame(name, time=1700000000.123)
     write_npz(tmp_path / "a", frame)
-    own = {"top": {"ring", "column"}, "eye": {"depth", "depth_16bit", "intensity"}, "feet": set()}[name]
+    own = {"top": {"ring", "column"}, "eye": {"depth", "depth_16bit"}, "feet": set()}[name]
     of_camera = {"depth_scale", "intrinsics"} if name == "eye" else set()
     common = {"range", "points", "normal", "geom_id", "body_id", "stamp"}
     with np.load(tmp_path / "a", allow_pickle=False) as stored:
@@ -216,7 +223,7 @@ def test_a_failing_frame_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"000000\.exr: cannot be written"):
         recorder.write(a_frame("eye"))
     recorder.finish()
-    assert files_in(tmp_path) == ["eye", "frames.npz"]
+    assert files_in(tmp_path) == ["eye", "frames.npz", "ids.json"]
 
 
 @pytest.mark.parametrize("place", ["file", "file/below", 300 * "x"])

@@ -106,6 +106,7 @@ def test_a_run_writes_each_frame_that_fell_due(folder: Path) -> None:
         "front/000000.exr",
         "front/000001.exr",
         "front/preview.png",
+        "ids.json",
         "top/000000.ply",
         "top/000001.ply",
         "top/000002.ply",
@@ -155,7 +156,7 @@ def test_without_a_terminal_it_prints_few_lines_and_ends_with_what_it_wrote() ->
 def test_a_sensor_that_was_never_due_is_said_to_have_no_frame(folder: Path) -> None:
     code, output = run("cart.yaml", "--duration", "0.03", "--out", "o")
     assert code == 0
-    assert sorted(written(folder / "o")) == ["frames.npz", "top/000000.ply", "top/preview.png"]
+    assert sorted(written(folder / "o")) == ["frames.npz", "ids.json", "top/000000.ply", "top/preview.png"]
     assert output.count("no frame fell due") == 2
 
 
@@ -190,7 +191,7 @@ def test_another_model_can_take_the_place_of_the_rigs_own(folder: Path) -> None:
         (["--duration", "-1"], "--duration: got -1.0"),
         (["--duration", "nan"], "--duration: got nan"),
         (["--duration", "inf"], "--duration: got inf"),
-        (["--format", "exd"], "--format: got 'exd', expected any of exr, ply, npz; did you mean 'exr'?"),
+        (["--format", "exd"], "--format: got 'exd', expected any of exr, exr_multipart, png"),
         (["--format", "exr"], "--format: sensor 'top' is a lidar"),
         (["--format", ","], "--format: got none"),
         (["--out", "cart.xml"], "cart.xml: the output folder cannot be written: File exists"),

@@ -1,0 +1,56 @@
+"""`rigcast publish`: step the simulation in real time and publish what its sensors see to ROS 2."""
+
+import itertools
+from pathlib import Path
+from time import perf_counter, sleep
+from typing import Annotated
+
+import mujoco
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from rigcast.cli.kernels import ready_rig
+from rigcast.cli.run import initial_data, step_count
+from rigcast.config import open_rig
+from rigcast.ros.node import RosNode, require_ros
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.rig.rig import Rig
+
+
+def publish(
+    rig: Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)],
+    model: Annotated[Path | None, typer.Option(help="MJCF model in place of the rig's own")] = None,
+    duration: Annotated[float | None, typer.Option(help="time to simulate, s  [default: until Ctrl-C]")] = None,
+    speed: Annotated[float, typer.Option(help="simulated seconds per second, at most")] = 1.0,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")] = None,
+) -> None:
+    """Run a rig on its model and publish what its sensors see to ROS 2."""
+    if not speed > 0.0:
+        raise InputError(f"--speed: got {speed}, expected a positive number")
+    require_ros()
+    console = Console(highlight=False)
+    config, compiled = open_rig(rig, model)
+    steps = None if duration is None else step_count(compiled, duration)
+    data = initial_data(compiled, config.keyframe)
+    loaded = ready_rig(console, config, compiled, data, device, seed)
+    node = RosNode(compiled, config.sensors, classes=config.classes, props=config.props, options=config.export)
+    with node:
+        console.print(escape(f"{rig}: publishing {', '.join(spec.name for spec in config.sensors)}; Ctrl-C ends it"))
+        frames = _simulate(loaded, data, node, steps, speed)
+    console.print(f"published {frames} frames")
+
+
+def _simulate(rig: Rig, data: mujoco.MjData, node: RosNode, steps: int | None, speed: float) -> int:
+    """Step and publish, not faster than `speed`; the number of frames."""
+    count = 0
+    began, start = perf_counter(), data.time
+    node.step(data, ())
+    for _ in itertools.count() if steps is None else range(steps):
+        mujoco.mj_step(rig.model, data)
+        frames = list(rig.step(data))
+        node.step(data, frames)
+        count += len(frames)
+        sleep(max(0.0, (data.time - start) / speed - (perf_counter() - began)))
+    return count

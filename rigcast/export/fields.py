@@ -1,0 +1,104 @@
+"""The per-ray fields of a frame, on the host, as every exporter takes them."""
+
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.rig.frame import Frame
+
+Fields = dict[str, NDArray[Any]]
+
+# Fields of Frame and its kinds; a frame has some of them. Lengths in metres, stamp in seconds.
+_TYPES = {
+    "range": np.float32,
+    "points": np.float32,
+    "normal": np.float32,
+    "depth": np.float32,
+    "depth_16bit": np.uint16,
+    "intensity": np.float32,
+    "ring": np.int32,
+    "column": np.int32,
+    "geom_id": np.int32,
+    "body_id": np.int32,
+    "flex_id": np.int32,
+    "skin_id": np.int32,
+    "prop_id": np.int32,
+    "stamp": np.float64,
+}
+_VECTORS = ("points", "normal")
+
+# What has been brought from the device of frames that are still in use: several formats take the same fields.
+_on_host: WeakKeyDictionary[Frame, Fields] = WeakKeyDictionary()
+
+
+def fields_of(frame: Frame) -> Fields:
+    """Every per-ray field that this frame has, in the frame's own shapes.
+
+    Raises InputError for a batch of worlds: a file holds the frames of one.
+    """
+    if np.shape(frame.pose) != (4, 4):
+        raise InputError(
+            f"sensor {frame.sensor!r}: got a frame of {len(frame.pose)} worlds, expected one of one world to export"
+        )
+    if frame not in _on_host:
+        _on_host[frame] = _fetch(frame)
+    return dict(_on_host[frame])
+
+
+def rays_of(frame: Frame) -> Fields:
+    """The fields of `frame` with one row per ray and return, all of one length; vectors (n, 3).
+
+    Where a ray has several returns, in the last axis of `range`, fields that are per ray are repeated and
+    `return_number` (n,) uint8 counts from 0.
+    """
+    fields = fields_of(frame)
+    shape = fields["range"].shape
+    rays = {name: _spread(name, field, shape) for name, field in fields.items()}
+    if _has_returns(fields):
+        rays["return_number"] = np.broadcast_to(np.arange(shape[-1], dtype=np.uint8), shape).reshape(-1)
+    return rays
+
+
+def points_of(frame: Frame) -> Fields:
+    """The rows of `rays_of(frame)` whose range is finite."""
+    rays = rays_of(frame)
+    hit = np.isfinite(rays["range"])
+    return {name: field[hit] for name, field in rays.items()}
+
+
+def intensity_of(rays: Fields, white: float, most: float) -> NDArray[np.float32]:
+    """(n,) the intensity in the numbers of a format: `white` for 1, a white surface facing the sensor, `most` at most.
+
+    0 where the frame has no intensity.
+    """
+    intensity = rays.get("intensity", np.zeros(len(rays["range"]), np.float32))
+    return np.clip(white * intensity, 0, most).astype(np.float32)
+
+
+def _fetch(frame: Frame) -> Fields:
+    values = {name: getattr(frame, name, None) for name in _TYPES}
+    return {
+        name: np.ascontiguousarray(value.numpy(), dtype=_TYPES[name])
+        for name, value in values.items()
+        if value is not None
+    }
+
+
+def _has_returns(fields: Fields) -> bool:
+    """Whether the last axis is that of several returns: then all of it has one ring and one column."""
+    shape = fields["range"].shape
+    if any(field.ndim < len(shape) for field in fields.values()):
+        return True
+    named = [fields[name] for name in ("ring", "column") if name in fields]
+    return len(named) == 2 and shape[-1] > 1 and all((index == index[..., :1]).all() for index in named)
+
+
+def _spread(name: str, field: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    if name in _VECTORS:
+        return field.reshape(-1, 3)
+    if field.ndim < len(shape):
+        field = np.broadcast_to(field[..., None], shape)
+    return field.reshape(-1)

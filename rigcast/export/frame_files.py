@@ -1,0 +1,32 @@
+"""How one frame becomes files, by format."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rigcast.export.bins import write_kitti, write_kitti_labels, write_nuscenes, write_nuscenes_labels
+from rigcast.export.exr import write_exr
+from rigcast.export.ids import IdTable
+from rigcast.export.las import write_las
+from rigcast.export.npz import write_npz
+from rigcast.export.options import Export
+from rigcast.export.pcd import write_pcd
+from rigcast.export.ply import write_ply
+from rigcast.export.png import write_png
+
+FileWriter = Callable[[Path, Any], None]
+
+
+def file_writers(ids: IdTable, options: Export) -> Mapping[str, tuple[FileWriter, ...]]:
+    """For each format of single frames what writes its files, in the order of `Format.suffixes`."""
+    return {
+        "exr": (lambda path, frame: write_exr(path, frame, ids, options.exr_compression),),
+        "png": (write_png,),
+        "ply": (write_ply,),
+        "pcd": (write_pcd,),
+        "las": (lambda path, frame: write_las(path, frame, ids, compress=False),),
+        "laz": (lambda path, frame: write_las(path, frame, ids, compress=True),),
+        "kitti": (write_kitti, lambda path, frame: write_kitti_labels(path, frame, ids)),
+        "nuscenes": (write_nuscenes, lambda path, frame: write_nuscenes_labels(path, frame, ids)),
+        "npz": (write_npz,),
+    }

@@ -1,0 +1,13 @@
+"""Rotations as quaternions."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+
+def quaternion(rotation: NDArray[np.float64]) -> tuple[float, float, float, float]:
+    """w, x, y, z of a rotation matrix (3, 3)."""
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(rotation).reshape(9))
+    w, x, y, z = quat.tolist()
+    return w, x, y, z

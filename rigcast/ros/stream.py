@@ -1,0 +1,155 @@
+"""The messages of a rig, in the order in which a robot's drivers would send them.
+
+    /tf_static /rigcast/ids        once, kept for who subscribes later
+    /clock /tf                     as the simulation goes
+    /<sensor>/points               PointCloud2 of lidars and height scans
+    /<sensor>/scan                 LaserScan of scanners in one plane
+    /<sensor>/depth/image          Image of depth cameras, beside /<sensor>/depth/camera_info
+
+/rigcast/ids is a String: the JSON of `IdTable`, which says what the ids in the points stand for.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.export.ids import IdTable
+from rigcast.export.options import Export
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.rig.frame import CameraFrame, Frame
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.pattern import Pattern
+from rigcast.sensors.specs.sensor_spec import SensorSpec
+
+from . import messages
+from .layouts import choose_layout, lay_out
+from .transforms import TransformTree
+
+
+class Topic(NamedTuple):
+    """A topic; `latched` ones keep their last message for who subscribes later (transient local)."""
+
+    name: str
+    kind: str
+    latched: bool = False
+
+
+class Message(NamedTuple):
+    """A serialized message. time: when it is sent [s], on the simulation's clock."""
+
+    topic: str
+    time: float
+    data: bytes
+
+
+_COMMON = (
+    Topic("/tf_static", "tf2_msgs/msg/TFMessage", latched=True),
+    Topic("/rigcast/ids", "std_msgs/msg/String", latched=True),
+    Topic("/clock", "rosgraph_msgs/msg/Clock"),
+    Topic("/tf", "tf2_msgs/msg/TFMessage"),
+)
+
+
+class MessageStream:
+    """Turns steps of a simulation into messages.
+
+    topics: all that `opening`, `step` and `frame` may give.
+    Raises InputError for a sensor whose name ROS does not take, or whose frame is called like a body.
+    """
+
+    def __init__(self, model: mujoco.MjModel, sensors: Sequence[SensorSpec], ids: IdTable, options: Export) -> None:
+        _refuse_names(sensors)
+        self._ids = ids
+        self._options = options
+        self._specs = {spec.name: spec for spec in sensors}
+        self._tree = TransformTree(model, sensors, options.world_frame)
+        self._angles = {spec.name: planar_angles(spec.pattern(model)) for spec in sensors}
+        self._last_clock = -math.inf
+        self.topics = [*_COMMON, *(topic for spec in sensors for topic in self._topics(spec))]
+
+    def opening(self, time: float) -> list[Message]:
+        """What is sent once, before all else."""
+        return [
+            _message("/tf_static", time, messages.transforms(time, self._tree.static)),
+            _message("/rigcast/ids", time, messages.text(self._ids.json())),
+        ]
+
+    def step(self, data: mujoco.MjData, frames: Iterable[Frame]) -> list[Message]:
+        """What is sent after a step of the simulation, with the frames that it gave.
+
+        Clock and transforms come with every frame, and otherwise at `transform_rate_hz`. Transforms are those of
+        `data.time`; `data` may stand as `mj_step` leaves it, and is only read.
+        """
+        frames = list(frames)
+        sent = self._moved(data) if frames or self._is_due(data.time) else []
+        return sent + [message for frame in frames for message in self.frame(frame, data.time)]
+
+    def frame(self, frame: Frame, time: float | None = None) -> Iterator[Message]:
+        """The messages of one frame. time: when they are sent [s]; None: the frame's own time."""
+        time = frame.time if time is None else time
+        pose = self._tree.of_frame(frame)
+        if pose:
+            yield _message("/tf", time, messages.transforms(frame.time, pose))
+        spec, frame_id = self._specs[frame.sensor], self._tree.frame_ids[frame.sensor]
+        if isinstance(frame, CameraFrame):
+            image = messages.depth_image(frame, frame_id, self._options.depth_encoding)
+            yield _message(f"/{frame.sensor}/depth/image", time, image)
+            info = messages.camera_info(frame, frame_id)
+            yield _message(f"/{frame.sensor}/depth/camera_info", time, info)
+            return
+        angles = self._angles[frame.sensor]
+        if angles is not None:
+            yield _message(f"/{frame.sensor}/scan", time, messages.laser_scan(frame, frame_id, angles, spec))
+            return
+        points = lay_out(frame, choose_layout(self._options.point_layout, spec.preset))
+        yield _message(f"/{frame.sensor}/points", time, messages.point_cloud(frame.time, frame_id, points))
+
+    def _moved(self, data: mujoco.MjData) -> list[Message]:
+        self._last_clock = data.time
+        clock = _message("/clock", data.time, messages.clock(data.time))
+        poses = self._tree.moving(data)
+        return [clock, _message("/tf", data.time, messages.transforms(data.time, poses))] if poses else [clock]
+
+    def _is_due(self, time: float) -> bool:
+        """Whether a period has passed since the last clock, up to rounding, or the simulation has gone back."""
+        passed = (time - self._last_clock) * self._options.transform_rate_hz
+        return passed < 0 or passed > 1 - 1e-6
+
+    def _topics(self, spec: SensorSpec) -> list[Topic]:
+        if isinstance(spec, DepthCamera):
+            return [
+                Topic(f"/{spec.name}/depth/image", "sensor_msgs/msg/Image"),
+                Topic(f"/{spec.name}/depth/camera_info", "sensor_msgs/msg/CameraInfo"),
+            ]
+        if self._angles[spec.name] is not None:
+            return [Topic(f"/{spec.name}/scan", "sensor_msgs/msg/LaserScan")]
+        return [Topic(f"/{spec.name}/points", "sensor_msgs/msg/PointCloud2")]
+
+
+def planar_angles(pattern: Pattern) -> NDArray[np.float64] | None:
+    """(rays,) the angles [rad] of a scanner that fires in its x-y plane at even steps, either way round; else None."""
+    directions = pattern.directions.reshape(-1, 3)
+    one_row = pattern.directions.ndim == 2 or pattern.directions.shape[0] == 1
+    if pattern.origins is not None or not one_row or np.abs(directions[:, 2]).max() > 1e-9:
+        return None
+    angles = np.unwrap(np.arctan2(directions[:, 1], directions[:, 0]))
+    steps = np.diff(angles)
+    even = len(steps) > 0 and steps[0] != 0 and np.abs(steps - steps[0]).max() < 1e-9
+    return angles if even else None
+
+
+def _message(topic: str, time: float, message: Any) -> Message:
+    return Message(topic, time, messages.serialize(message))
+
+
+def _refuse_names(sensors: Sequence[SensorSpec]) -> None:
+    wrong = [spec.name for spec in sensors if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", spec.name)]
+    if wrong:
+        raise InputError(
+            f"ROS topics: sensor {', '.join(map(repr, wrong))}: expected letters, digits and _ only, no digit first"
+        )

@@ -1,0 +1,14 @@
+class PointCloud2:
+    pass
+
+
+class LaserScan:
+    pass
+
+
+class Image:
+    pass
+
+
+class CameraInfo:
+    pass
