@@ -1,6 +1,5 @@
 """The props of a scene as a part of it."""
 
-import warnings
 from collections import Counter
 from collections.abc import Sequence
 
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, warn_user
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
@@ -67,7 +66,7 @@ def _build(prop: Prop) -> TriangleTree:
         raise InputError(f"prop {prop.name!r}: {prop.file}: no triangle in it has an area")
     if tree.dropped:
         message = f"prop {prop.name!r}: {prop.file}: {tree.dropped} triangles without area left out"
-        warnings.warn(message, UserWarning, stacklevel=4)
+        warn_user(message, UserWarning)
     return tree
 
 

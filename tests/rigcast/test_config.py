@@ -265,8 +265,7 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["missing.xml", "broken.xml", "broken.mjb"])
-def test_a_given_model_that_cannot_be_used_is_named(folder: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(folder)  # MuJoCo writes its log into the working directory
+def test_a_given_model_that_cannot_be_used_is_named(folder: Path, name: str) -> None:
     for broken in ("broken.xml", "broken.mjb"):
         (folder / broken).write_text("<mujoco><worldbody><geom/></worldbody></mujoco>")
     path = folder / name

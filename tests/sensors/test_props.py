@@ -248,8 +248,9 @@ def test_a_bad_file_is_refused_by_name(tmp_path: Path, name: str, content: bytes
 def test_triangles_without_area_are_left_out_and_counted(tmp_path: Path) -> None:
     file = tmp_path / "a.obj"
     file.write_text("v 0 -1 -1\nv 0 1 -1\nv 0 0 1\nf 1 2 3\nf 1 1 2\nf 2 3 3\n")
-    with pytest.warns(UserWarning, match=r"prop 'it': .*a\.obj: 2 triangles without area left out"):
+    with pytest.warns(UserWarning, match=r"prop 'it': .*a\.obj: 2 triangles without area left out") as caught:
         scene = Scene(model_of(""), "cpu", [Prop(name="it", file=file)])
+    assert [warning.filename for warning in caught] == [__file__]
     scene.update(posed(model_of("")))
     assert scene.cast((-1, 0, 0), (1, 0, 0)).numpy().face == 0
 

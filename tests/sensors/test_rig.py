@@ -184,8 +184,9 @@ def test_unsupported_geometry_is_refused_or_left_out() -> None:
     model.geom_dataid[0] = -1  # a distance function alone
     with pytest.raises(InputError, match="rays cannot hit sdf geom 'blob'"):
         Rig(model, SENSORS[:0])
-    with pytest.warns(UserWarning, match="rays cannot hit sdf geom 'blob'"):
+    with pytest.warns(UserWarning, match="rays cannot hit sdf geom 'blob'") as caught:
         Rig(model, SENSORS[:0], on_unsupported="warn")
+    assert [warning.filename for warning in caught] == [__file__]
 
 
 @pytest.mark.parametrize("order", [NAMES[::-1], ("feet",), ("eye", "top")], ids=str)
