@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import faults_of, refuse
 
 if TYPE_CHECKING:
@@ -23,7 +24,10 @@ else:
         fault in one of those keeps its place within the whole document.
         """
 
-        def __call__(cls, **given: Any) -> Any:
+        def __call__(cls, *unnamed: Any, **given: Any) -> Any:
+            if unnamed:
+                names = ", ".join(f"{name}=..." for name in cls.model_fields)
+                raise InputError(f"{cls.__name__}: got {unnamed[0]!r:.80} without a name, expected some of {names}")
             try:
                 return super().__call__(**given)
             except ValidationError as error:
