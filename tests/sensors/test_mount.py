@@ -167,7 +167,7 @@ def test_bad_arguments_are_refused(arguments: dict[str, Any], message: str) -> N
 
 def test_an_argument_without_a_name_is_refused() -> None:
     with pytest.raises(InputError, match=r"Mount: got 'torso' without a name, expected some of body=\.\.\., site="):
-        Mount("torso")  # type: ignore[misc]
+        Mount("torso")  # type: ignore[call-arg]
 
 
 def test_numpy_values_are_taken() -> None:

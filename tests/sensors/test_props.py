@@ -90,7 +90,8 @@ def test_a_prop_is_hit_where_mujoco_hits_the_same_mesh(
     np.testing.assert_array_equal(hits.geom_id[of_prop], -1)
     assert (hits.face[of_prop] >= 0).all()
     judge = in_mujoco(prop, model, data)
-    renamed = hits._replace(geom_id=np.where(of_prop, judge.ngeom - 1, hits.geom_id))
+    as_geom = np.where(of_prop, judge.ngeom - 1, hits.geom_id)
+    renamed = hits._replace(geom_id=as_geom, prop_id=np.full_like(hits.prop_id, -1))
     assert not oracle.compare(judge, posed(judge), *rays(0, around), renamed).where(Verdict.WRONG).size
     rig = rigcast.Rig(model, [Lidar(name="eye", mount=mount, elevation_deg=[0], columns=8)], "cpu", props=[prop])
     np.testing.assert_array_equal(rig.sense(data)["eye"].body_id.numpy(), body)

@@ -3,6 +3,7 @@
 import copy
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -181,7 +182,7 @@ def test_sensors_that_do_not_fit_the_model_are_refused(
         ({"seed": 2**63}, "Rig: seed: got 9223372036854775808"),
         ({"seed": True}, "Rig: seed: got True"),
         ({"seed": "7"}, "Rig: seed: got '7'"),
-        ({"props": Prop(name="p", file="p.stl")}, "props: got Prop, expected a list of props"),
+        ({"props": Prop(name="p", file=Path("p.stl"))}, "props: got Prop, expected a list of props"),
         ({"props": ["p.stl"]}, r"props\[0\]: got str, expected Prop"),
         ({"props": 3}, "props: got int, expected a list of props"),
     ],
