@@ -4,6 +4,7 @@ A specification is a frozen record with keyword arguments only. The keys of a YA
 checked by the same rules: unknown keys, text in place of numbers, and NaN are refused.
 """
 
+from inspect import cleandoc
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,6 +41,12 @@ class Spec(BaseModel, metaclass=_RefusesInput):
     """A frozen, strict record. Raises InputError with one line per fault."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Add the arguments to the docstring, as their fields describe them."""
+        lines = [f"    {name}: {field.description}." for name, field in cls.model_fields.items() if field.description]
+        cls.__doc__ = "\n".join([cleandoc(cls.__doc__ or ""), "", "Args:", *lines])
 
     @model_validator(mode="before")
     @classmethod
