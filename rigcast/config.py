@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import mujoco
@@ -10,13 +11,15 @@ from pydantic import Field, TypeAdapter, ValidationError, field_validator
 
 from rigcast.export.ids import class_faults
 from rigcast.export.options import Export
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.faults import Fault, faults_of
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.scene.mesh_file import read_mesh
 from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.spec import Spec
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 
 AnySensor = Annotated[Lidar | DepthCamera | HeightScan, Field(discriminator="type")]
 _SENSOR: TypeAdapter[AnySensor] = TypeAdapter(AnySensor)
+_PARTS: dict[str, type[Mount | Filter]] = {"mount": Mount, "filter": Filter}
 
 
 class RigFile(Spec):
@@ -119,6 +123,8 @@ def open_rig(path: str | Path, model: mujoco.MjModel | str | Path | None = None)
     Raises InputError with every fault of the file, as `read_rig` does, among them the names that the model
     does not have, even where other parts of the file are at fault.
     """
+    require_type("rig file", path, str, Path)
+    require_type("model", model, mujoco.MjModel, str, Path, NoneType)
     given = compile_model(Path(model)) if isinstance(model, str | Path) else model
     document = read_yaml(Path(path))
     faults = _faults(document)
@@ -152,13 +158,13 @@ def load_rig(
 def compile_model(path: Path) -> mujoco.MjModel:
     """The MuJoCo model in an MJCF, URDF or MJB file. Raises InputError for a missing or faulty one."""
     if not path.is_file():
-        raise InputError(f"model {path} is not a file")
+        raise InputError(f"{path} is not a file, expected a MuJoCo model: MJCF, URDF or MJB")
     load = mujoco.MjModel.from_binary_path if path.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
         return load(str(path))
     except (ValueError, mujoco.FatalError) as error:
         reason = "; ".join(str(error).splitlines())
-        raise InputError(f"model {path} does not compile: {reason}") from None
+        raise InputError(f"{path} does not compile: {reason}") from None
 
 
 def _faults(document: YamlFile) -> list[Fault]:
@@ -209,12 +215,32 @@ def _binding_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) ->
     unbound = _keyframe_faults(content, model) + _class_faults(content, faults, model)
     for i, raw in _sound_items("sensors", content, faults):
         unbound += [fault.under("sensors", i) for fault in _SENSOR.validate_python(raw).faults(model)]
+    unbound += _part_faults(content, faults, model)
     for i, raw in _sound_items("props", content, faults):
         unbound += [fault.under("props", i) for fault in Prop.model_validate(raw).faults(model)]
     props = [str(raw.get("name")) for raw in _raw_items("props", content) if isinstance(raw, dict)]
     for i, raw in _sound_items("surfaces", content, faults):
         unbound += [fault.under("surfaces", i) for fault in Surface.model_validate(raw).faults(model, props)]
     return unbound
+
+
+def _part_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> list[Fault]:
+    """The same for mounts and filters without `faults` in sensors that have some."""
+    sound = {i for i, _ in _sound_items("sensors", content, faults)}
+    known = {fault.where[:3] for fault in faults}
+    unbound = []
+    for i, raw in enumerate(_raw_items("sensors", content)):
+        for key, spec in _PARTS.items():
+            if i not in sound and isinstance(raw, dict) and key in raw and ("sensors", i, key) not in known:
+                unbound += [fault.under("sensors", i, key) for fault in _faults_of_part(raw[key], spec, model)]
+    return unbound
+
+
+def _faults_of_part(raw: Any, spec: type[Mount | Filter], model: mujoco.MjModel) -> list[Fault]:
+    try:
+        return spec.model_validate(raw).faults(model)
+    except ValidationError as error:
+        return faults_of(error, spec)
 
 
 def _sound_items(key: str, content: Any, faults: list[Fault]) -> Iterator[tuple[int, Any]]:

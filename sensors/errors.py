@@ -1,4 +1,7 @@
-"""The one error that rigcast raises for what a user gives it."""
+"""The one error that rigcast raises for what a user gives it, and how it warns."""
+
+import sys
+import warnings
 
 
 class InputError(ValueError):
@@ -13,3 +16,12 @@ def require_type(what: str, value: object, *kinds: type) -> None:
     if not isinstance(value, kinds):
         expected = " or ".join(kind.__name__ for kind in kinds)
         raise InputError(f"{what}: got {type(value).__name__}, expected {expected}")
+
+
+def warn_user(message: str, category: type[Warning]) -> None:
+    """Warn at the line outside of rigcast that led here."""
+    level, frame = 1, sys._getframe()
+    # a fixed stacklevel would depend on Python: from 3.12 on comprehensions have no frame
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith("rigcast."):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)

@@ -1,4 +1,7 @@
-"""Warp kept quiet, tests skipped that need a GPU or long, and how hard the fuzz tests try."""
+"""Warp kept quiet, MuJoCo's log elsewhere, tests skipped that need a GPU or long, and how hard the fuzz tests try."""
+
+import os
+from collections.abc import Iterator
 
 import pytest
 import warp as wp
@@ -14,6 +17,15 @@ if hasattr(wp.config, "log_level"):
     wp.config.log_level = wp.LOG_WARNING
 else:
     wp.config.quiet = True
+
+
+@pytest.fixture(scope="session", autouse=True)
+def working_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """MuJoCo writes MUJOCO_LOG.TXT into the current folder."""
+    before = os.getcwd()
+    os.chdir(tmp_path_factory.mktemp("working"))
+    yield
+    os.chdir(before)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

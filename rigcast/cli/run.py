@@ -41,7 +41,7 @@ def run(
         typer.Option("--format", help=f"of {','.join(FORMATS)}  [default: exr for cameras, ply for the others]"),
     ] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")] = None,
+    seed: Annotated[int | None, typer.Option(help="in place of the rig's own")] = None,
 ) -> None:
     """Run a rig on its model and write what its sensors see."""
     console = Console(highlight=False)

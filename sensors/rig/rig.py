@@ -17,12 +17,12 @@ from rigcast.kernels.infrared import infrared
 from rigcast.kernels.packets.sorting import sort_into_packets
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
-from rigcast.sensors.faults import refuse
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.part import Owner
+from rigcast.sensors.scene.props import as_props
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
@@ -53,14 +53,14 @@ class Rig:
         model: the model that carries the sensors.
         sensors: `Lidar`, `DepthCamera` and `HeightScan`, with different names.
         device: a Warp device; None takes CUDA if it is present, else "cpu".
-        seed: of all random numbers of the rig.
+        seed: of all random numbers of the rig, 0 to 2^63 - 1.
         props: meshes that are not in the model, as for `Scene`.
         surfaces: how some of the model and props reflects, as for `Scene`.
         on_unsupported: "error" or "warn", as for `Scene`.
 
     Raises:
-        InputError: two sensors of one name, a mount or filter that names what the model does not have, or
-            geometry that rays cannot hit.
+        InputError: two sensors of one name, mounts or filters that name what the model does not have (all of
+            them at once), or geometry that rays cannot hit.
 
     >>> rig = rigcast.Rig(model, [rigcast.DepthCamera(name="front", mount=rigcast.Mount(camera="head"))])
     >>> for frame in rig.step(data):
@@ -80,15 +80,14 @@ class Rig:
     ) -> None:
         require_type("Rig: model", model, mujoco.MjModel)
         self.sensors = _as_sensors(sensors)
-        self.props = tuple(props)
-        if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
-            raise InputError(f"Rig: seed: got {seed!r}, expected a whole number from 0 to 2^63 - 1")
-        self.seed = int(seed)
+        self.props = as_props(props)
+        self.seed = _as_seed(seed)
         repeated = [name for name, n in Counter(s.name for s in self.sensors).items() if n > 1]
         if repeated:
             raise InputError(f"Rig: names must differ, got {', '.join(map(repr, repeated))} more than once")
-        for sensor in self.sensors:
-            refuse(f"sensor {sensor.name!r}", sensor.faults(model))
+        faults = [f"sensor {s.name!r}: {fault}" for s in self.sensors for fault in s.faults(model)]
+        if faults:
+            raise InputError("\n".join(faults))
         self.model = model
         self.scene = Scene(model, device, self.props, surfaces=surfaces, on_unsupported=on_unsupported)
         self._data = mujoco.MjData(model)
@@ -211,6 +210,12 @@ def _as_sensors(sensors: object) -> tuple[Sensor, ...]:
     for k, sensor in enumerate(listed):
         require_type(f"Rig: sensors[{k}]", sensor, Lidar, DepthCamera, HeightScan)
     return listed
+
+
+def _as_seed(seed: object) -> int:
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
+        raise InputError(f"Rig: seed: got {seed!r}, expected a whole number from 0 to 2^63 - 1")
+    return int(seed)
 
 
 @dataclass(frozen=True, eq=False)

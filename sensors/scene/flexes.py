@@ -5,10 +5,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels import solids
-from rigcast.kernels.deform import DeformingTree, surface_shapes
+from rigcast.kernels.deform import surface_shapes
 from rigcast.kernels.geometry import FARTHEST, Shapes
 from rigcast.sensors.specs.filter import Filter, is_opaque
 
+from .deforming import all_hidden, flat_surfaces, lost_owners, only_bodies
 from .lost import Lost
 from .part import Owner, Snapshot
 
@@ -38,24 +39,19 @@ class Flexes:
         self._ends = model.flex_edge.reshape(-1, 2) + model.flex_vertadr[self._flex_of_edge, None]
         self._with_surface = np.flatnonzero(model.flex_dim > 1).tolist()
         self._kinds = np.where(model.flex_dim == 2, solids.SHEET, solids.TRIANGLES)[self._with_surface].tolist()
-        counts = model.flex_vertnum[self._with_surface]
-        # the first update builds them
-        self._surfaces = [
-            DeformingTree(np.zeros((n, 3)), _faces(model, f)) for f, n in zip(self._with_surface, counts, strict=True)
-        ]
+        faces = (_faces(model, flex) for flex in self._with_surface)
+        self._surfaces = flat_surfaces(model.flex_vertnum[self._with_surface], faces)
         self.trees = [surface.tree for surface in self._surfaces]
         self.shapes = self._shapes(np.zeros(len(self._ends)))
         self.ids = np.concatenate([self._flex_of_edge, self._with_surface]).astype(np.int32)
         self._bodies = [_bodies(model, flex) for flex in flexes]
-        only_body = np.array([ids[0] if len(ids) == 1 else -1 for ids in self._bodies], np.int32)
-        self.bodies = only_body[self.ids]
+        self.bodies = only_bodies(self._bodies)[self.ids]
         self._lost = Lost(lambda flex: mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_FLEX, flex) or f"flex {flex}")
 
     def update(self, data: mujoco.MjData) -> Snapshot:
         """A flex with a vertex that is not finite is not hit at all."""
         # half of FARTHEST: the distance between two vertices must not pass it either
-        is_lost = ~(np.abs(data.flexvert_xpos) <= 0.5 * FARTHEST).all(axis=1)
-        lost = np.bincount(self._flex_of_vertex[is_lost], minlength=self.model.nflex) > 0
+        lost = lost_owners(data.flexvert_xpos, self._flex_of_vertex, self.model.nflex, 0.5 * FARTHEST)
         self._lost.warn(data.time, ~lost)
         snapshot = self._place(np.where(lost[self._flex_of_vertex, None], 0.0, data.flexvert_xpos))
         snapshot.position[lost[self.ids]] = np.nan
@@ -63,12 +59,11 @@ class Flexes:
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         model = self.model
-        hidden = filter.hidden_bodies(model)
         collides = (model.flex_contype != 0) | (model.flex_conaffinity != 0)
         # mujoco's Python binding gives flex_matid as many entries as there are vertices
         opaque = is_opaque(model, model.flex_rgba, model.flex_matid[: model.nflex])
         seen = filter.admits(model.flex_group, collides) & opaque
-        seen &= ~np.array([hidden[bodies].all() for bodies in self._bodies], bool)
+        seen &= ~all_hidden(self._bodies, filter.hidden_bodies(model))
         return np.asarray(seen[self.ids])
 
     def _place(self, vertices: NDArray[np.float64]) -> Snapshot:

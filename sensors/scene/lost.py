@@ -1,10 +1,11 @@
 """Things whose pose is not finite: never hit, and named once."""
 
-import warnings
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rigcast.sensors.errors import warn_user
 
 
 class Lost:
@@ -26,4 +27,4 @@ class Lost:
             names = ", ".join(self._name(k) for k in new[:10])
             more = f" and {len(new) - 10} more" if len(new) > 10 else ""
             message = f"pose not finite at t = {time:g} s, not hit: {names}{more}"
-            warnings.warn(message, RuntimeWarning, stacklevel=5)
+            warn_user(message, RuntimeWarning)

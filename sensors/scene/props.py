@@ -1,8 +1,7 @@
 """The props of a scene as a part of it."""
 
-import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
@@ -24,8 +23,8 @@ class Props:
 
     owner: Owner = "prop"
 
-    def __init__(self, model: mujoco.MjModel, props: Sequence[Prop]) -> None:
-        _require_names(props)
+    def __init__(self, model: mujoco.MjModel, given: Iterable[Prop]) -> None:
+        props = as_props(given)
         for prop in props:
             refuse(f"prop {prop.name!r}", prop.faults(model))
         self.model = model
@@ -50,10 +49,17 @@ class Props:
         return ~filter.hidden_bodies(self.model)[self.bodies]
 
 
-def _require_names(props: Sequence[Prop]) -> None:
+def as_props(given: object) -> tuple[Prop, ...]:
+    """Raises InputError for anything but a list of props with different names."""
+    if isinstance(given, Prop) or not isinstance(given, Iterable):
+        raise InputError(f"props: got {type(given).__name__}, expected a list of props")
+    props = tuple(given)
+    for k, prop in enumerate(props):
+        require_type(f"props[{k}]", prop, Prop)
     repeated = [name for name, n in Counter(prop.name for prop in props).items() if n > 1]
     if repeated:
         raise InputError(f"props: names must differ, got {', '.join(map(repr, repeated))} more than once")
+    return props
 
 
 def _build(prop: Prop) -> TriangleTree:
@@ -67,7 +73,7 @@ def _build(prop: Prop) -> TriangleTree:
         raise InputError(f"prop {prop.name!r}: {prop.file}: no triangle in it has an area")
     if tree.dropped:
         message = f"prop {prop.name!r}: {prop.file}: {tree.dropped} triangles without area left out"
-        warnings.warn(message, UserWarning, stacklevel=4)
+        warn_user(message, UserWarning)
     return tree
 
 

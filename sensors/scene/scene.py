@@ -1,6 +1,5 @@
 """A MuJoCo model as something to cast rays against."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from numbers import Real
@@ -17,7 +16,7 @@ from rigcast.kernels.geometry import FARTHEST, Shapes
 from rigcast.kernels.reading import take
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
-from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
@@ -283,7 +282,7 @@ def _report(parts: list[str], on_unsupported: str) -> None:
         return
     message = f"rays cannot hit {', '.join(parts)}"
     if on_unsupported == "warn":
-        warnings.warn(f"{message}; left out", UserWarning, stacklevel=3)
+        warn_user(f"{message}; left out", UserWarning)
     else:
         raise InputError(f'Scene: {message}; remove them, or leave them out with on_unsupported="warn"')
 

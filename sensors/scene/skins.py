@@ -5,10 +5,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels import solids
-from rigcast.kernels.deform import DeformingTree, surface_shapes
+from rigcast.kernels.deform import surface_shapes
 from rigcast.kernels.geometry import FARTHEST
 from rigcast.sensors.specs.filter import Filter, is_opaque
 
+from .deforming import all_hidden, flat_surfaces, lost_owners, only_bodies
 from .lost import Lost
 from .part import Owner, Snapshot
 
@@ -34,15 +35,12 @@ class Skins:
         self._vertex = model.skin_bonevertid + model.skin_vertadr[self._skin_of_bone[self._bone]]
         faces = model.skin_face.reshape(-1, 3)
         self._faces = faces + model.skin_vertadr[skin_of_face, None]
-        # the first update builds them
-        self._surfaces = [
-            DeformingTree(np.zeros((n, 3)), faces[skin_of_face == k]) for k, n in enumerate(model.skin_vertnum)
-        ]
+        self._surfaces = flat_surfaces(model.skin_vertnum, (faces[skin_of_face == skin] for skin in skins))
         self.trees = [surface.tree for surface in self._surfaces]
         self.shapes = surface_shapes([solids.TRIANGLES] * model.nskin, self.trees)
         self.ids = skins.astype(np.int32)
         self._bodies = [np.unique(model.skin_bonebodyid[self._skin_of_bone == skin]) for skin in skins]
-        self.bodies = np.array([ids[0] if len(ids) == 1 else -1 for ids in self._bodies], np.int32)
+        self.bodies = only_bodies(self._bodies)
         self._lost = Lost(lambda skin: model.skin(skin).name or f"skin {skin}")
 
     def update(self, data: mujoco.MjData) -> Snapshot:
@@ -53,8 +51,7 @@ class Skins:
         position = _sums(self._skin_of_bone, bones, count) / np.bincount(self._skin_of_bone, minlength=count)[:, None]
         with np.errstate(invalid="ignore", over="ignore"):
             vertices = self._inflated(self._bent(data, bones - position[self._skin_of_bone]))
-        is_lost = ~(np.abs(vertices) <= FARTHEST).all(axis=1)
-        lost = np.bincount(self._skin_of_vertex[is_lost], minlength=count) > 0
+        lost = lost_owners(vertices, self._skin_of_vertex, count, FARTHEST)
         self._lost.warn(data.time, ~lost)
         first = self.model.skin_vertadr
         trees = {
@@ -68,10 +65,9 @@ class Skins:
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         model = self.model
-        hidden = filter.hidden_bodies(model)
         seen = filter.admits(model.skin_group, np.zeros(model.nskin, bool))
         seen &= is_opaque(model, model.skin_rgba, model.skin_matid)
-        return np.asarray(seen & ~np.array([hidden[bodies].all() for bodies in self._bodies], bool))
+        return seen & ~all_hidden(self._bodies, filter.hidden_bodies(model))
 
     def _bent(self, data: mujoco.MjData, bones: NDArray[np.float64]) -> NDArray[np.float64]:
         """(nskinvert, 3): the vertices as the bones at (nskinbone, 3) carry them, not inflated."""

@@ -15,7 +15,7 @@ from .pattern import Pattern
 from .ranging import Stereo, TimeOfFlight
 from .sensor_spec import SensorSpec
 
-Pixels = Annotated[int, Field(ge=1)]
+Pixels = Annotated[int, Field(ge=1, le=8192)]  # more is a slip, and the rays of 8192 x 8192 fill 1.6 GB
 _FOCAL = ("fx", "fy", "cx", "cy")
 
 # Columns: the optical frame's right, down and forward in the mount's axes (x forward, y left, z up).

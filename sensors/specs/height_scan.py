@@ -5,12 +5,13 @@ from typing import Annotated, ClassVar, Literal
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
 from .pattern import Pattern
 from .sensor_spec import SensorSpec
 
 _Length = Annotated[float, Field(gt=0)]
+_MOST_RAYS = 10_000_000  # more is a slip in a unit, and would fill the memory
 
 
 class HeightScan(SensorSpec):
@@ -28,6 +29,15 @@ class HeightScan(SensorSpec):
     type: Literal["height_scan"] = "height_scan"
     size: tuple[_Length, _Length] = Field(description="extent of the grid along x and y [m]")
     spacing: float = Field(gt=0, description="distance between neighbouring rays [m]")
+
+    @field_validator("spacing")
+    @classmethod
+    def _not_too_many(cls, spacing: float, info: ValidationInfo) -> float:
+        across, along = info.data.get("size", (0.0, 0.0))
+        rays = (across / spacing + 1) * (along / spacing + 1)
+        if rays > _MOST_RAYS:
+            raise ValueError(f"makes {rays:.3g} rays of size {across:g} x {along:g} m, expected at most {_MOST_RAYS}")
+        return spacing
 
     def pattern(self, model: mujoco.MjModel) -> Pattern:  # noqa: ARG002
         """Directions (rays, 3), all (0, 0, -1), and origins (rays, 3) [m] in the yaw-aligned frame."""

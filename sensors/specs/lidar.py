@@ -38,6 +38,7 @@ class Lidar(SensorSpec):
     columns: int = Field(
         default=0,
         ge=1,
+        le=100_000,
         description="measurements per row and turn; required where no preset is given",
         json_schema_extra=no_default,
     )

@@ -4,11 +4,13 @@ A specification is a frozen record with keyword arguments only. The keys of a YA
 checked by the same rules: unknown keys, text in place of numbers, and NaN are refused.
 """
 
+from inspect import cleandoc
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import faults_of, refuse
 
 if TYPE_CHECKING:
@@ -23,7 +25,10 @@ else:
         fault in one of those keeps its place within the whole document.
         """
 
-        def __call__(cls, **given: Any) -> Any:
+        def __call__(cls, *unnamed: Any, **given: Any) -> Any:
+            if unnamed:
+                names = ", ".join(f"{name}=..." for name in cls.model_fields)
+                raise InputError(f"{cls.__name__}: got {unnamed[0]!r:.80} without a name, expected some of {names}")
             try:
                 return super().__call__(**given)
             except ValidationError as error:
@@ -36,6 +41,12 @@ class Spec(BaseModel, metaclass=_RefusesInput):
     """A frozen, strict record. Raises InputError with one line per fault."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Add the arguments to the docstring, as their fields describe them."""
+        lines = [f"    {name}: {field.description}." for name, field in cls.model_fields.items() if field.description]
+        cls.__doc__ = "\n".join([cleandoc(cls.__doc__ or ""), "", "Args:", *lines])
 
     @model_validator(mode="before")
     @classmethod

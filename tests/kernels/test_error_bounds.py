@@ -107,7 +107,7 @@ def roots(a: Doubles, b: Doubles, c: Doubles) -> Doubles:
 
 def first(candidates: list[tuple[Doubles, NDArray[np.bool_]]]) -> Doubles:
     """The least t >= 0 of those that count."""
-    return np.min([np.where(counts & (t >= 0), t, INF) for t, counts in candidates], axis=0)
+    return np.stack([np.where(counts & (t >= 0), t, INF) for t, counts in candidates]).min(axis=0)
 
 
 def is_off_touch(cosine: Doubles, reach: Doubles, radius: float) -> NDArray[np.bool_]:

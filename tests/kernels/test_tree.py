@@ -81,7 +81,8 @@ def extent(built: Tree, boxes: Boxes, k: int) -> tuple[NDArray[np.float64], NDAr
         held = built.order[first : first + count]
         return boxes[0][held].min(axis=0).astype(np.float64), boxes[1][held].max(axis=0).astype(np.float64)
     children = [extent(built, boxes, int(c)) for c in built.nodes[k]["child"][present(built.nodes[k])]]
-    return np.min([c[0] for c in children], axis=0), np.max([c[1] for c in children], axis=0)
+    lower, upper = (np.stack(corners) for corners in zip(*children, strict=True))
+    return lower.min(axis=0), upper.max(axis=0)
 
 
 @pytest.mark.parametrize("leaf_size", [1, 4, 8])

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import pytest
@@ -181,9 +182,9 @@ FAULTS = [
     (ONE + ", filter: {exclude_bodies: [world, §leg]}}", r"exclude_bodies\[1\]: no body 'leg' in"),
     ("keyframe: §hom\n" + ONE + "}", "keyframe: no keyframe 'hom' in the model, .*'home'?"),
     (CAMERA, r"sensors\[0\]: resolution required: camera 'bare' of the model has none"),
-    (ONE.replace("models/robot.xml", "§root.xml") + "}", "model: model .*root.xml is not a file"),
-    (ONE.replace("models/robot.xml", "§models") + "}", "model: model .*models is not a file"),
-    (ONE.replace("models/robot.xml", "§rig.yaml") + "}", "model: model .*rig.yaml does not compile"),
+    (ONE.replace("models/robot.xml", "§root.xml") + "}", "model: .*root.xml is not a file, expected a MuJoCo model"),
+    (ONE.replace("models/robot.xml", "§models") + "}", "model: .*models is not a file"),
+    (ONE.replace("models/robot.xml", "§rig.yaml") + "}", "model: .*rig.yaml does not compile"),
     ("§" + ONE.removeprefix(HEAD) + "}", "model: required, as no model was given otherwise"),
 ]
 
@@ -244,6 +245,30 @@ sensors:
     ]
 
 
+def test_mounts_and_filters_are_checked_in_sensors_with_other_faults(folder: Path) -> None:
+    path = write(
+        folder,
+        """\
+model: models/robot.xml
+sensors:
+  - {name: a, type: lidar, preset: velodyne_vlp61, mount: {body: leg}, filter: {exclude_bodies: [x]}}
+  - {name: b, type: ladar, mount: {site: nose, euler_deg: 3}, filter: {exclude_bodies: [y]}}
+  - {name: c, type: lidar, colums: 3, mount: torso, filter: {exclude_subtree: true}}
+""",
+    )
+    assert re.findall(r"(?m)^\S+:(\d+:\d+): ([^:]+):", error_of(path)) == [
+        ("3:36", "sensors[0].preset"),
+        ("3:66", "sensors[0].mount.body"),
+        ("3:98", "sensors[0].filter.exclude_bodies[0]"),
+        ("4:21", "sensors[1].type"),
+        ("4:59", "sensors[1].mount.euler_deg"),
+        ("4:89", "sensors[1].filter.exclude_bodies[0]"),
+        ("5:28", "sensors[2].colums"),
+        ("5:46", "sensors[2].mount"),
+        ("5:61", "sensors[2].filter"),
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -265,13 +290,24 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["missing.xml", "broken.xml", "broken.mjb"])
-def test_a_given_model_that_cannot_be_used_is_named(folder: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(folder)  # MuJoCo writes its log into the working directory
+def test_a_given_model_that_cannot_be_used_is_named(folder: Path, name: str) -> None:
     for broken in ("broken.xml", "broken.mjb"):
         (folder / broken).write_text("<mujoco><worldbody><geom/></worldbody></mujoco>")
     path = folder / name
     expected = "is not a file" if name == "missing.xml" else "does not compile: "
-    assert error_of(write(folder, GOOD), path).startswith(f"model {path} {expected}")
+    assert error_of(write(folder, GOOD), path).startswith(f"{path} {expected}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((None,), "rig file: got NoneType, expected str or Path"),
+        (("rig.yaml", 3), "model: got int, expected MjModel or str or Path or NoneType"),
+    ],
+)
+def test_arguments_of_other_types_are_refused(arguments: tuple[Any, ...], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_rig(*arguments)
 
 
 def test_load_rig_gives_a_rig(folder: Path) -> None:

@@ -76,7 +76,7 @@ sensors: [{name: top, type: lidar, mount: {}, elevation_deg: [0], columns: 4}]
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with both rigs, made the current one: the default output is relative, and MuJoCo logs there."""
+    """A folder with both rigs, made the current one, as the default output is relative."""
     files = {"cart.xml": MODEL, "cart.yaml": RIG, "wild.xml": DIVERGING, "wild.yaml": DIVERGING_RIG}
     for name, text in files.items():
         (tmp_path / name).write_text(text)

@@ -80,6 +80,7 @@ def test_specs_are_equal_by_value_and_cannot_be_changed() -> None:
         ({"azimuth_deg": [90, 90]}, "azimuth_deg: must be .*from < to"),
         ({"azimuth_deg": [0, 361]}, "azimuth_deg: must be .*from < to <= from"),
         ({"columns": 0}, "columns: must be greater than or equal to 1, got 0"),
+        ({"columns": 10**9}, "columns: must be less than or equal to 100000"),
         ({"columns": 10.0}, "columns: must be an integer, got 10.0"),
         ({"rate_hz": 0}, "rate_hz: must be greater than 0, got 0"),
         ({"rate_hz": float("inf")}, "rate_hz: must be a finite number, got inf"),

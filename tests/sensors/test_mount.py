@@ -165,6 +165,15 @@ def test_bad_arguments_are_refused(arguments: dict[str, Any], message: str) -> N
         Mount(**arguments)
 
 
+def test_an_argument_without_a_name_is_refused() -> None:
+    with pytest.raises(InputError, match=r"Mount: got 'torso' without a name, expected some of body=\.\.\., site="):
+        Mount("torso")  # type: ignore[call-arg]
+
+
+def test_the_docstring_has_the_arguments() -> None:
+    assert "\n    body: name of the MuJoCo body that carries the sensor.\n" in str(Mount.__doc__).partition("Args:")[2]
+
+
 def test_numpy_values_are_taken() -> None:
     arguments: dict[str, Any] = {"pos": np.array([1, 2, 3], np.float32)}
     assert Mount(**arguments) == Mount(pos=(1.0, 2.0, 3.0))

@@ -90,7 +90,8 @@ def test_a_prop_is_hit_where_mujoco_hits_the_same_mesh(
     np.testing.assert_array_equal(hits.geom_id[of_prop], -1)
     assert (hits.face[of_prop] >= 0).all()
     judge = in_mujoco(prop, model, data)
-    renamed = hits._replace(geom_id=np.where(of_prop, judge.ngeom - 1, hits.geom_id))
+    as_geom = np.where(of_prop, judge.ngeom - 1, hits.geom_id)
+    renamed = hits._replace(geom_id=as_geom, prop_id=np.full_like(hits.prop_id, -1))
     assert not oracle.compare(judge, posed(judge), *rays(0, around), renamed).where(Verdict.WRONG).size
     rig = rigcast.Rig(model, [Lidar(name="eye", mount=mount, elevation_deg=[0], columns=8)], "cpu", props=[prop])
     np.testing.assert_array_equal(rig.sense(data)["eye"].body_id.numpy(), body)
@@ -248,8 +249,9 @@ def test_a_bad_file_is_refused_by_name(tmp_path: Path, name: str, content: bytes
 def test_triangles_without_area_are_left_out_and_counted(tmp_path: Path) -> None:
     file = tmp_path / "a.obj"
     file.write_text("v 0 -1 -1\nv 0 1 -1\nv 0 0 1\nf 1 2 3\nf 1 1 2\nf 2 3 3\n")
-    with pytest.warns(UserWarning, match=r"prop 'it': .*a\.obj: 2 triangles without area left out"):
+    with pytest.warns(UserWarning, match=r"prop 'it': .*a\.obj: 2 triangles without area left out") as caught:
         scene = Scene(model_of(""), "cpu", [Prop(name="it", file=file)])
+    assert [warning.filename for warning in caught] == [__file__]
     scene.update(posed(model_of("")))
     assert scene.cast((-1, 0, 0), (1, 0, 0)).numpy().face == 0
 

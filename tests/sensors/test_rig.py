@@ -3,13 +3,14 @@
 import copy
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
-from rigcast import DepthCamera, Filter, Frame, HeightScan, InputError, Lidar, Mount, Rig, Scene
+from rigcast import DepthCamera, Filter, Frame, HeightScan, InputError, Lidar, Mount, Prop, Rig, Scene
 
 TIMESTEP = 0.0037
 XML = f"""
@@ -160,6 +161,11 @@ def test_an_unknown_name_is_refused_with_the_nearest(model: mujoco.MjModel, call
         pytest.param(
             [DepthCamera(name="c", mount=Mount(camera="eye"))], "sensor 'c': .*resolution required", id="resolution"
         ),
+        pytest.param(
+            [Lidar(name=name, mount=Mount(site=name), elevation_deg=[0], columns=1) for name in "ab"],
+            r"sensor 'a': mount\.site: no site 'a' .*\nsensor 'b': mount\.site: no site 'b'",
+            id="all at once",
+        ),
     ],
 )
 def test_sensors_that_do_not_fit_the_model_are_refused(
@@ -167,6 +173,23 @@ def test_sensors_that_do_not_fit_the_model_are_refused(
 ) -> None:
     with pytest.raises(InputError, match=message):
         Rig(model, sensors)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"seed": -1}, r"Rig: seed: got -1, expected a whole number from 0 to 2\^63 - 1"),
+        ({"seed": 2**63}, "Rig: seed: got 9223372036854775808"),
+        ({"seed": True}, "Rig: seed: got True"),
+        ({"seed": "7"}, "Rig: seed: got '7'"),
+        ({"props": Prop(name="p", file=Path("p.stl"))}, "props: got Prop, expected a list of props"),
+        ({"props": ["p.stl"]}, r"props\[0\]: got str, expected Prop"),
+        ({"props": 3}, "props: got int, expected a list of props"),
+    ],
+)
+def test_bad_options_are_refused(model: mujoco.MjModel, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Rig(model, SENSORS, **options)
 
 
 @pytest.mark.parametrize("call", [Rig.sense, Rig.step, Rig.rays, Rig.cast], ids=lambda call: call.__name__)
@@ -184,8 +207,9 @@ def test_unsupported_geometry_is_refused_or_left_out() -> None:
     model.geom_dataid[0] = -1  # a distance function alone
     with pytest.raises(InputError, match="rays cannot hit sdf geom 'blob'"):
         Rig(model, SENSORS[:0])
-    with pytest.warns(UserWarning, match="rays cannot hit sdf geom 'blob'"):
+    with pytest.warns(UserWarning, match="rays cannot hit sdf geom 'blob'") as caught:
         Rig(model, SENSORS[:0], on_unsupported="warn")
+    assert [warning.filename for warning in caught] == [__file__]
 
 
 @pytest.mark.parametrize("order", [NAMES[::-1], ("feet",), ("eye", "top")], ids=str)
