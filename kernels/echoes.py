@@ -167,9 +167,11 @@ def reflect_paths(
         go_on(paths, j, paths.direction[j], distance[j] + step, let_through, beyond)
     is_seen_aside = aside.direction.shape[0] > 0 and mirrored > 0.0 and cosine < lobe_cosine
     # one bounce: the first mirror on the way
-    if is_seen_aside and not wp.isfinite(aside.direction[j]):
-        reflected_direction = wp.transpose(rotation[0]) * (d - wp.float64(2.0) * along * n)
-        go_on(paths, j, reflected_direction, distance[j] - step, mirrored, aside)
+    # nested, as older versions of Warp evaluate the whole of an `and`, and aside may be empty
+    if is_seen_aside:  # noqa: SIM102
+        if not wp.isfinite(aside.direction[j]):
+            reflected_direction = wp.transpose(rotation[0]) * (d - wp.float64(2.0) * along * n)
+            go_on(paths, j, reflected_direction, distance[j] - step, mirrored, aside)
 
 
 def new_echoes(slots: int, beams: int, device: wp.DeviceLike) -> Echoes:

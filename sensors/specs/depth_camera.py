@@ -1,21 +1,22 @@
 """Depth cameras: one ray through the centre of each pixel, through a lens or a pinhole."""
 
+from decimal import Decimal
 from typing import Annotated, ClassVar, Literal
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from rigcast.sensors.faults import Fault, refuse
 
 from .lens import AnyLens, BrownConrady, Lens
 from .mount import BoundMount
-from .pattern import Pattern
+from .pattern import MOST_RAYS, Pattern
 from .ranging import Stereo, TimeOfFlight
 from .sensor_spec import SensorSpec
 
-Pixels = Annotated[int, Field(ge=1, le=8192)]  # more is a slip, and the rays of 8192 x 8192 fill 1.6 GB
+Pixels = Annotated[int, Field(ge=1)]
 _FOCAL = ("fx", "fy", "cx", "cy")
 
 # Columns: the optical frame's right, down and forward in the mount's axes (x forward, y left, z up).
@@ -64,6 +65,13 @@ class DepthCamera(SensorSpec):
     def has_effects(self) -> bool:
         """Whether it measures in a way that has errors."""
         return self.stereo is not None or self.time_of_flight is not None
+
+    @field_validator("resolution")
+    @classmethod
+    def _not_too_many(cls, resolution: tuple[int, int] | None) -> tuple[int, int] | None:
+        if resolution is not None and (rays := resolution[0] * resolution[1]) > MOST_RAYS:
+            raise ValueError(f"makes {Decimal(rays):.2e} rays, expected at most {MOST_RAYS}")
+        return resolution
 
     @model_validator(mode="after")
     def _one_principle(self) -> "DepthCamera":

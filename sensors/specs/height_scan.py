@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator
 
-from .pattern import Pattern
+from .pattern import MOST_RAYS, Pattern
 from .sensor_spec import SensorSpec
 
 _Length = Annotated[float, Field(gt=0)]
-_MOST_RAYS = 10_000_000  # more is a slip in a unit, and would fill the memory
 
 
 class HeightScan(SensorSpec):
@@ -35,8 +34,8 @@ class HeightScan(SensorSpec):
     def _not_too_many(cls, spacing: float, info: ValidationInfo) -> float:
         across, along = info.data.get("size", (0.0, 0.0))
         rays = (across / spacing + 1) * (along / spacing + 1)
-        if rays > _MOST_RAYS:
-            raise ValueError(f"makes {rays:.3g} rays of size {across:g} x {along:g} m, expected at most {_MOST_RAYS}")
+        if rays > MOST_RAYS:
+            raise ValueError(f"makes {rays:.3g} rays of size {across:g} x {along:g} m, expected at most {MOST_RAYS}")
         return spacing
 
     def pattern(self, model: mujoco.MjModel) -> Pattern:  # noqa: ARG002

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from .lens import Lens
 
+MOST_RAYS = 2**26  # of one reading; more is a slip, and their directions alone fill 1.6 GB
+
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
