@@ -6,7 +6,7 @@ import warp as wp
 
 from .geometry import FARTHEST, Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
-from .launch import launch_over_rays, launch_over_tiles, thread_count
+from .launch import TURN, launch_over_rays, launch_over_tiles, thread_count
 from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, int_lanes, world_ray
 from .packets.places import Places, places_on_shape
 from .packets.sorting import Packets
@@ -183,6 +183,12 @@ def write_places(out: Out, numbers: int_lanes, which: int, shape: int, places: P
             write_place(out, numbers[lane], shape, distance[lane], face[lane], normal, limit)
 
 
+@wp.func
+def tile_of_thread(thread: int, threads: int, i: int) -> int:
+    """The i-th tile of a thread. Threads take turns at runs of neighbouring tiles, whose hits share cache lines."""
+    return (i / TURN * threads + thread) * TURN + i % TURN
+
+
 @wp.kernel
 def cast_packets(
     thread: int,
@@ -203,8 +209,10 @@ def cast_packets(
     world_directions: wp.array[Directions],
     out: Out,
 ) -> None:
-    """Every so many-th tile, one after the other."""
-    index = thread + threads * wp.tid()
+    """The tiles of one of so many threads, one after the other."""
+    index = tile_of_thread(thread, threads, wp.tid())
+    if index >= tiles.shape[0]:
+        return
     rays = TileRays()
     rays.tile = tiles[index]
     rays.origin = position[0] + rotation[0] * origins[0]

@@ -9,6 +9,8 @@ from typing import Any
 import warp as wp
 
 RAYS_PER_SLICE = 8192
+TURN = wp.constant(16)
+"""Tiles that a thread casts before the next thread's begin."""
 _launched: set[wp.Kernel] = set()
 
 
@@ -37,11 +39,15 @@ def launch_over_rays(
 
 
 def launch_over_tiles(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
-    """Launch a CPU kernel over tiles 0..count-1. Its first arguments are the number of a thread and of all threads."""
-    threads = min(thread_count(), count)
+    """Launch a CPU kernel over tiles 0..count-1, in turns of TURN tiles.
+
+    Its first arguments are the number of a thread and of all threads; indices from count on are to be left out.
+    """
+    turns = -(-count // TURN)
+    threads = min(thread_count(), turns)
 
     def launch(thread: int) -> None:
-        size = -(-(count - thread) // threads)
+        size = TURN * -(-(turns - thread) // threads)
         wp.launch(kernel, size, inputs=[thread, threads, *inputs], outputs=outputs, device="cpu")
 
     if kernel not in _launched:

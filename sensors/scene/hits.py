@@ -1,11 +1,18 @@
 """What a cast gives back."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
+
+from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.reading import take
+
+from .part import Owner
 
 
 class NumpyHits(NamedTuple):
@@ -24,31 +31,61 @@ class NumpyHits(NamedTuple):
 class Hits:
     """The first hit of each ray, as Warp arrays on the scene's device, of the shape (...) of the rays.
 
-    distance: (...) float32 [m], +inf on a miss, NaN for a ray on the device that is not finite.
-    geom_id, flex_id, skin_id, prop_id: (...) int32, -1 unless that kind was hit.
-    face: (...) int32, triangle within the mesh or height field, -1 otherwise.
-    normal: (..., 3) float32, unit, outward whatever the ray's direction, in the world; 0 on a miss.
-
-    Of a single ray, (3,), the Warp arrays have shape (1,) and those of `numpy()` have none.
+    Ids are worked out when asked for. Of a single ray, (3,), the Warp arrays have shape (1,) and those of `numpy()`
+    have none.
     """
 
-    distance: wp.array
-    geom_id: wp.array
-    flex_id: wp.array
-    skin_id: wp.array
-    prop_id: wp.array
-    face: wp.array
-    normal: wp.array
     shape: tuple[int, ...]
+    _arrays: HitArrays
+    _ids_of_shape: Mapping[Owner, wp.array]
+
+    @cached_property
+    def distance(self) -> wp.array:
+        """(...) float32 [m], +inf on a miss, NaN for a ray on the device that is not finite."""
+        return self._arrays.distance.reshape(self._own_shape)
+
+    @cached_property
+    def face(self) -> wp.array:
+        """(...) int32, triangle within the mesh or height field, -1 otherwise."""
+        return self._arrays.face.reshape(self._own_shape)
+
+    @cached_property
+    def normal(self) -> wp.array:
+        """(..., 3) float32, unit, outward whatever the ray's direction, in the world; 0 on a miss."""
+        return self._arrays.normal.view(wp.float32).reshape((*self._own_shape, 3))
+
+    @cached_property
+    def geom_id(self) -> wp.array:
+        """(...) int32, -1 unless a geom was hit."""
+        return self._ids("geom")
+
+    @cached_property
+    def flex_id(self) -> wp.array:
+        """(...) int32, -1 unless a flex was hit."""
+        return self._ids("flex")
+
+    @cached_property
+    def skin_id(self) -> wp.array:
+        """(...) int32, -1 unless a skin was hit."""
+        return self._ids("skin")
+
+    @cached_property
+    def prop_id(self) -> wp.array:
+        """(...) int32, -1 unless a prop was hit."""
+        return self._ids("prop")
 
     def numpy(self) -> NumpyHits:
-        """The same fields as numpy arrays; on the CPU they are views of the Warp arrays."""
-        return NumpyHits(
-            self.distance.numpy().reshape(self.shape),
-            self.geom_id.numpy().reshape(self.shape),
-            self.flex_id.numpy().reshape(self.shape),
-            self.skin_id.numpy().reshape(self.shape),
-            self.prop_id.numpy().reshape(self.shape),
-            self.face.numpy().reshape(self.shape),
-            self.normal.numpy().reshape((*self.shape, 3)),
-        )
+        """All of it as numpy arrays; on the CPU they are views of the Warp arrays."""
+        arrays = {
+            name: getattr(self, name).numpy().reshape(self.shape) for name in NumpyHits._fields if name != "normal"
+        }
+        return NumpyHits(**arrays, normal=self.normal.numpy().reshape((*self.shape, 3)))
+
+    @property
+    def _own_shape(self) -> tuple[int, ...]:
+        return self.shape or (1,)
+
+    def _ids(self, owner: Owner) -> wp.array:
+        if owner in self._ids_of_shape:
+            return take(self._ids_of_shape[owner], self._arrays.shape).reshape(self._own_shape)
+        return wp.full(self._own_shape, -1, dtype=int, device=self._arrays.shape.device)

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import HitArrays, Rays, as_double, cast, unit_directions
 from rigcast.kernels.geometry import FARTHEST, Shapes
-from rigcast.kernels.reading import take
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 from rigcast.sensors.errors import InputError, require_type, warn_user
@@ -27,7 +26,7 @@ from .geoms import Geoms
 from .hits import Hits
 from .looks import Looks, LooksTable
 from .model_geometry import unsupported_parts
-from .part import OWNERS, Part
+from .part import OWNERS, Owner, Part
 from .props import Props
 from .skins import Skins
 
@@ -83,11 +82,12 @@ class Scene:
         self._world = World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
         owners = np.concatenate([np.full(len(part.ids), part.owner) for part in self._parts])
         ids = np.concatenate([part.ids for part in self._parts])
-        self.ids = {
-            owner: wp.array(np.where(owners == owner, ids, -1), dtype=int, device=self.device) for owner in OWNERS
-        }
         in_use = {"geom"} | {part.owner for part in self._parts if len(part.ids)}
-        self.ids_in_use = {owner: self.ids[owner] for owner in OWNERS if owner in in_use}
+        self.ids_in_use: dict[Owner, wp.array] = {
+            owner: wp.array(np.where(owners == owner, ids, -1), dtype=int, device=self.device)
+            for owner in OWNERS
+            if owner in in_use
+        }
         bodies = np.concatenate([part.bodies for part in self._parts])
         self._looks_table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
@@ -216,20 +216,7 @@ class Scene:
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""
-        own_shape = shape or (1,)
-        geom_id, flex_id, skin_id, prop_id = (
-            take(self.ids[owner], arrays.shape).reshape(own_shape) for owner in OWNERS
-        )
-        return Hits(
-            arrays.distance.reshape(own_shape),
-            geom_id,
-            flex_id,
-            skin_id,
-            prop_id,
-            arrays.face.reshape(own_shape),
-            arrays.normal.view(wp.float32).reshape((*own_shape, 3)),
-            shape,
-        )
+        return Hits(shape, arrays, self.ids_in_use)
 
     def rays_in_frame(
         self, directions: NDArray[np.float64], origins: NDArray[np.float64], pose: NDArray[np.float64]
