@@ -1,7 +1,7 @@
 """Any mesh, cast through its tree, is hit where brute force in float64 says that it is."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from made_worlds import Doubles, Mesh, Plan, cast_through, unit
@@ -43,6 +43,22 @@ def sides(mesh: Mesh, origins: Doubles, directions: Doubles) -> tuple[Doubles, N
     return t, sure, may
 
 
+def bounds(mesh: Mesh, origins: Doubles, directions: Doubles, t: Doubles) -> Doubles:
+    """(rays, faces): 3 eps (max_i |Vi - O| + t) / |cos|, what `kernels/triangle.py` promises; inf where it grazes."""
+    a, b, c = (mesh.corners[:, k].astype(np.float64) for k in range(3))
+    normal = np.cross(b - a, c - a)
+    away = np.linalg.norm(mesh.corners[None].astype(np.float64) - origins[:, None, None], axis=-1).max(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.abs(directions @ (normal / np.linalg.norm(normal, axis=-1, keepdims=True)).T)
+        bound = 3 * 2.0**-23 * (away + np.abs(t)) / slope
+    return np.where(np.isfinite(bound), bound, np.inf)
+
+
+# A hit 0.02 um away on a triangle of 7 um: its distance is known to within a few 1e-12 m, not to 1e-5 of itself.
+NEAR = Mesh(np.array([(2, 3, -1), (2.6660156, 4, 1), (-3, -2.4486814, 0)], np.float32), np.array([(0, 1, 2)]))
+
+
+@example(mesh=NEAR, scale=1e-6, seed=11851)
 @given(mesh=MESHES, scale=SCALES, seed=st.integers(0, 2**32 - 1))
 def test_a_mesh_is_hit_where_brute_force_says(mesh: Mesh, scale: float, seed: int) -> None:
     mesh = Mesh((mesh.vertices * np.float32(scale)).astype(np.float32), mesh.faces)
@@ -53,11 +69,14 @@ def test_a_mesh_is_hit_where_brute_force_says(mesh: Mesh, scale: float, seed: in
     plan.add_mesh(mesh)
     got = cast_through(plan.world(), origins, directions)
     t, sure, may = sides(mesh, origins, directions)
-    nearest_sure = np.where(sure, t, np.inf).min(axis=1, initial=np.inf)
+    bound = bounds(mesh, origins, directions, t)
+    farthest = np.add(t, bound, out=np.full_like(t, np.inf), where=sure)
+    nearest_sure = farthest.min(axis=1, initial=np.inf)
     hit = got.face >= 0
-    assert (got.distance <= nearest_sure * (1 + 1e-5)).all(), "a sure hit was missed"
+    assert (got.distance <= nearest_sure).all(), "a sure hit was missed"
     rays = np.flatnonzero(hit)
     assert may[rays, got.face[rays]].all(), "a face was hit that is not there"
     certain = rays[sure[rays, got.face[rays]]]
-    np.testing.assert_allclose(got.distance[certain], t[certain, got.face[certain]], rtol=1e-4)
+    named = certain, got.face[certain]
+    assert (np.abs(got.distance[certain] - t[named]) <= bound[named]).all(), "a distance is out of its bound"
     assert (got.distance[~hit] == np.inf).all()

@@ -13,6 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rigcast
+from rigcast.oracle import RayHits
+from rigcast.oracle.bounds import TIE, agrees
 from rigcast.sensors.scene.hits import NumpyHits
 from rigcast.sensors.scene.scene import Cull
 
@@ -63,14 +65,20 @@ def each(hits: NumpyHits, change: Callable[[Any], Any]) -> NumpyHits:
     return hits._replace(**{name: change(field) for name, field in hits._asdict().items()})
 
 
-def kept(hits: NumpyHits, keep: npt.NDArray[np.bool_]) -> NumpyHits:
-    """The hits, with misses wherever `keep` (n,) is False."""
-    miss = {"distance": np.float32(np.inf), "normal": np.float32(0)}
+def kept(hits: NumpyHits, keep: npt.NDArray[np.bool_], otherwise: NumpyHits) -> NumpyHits:
+    """The hits, with the other ones wherever `keep` (n,) is False."""
+    others = otherwise._asdict()
     left = {
-        name: np.where(keep if field.ndim == 1 else keep[:, None], field, miss.get(name, np.int32(-1)))
+        name: np.where(keep if field.ndim == 1 else keep[:, None], field, others[name])
         for name, field in hits._asdict().items()
     }
     return hits._replace(**left)
+
+
+def misses() -> NumpyHits:
+    """COUNT rays that hit nothing."""
+    nothing = np.full(COUNT, -1, np.int32)
+    return NumpyHits(np.full(COUNT, np.inf, np.float32), *(nothing,) * 5, normal=np.zeros((COUNT, 3), np.float32))
 
 
 @given(given=casts())
@@ -82,11 +90,14 @@ def test_culling_splits_hits_by_the_sign_of_d_n(given: tuple[rigcast.Scene, scen
         slope = (unit * hits.normal).sum(axis=1)
         assert (sign * slope >= -1e-6).all(), slope
         np.testing.assert_array_equal(np.isfinite(hits.distance), np.any(hits.normal != 0, axis=1))
-    np.testing.assert_array_equal(every.distance, np.minimum(faced.distance, followed.distance))
-    is_faced = faced.distance < followed.distance
-    assert_same(kept(every, is_faced), kept(faced, is_faced))
-    is_followed = followed.distance < faced.distance
-    assert_same(kept(every, is_followed), kept(followed, is_followed))
+    first = kept(faced, faced.distance <= followed.distance, otherwise=followed)
+    # what float64 decides depends on what else there is to be hit: distances may differ within their error
+    both = np.isfinite(faced.distance) & np.isfinite(followed.distance)
+    apart = np.subtract(faced.distance, followed.distance, out=np.full(COUNT, np.inf, np.float32), where=both)
+    is_clear = np.abs(apart) > TIE * (1 + np.where(both, first.distance, 0))
+    same = agrees(unit, RayHits.of(every), RayHits.of(first))
+    assert same[is_clear].all(), f"{every}\n{first}"
+    np.testing.assert_allclose(every.distance, first.distance, rtol=TIE, atol=TIE)
 
 
 _CULLS: tuple[Cull, ...] = ("none", "back", "front")
@@ -101,7 +112,7 @@ def test_maximum_distance_is_inclusive_and_changes_nothing_else(
     own = hits.distance[ray]
     below = float(np.nextafter(own, np.float32(-np.inf))) if 0 < own < np.inf else 0.0
     for most in (float(own), below, limit, 0.0):
-        expected = kept(hits, hits.distance <= np.float32(most))
+        expected = kept(hits, hits.distance <= np.float32(most), otherwise=misses())
         assert_same(scene.cast(origins, unit, max_distance=most).numpy(), expected)
 
 
