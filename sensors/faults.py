@@ -8,6 +8,7 @@ import math
 import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from types import NoneType
 from typing import Annotated, Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -95,10 +96,16 @@ def _resolve(spec: type[BaseModel], loc: Where) -> tuple[Where, type[BaseModel] 
         where.append(step)
         if isinstance(annotation, type) and issubclass(annotation, BaseModel):
             owner, field = annotation, annotation.model_fields.get(str(step))
-            annotation = field.annotation if field else None
+            annotation = _without_none(field.annotation) if field else None
         else:
             annotation = next(iter(get_args(annotation)), None)
     return tuple(where), owner, annotation
+
+
+def _without_none(annotation: Any) -> Any:
+    """`X` of `X | None`, any other annotation as it is."""
+    some = [member for member in get_args(annotation) if member is not NoneType]
+    return some[0] if NoneType in get_args(annotation) and len(some) == 1 else annotation
 
 
 def _union_members(annotation: Any) -> dict[str, type[BaseModel]]:
@@ -124,7 +131,7 @@ def _length_message(detail: ErrorDetails) -> str:
 
 def _sentence(detail: ErrorDetails) -> str:
     kind = detail["type"]
-    if kind in ("model_type", "model_attributes_type"):
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
         return "must be a mapping"
     if kind in ("tuple_type", "sequence_str", "is_instance_of"):
         return "must be a list"

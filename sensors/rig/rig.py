@@ -1,5 +1,6 @@
 """A rig: sensors mounted on a MuJoCo model, read together."""
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -82,7 +83,9 @@ class Rig:
         self.scene = Scene(model, device, self.props, on_unsupported=on_unsupported)
         self._data = mujoco.MjData(model)
         self._mounted = {s.name: _Mounted.on(self.scene, s) for s in self.sensors}
-        self._schedules = {s.name: Schedule(s.rate_hz, model.opt.timestep) for s in self.sensors}
+        self._schedules = {s.name: _schedule(s, model.opt.timestep, seed) for s in self.sensors}
+        self._undelivered: list[_Delivery] = []
+        self._clock = math.nan
 
     def sense(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Frame]:
         """One frame of each of these sensors (None: of all), of the world at `data.time`.
@@ -94,31 +97,42 @@ class Rig:
         return {m.spec.name: self._frame(m, data.time) for m in mounted}
 
     def step(self, data: mujoco.MjData) -> Iterator[Frame]:
-        """The frames that fell due since the last call, in the order of their times; call it after each `mj_step`.
+        """The frames that came in since the last call, in the order in which they did; call it after each `mj_step`.
 
-        A sensor with `rate_hz` falls due at every multiple of 1 / rate_hz on the clock `data.time`, one without it
-        at every call. Each frame is given out once, however many fall due in one step. It shows the world at
-        `data.time`, less than a timestep after `frame.time`. When the clock goes backwards the schedule starts over.
+        A sensor with `rate_hz` falls due at phase + k / rate_hz for every k on the clock `data.time`, one without it
+        at every call; the frame comes in `latency` later. Each is given out once, however many come in in one step,
+        and is whole whatever the timestep. It shows the world at the step that reached `frame.time`, less than a
+        timestep after it. When the clock goes backwards the schedule starts over, and frames that have not come in
+        are discarded.
         """
         self._require_own(data)
+        if not data.time >= self._clock:
+            self._undelivered.clear()
+        self._clock = data.time
         due = [(time, m) for m in self._mounted.values() for time in self._schedules[m.spec.name].due(data.time)]
-        if not due:
-            return iter(())
-        self._look(data)
-        return iter([self._frame(m, time) for time, m in sorted(due, key=lambda item: item[0])])
+        if due:
+            self._look(data)
+        for time, m in due:
+            rounding = self._schedules[m.spec.name].rounding
+            self._undelivered.append(_Delivery(time + m.spec.latency, rounding, self._frame(m, time)))
+        arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
+        self._undelivered = [each for each in self._undelivered if each.time > data.time + each.rounding]
+        return iter([each.frame for each in sorted(arrived, key=lambda each: each.time)])
 
     def rays(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, WorldRays]:
         """The rays that each of these sensors would cast now."""
         mounted = self._select(names)
         self._look(data)
-        return {m.spec.name: m.world_rays(self._data) for m in mounted}
+        return {m.spec.name: m.at(data.time).world_rays(self._data) for m in mounted}
 
     def cast(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Hits]:
         """What the rays of each of these sensors hit now, before any range limit: distances and world normals."""
         mounted = self._select(names)
         self._look(data)
         return {
-            m.spec.name: self.scene.hits(self.scene.cast_rays(m.rays(self._data), m.visible(), np.inf), m.pattern.shape)
+            m.spec.name: self.scene.hits(
+                self.scene.cast_rays(m.at(data.time).rays(self._data), m.visible(), np.inf), m.pattern.shape
+            )
             for m in mounted
         }
 
@@ -152,17 +166,37 @@ class Rig:
             raise InputError("Rig: data belongs to another model than the rig")
 
     def _frame(self, mounted: "_Mounted", time: float) -> Frame:
-        spec, pattern = mounted.spec, mounted.pattern
-        rays = mounted.rays(self._data)
+        spec, fired = mounted.spec, mounted.at(time)
+        rays = fired.rays(self._data)
         hits = self.scene.cast_rays(rays, mounted.visible(), spec.max_range)
         read(hits, rays, spec.min_range)
         tables = (self.scene.ids_in_use, self.scene.body_of_shape)
-        common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, *tables)
-        if mounted.ring is not None and mounted.column is not None:
-            return LidarFrame(*common, mounted.ring, mounted.column)
-        if pattern.intrinsics is not None:
-            return CameraFrame(*common, pattern.intrinsics)
+        shape = fired.pattern.shape
+        common = (spec.name, time, mounted.pose(self._data), shape, hits, rays, *tables, fired.firing_times)
+        if fired.ring is not None and fired.column is not None:
+            return LidarFrame(*common, fired.ring, fired.column)
+        if fired.pattern.intrinsics is not None:
+            return CameraFrame(*common, fired.pattern.intrinsics)
         return Frame(*common)
+
+
+class _Delivery(NamedTuple):
+    """A frame that comes in at `time` [s], or when the clock is `rounding` short of it."""
+
+    time: float
+    rounding: float
+    frame: Frame
+
+
+def _schedule(spec: Sensor, timestep: float, seed: int) -> Schedule:
+    return Schedule(
+        spec.rate_hz,
+        timestep,
+        phase=spec.phase,
+        jitter=spec.jitter,
+        frame_loss=spec.frame_loss,
+        key=(seed, spec.name),
+    )
 
 
 def _as_sensors(sensors: object) -> tuple[Sensor, ...]:
@@ -176,36 +210,38 @@ def _as_sensors(sensors: object) -> tuple[Sensor, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Mounted:
-    """A sensor on a scene: its rays, on the device."""
+    """A sensor on a scene, with the rays of one reading on the device."""
 
     scene: Scene
     spec: Sensor
     mount: BoundMount
     pattern: Pattern
     fixed_rays: Rays
+    firing_times: wp.array | None
     ring: wp.array | None
     column: wp.array | None
 
     @staticmethod
     def on(scene: Scene, spec: Sensor) -> "_Mounted":
-        pattern = spec.pattern(scene.model)
-        origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
-
-        has_packets = pattern.origins is None and scene.device.is_cpu
-        packets = sort_into_packets(pattern.directions.reshape(-1, 3)) if has_packets else None
-
-        def upload(index: NDArray[np.int32] | None) -> wp.array | None:
-            return None if index is None else wp.array(index, dtype=int, device=scene.device)
-
+        pattern, device = spec.pattern(scene.model), scene.device
         return _Mounted(
             scene,
             spec,
             spec.mount.bind(scene.model),
             pattern,
-            replace(scene.rays_in_frame(pattern.directions, origins, np.eye(4)), packets=packets),
-            upload(pattern.ring),
-            upload(pattern.column),
+            _upload_rays(pattern, scene),
+            _upload_times(pattern, device),
+            None if pattern.ring is None else wp.array(pattern.ring, dtype=int, device=device),
+            None if pattern.column is None else wp.array(pattern.column, dtype=int, device=device),
         )
+
+    def at(self, time: float) -> "_Mounted":
+        """With the rays of a reading that begins at `time` [s], where a pattern is another one in each reading."""
+        if self.pattern.later is None:
+            return self
+        pattern = self.pattern.at(time)
+        rays, times = _upload_rays(pattern, self.scene), _upload_times(pattern, self.scene.device)
+        return replace(self, pattern=pattern, fixed_rays=rays, firing_times=times)
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """(4, 4) the sensor's frame in the world."""
@@ -227,3 +263,19 @@ class _Mounted:
         directions = self.pattern.directions @ pose[:3, :3].T
         local = np.zeros(3) if self.pattern.origins is None else self.pattern.origins
         return WorldRays(np.broadcast_to(local @ pose[:3, :3].T + pose[:3, 3], directions.shape), directions)
+
+
+def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
+    """The rays of a pattern on the device; on the CPU in packets, where they leave from one origin."""
+    origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
+    rays = scene.rays_in_frame(pattern.directions, origins, np.eye(4))
+    if pattern.origins is not None or not scene.device.is_cpu:
+        return rays
+    return replace(rays, packets=sort_into_packets(pattern.directions.reshape(-1, 3)))
+
+
+def _upload_times(pattern: Pattern, device: wp.Device) -> wp.array | None:
+    """(rays,) float64 [s] on the device; None where all rays fire at once."""
+    if pattern.firing_times is None:
+        return None
+    return wp.array(pattern.firing_times.ravel(), dtype=wp.float64, device=device)
