@@ -130,11 +130,13 @@ class Lidar(SensorSpec):
         return self
 
     def _table_fits(self) -> "Lidar":
-        if self.column_period_us is not None and (self.rate_hz is None or self.azimuth_deg is not None):
-            raise ValueError("column_period_us is for full turns at rate_hz")
+        if self.column_period_us is not None and (self.rate_hz is None or self.azimuth_deg or self.scan_time):
+            raise ValueError(
+                "column_period_us is for full turns at rate_hz; expected columns, or rate_hz and no azimuth_deg"
+            )
         if self._column_count() < 1:
             raise ValueError(f"column_period_us: must be at most 1 / rate_hz, got {self.column_period_us:g} us")
-        duration = self._column_times()[-1] + max(self.firing_time_us or (0.0,)) * 1e-6
+        duration = self._last_column_time() + max(self.firing_time_us or (0.0,)) * 1e-6
         if self.rate_hz is not None and duration * self.rate_hz > 1 + 1e-9:
             raise ValueError(
                 f"a reading takes {duration:g} s, longer than 1 / rate_hz, {1 / self.rate_hz:g} s; "
@@ -179,14 +181,14 @@ class Lidar(SensorSpec):
         turned = sweep + speed * fired
         azimuth = turned + np.deg2rad(self._per_row(self.azimuth_offset_deg))
         elevation = np.deg2rad(self._per_row(self.elevation_deg))
-        ring, column = np.indices(azimuth.shape, dtype=np.int32)
+        index = np.indices(azimuth.shape, dtype=np.int32)
         firing_times = times + fired
         return Pattern(
             directions_at(azimuth, elevation),
             origins=self._origins(turned),
             firing_times=firing_times if firing_times.any() else None,
-            ring=ring,
-            column=column,
+            ring=index[0],
+            column=index[1],
         )
 
     def _origins(self, azimuth: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -200,31 +202,38 @@ class Lidar(SensorSpec):
         """(columns,) azimuth of the head [rad]."""
         count = self._column_count()
         if self.azimuth_deg is not None:
-            sweep = np.deg2rad(np.linspace(*self.azimuth_deg, count))
+            sweep = np.deg2rad(np.linspace(*self.azimuth_deg, count, dtype=np.float64))
             return sweep[::-1] if self.clockwise else sweep
         step = 2 * np.pi / count
         if self.column_period_us is not None and self.rate_hz is not None:
             step = 2 * np.pi * 1e-6 * self.column_period_us * self.rate_hz
-        return np.arange(count) * (-step if self.clockwise else step)
+        return np.arange(count, dtype=np.float64) * (-step if self.clockwise else step)
 
     def _column_times(self) -> NDArray[np.float64]:
         """(columns,) when the first row of each column fires [s]."""
         count = self._column_count()
-        if self.scan_time is not None:
-            return np.linspace(0.0, self.scan_time, count)
-        if self.rate_hz is None:
-            return np.zeros(count)
         if self.column_period_us is not None:
-            return np.arange(count) * (1e-6 * self.column_period_us)
+            return np.arange(count, dtype=np.float64) * (1e-6 * self.column_period_us)
+        return np.linspace(0.0, self._last_column_time(), count, dtype=np.float64)
+
+    def _last_column_time(self) -> float:
+        """When the first row of the last column fires [s]."""
+        count = self._column_count()
+        if self.scan_time is not None:
+            return self.scan_time
+        if self.column_period_us is not None:
+            return (count - 1) * 1e-6 * self.column_period_us
+        if self.rate_hz is None or count == 1:
+            return 0.0
+        turned = (count - 1) / count
         if self.azimuth_deg is not None:
-            part = (self.azimuth_deg[1] - self.azimuth_deg[0]) / 360
-            return np.linspace(0.0, part, count) / self.rate_hz
-        return np.arange(count) / (count * self.rate_hz)
+            turned = (self.azimuth_deg[1] - self.azimuth_deg[0]) / 360
+        return turned / self.rate_hz
 
     def _column_count(self) -> int:
         if self.column_period_us is None or self.rate_hz is None:
             return self.columns
-        return int(1e6 / (self.column_period_us * self.rate_hz) * (1 + 1e-12))
+        return int(min(1e6 / (self.column_period_us * self.rate_hz) * (1 + 1e-12), 2.0**53))
 
     def _per_row(self, values: Sequence[float] | None) -> NDArray[np.float64]:
         """(rows, 1) of a table with one value per row, 0 where there is none."""

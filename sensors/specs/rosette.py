@@ -31,7 +31,7 @@ class Steered(Spec):
 
     def samples(self, rate_hz: float) -> int:
         """Measurements of each line in a reading; a reading ends before the next begins."""
-        return int(self.sample_rate_hz / rate_hz * (1 + 1e-9))
+        return int(min(self.sample_rate_hz / rate_hz * (1 + 1e-9), 2.0**53))
 
     def pattern(self, rate_hz: float) -> Pattern:
         """Rays (samples * lines,), in the order of their times; ring is the line, column the sample."""

@@ -103,7 +103,8 @@ def test_rays_fire_when_the_head_gets_there(arguments: dict[str, Any], times: li
         assert pattern.firing_times is None
         assert pattern.duration == 0
     else:
-        np.testing.assert_allclose(pattern.firing_times, times, rtol=1e-14)
+        assert pattern.firing_times is not None
+        np.testing.assert_allclose(pattern.firing_times, np.array(times), rtol=1e-14)
         assert pattern.duration == pytest.approx(np.max(times))
 
 
@@ -117,6 +118,7 @@ def test_a_column_period_gives_as_many_columns_as_a_turn_has_time_for(rate_hz: f
     np.testing.assert_allclose(pattern.directions[0, :, 0], np.cos(turned), atol=1e-12)
     np.testing.assert_allclose(pattern.directions[0, :, 1], np.sin(turned), atol=1e-12)
     if columns > 1:
+        assert pattern.firing_times is not None
         np.testing.assert_allclose(pattern.firing_times, times[None], rtol=1e-14)
 
 
@@ -206,6 +208,7 @@ def test_optics_are_required() -> None:
     [
         ({"rate_hz": None}, "column_period_us is for full turns at rate_hz"),
         ({"rate_hz": 10, "azimuth_deg": (0, 90)}, "column_period_us is for full turns at rate_hz"),
+        ({"rate_hz": 10, "scan_time": 0.0}, "column_period_us is for full turns at rate_hz"),
         ({"rate_hz": 30_000}, "column_period_us: must be at most 1 / rate_hz, got 50 us"),
     ],
 )

@@ -71,6 +71,7 @@ def test_a_long_file_is_spread_over_readings(
         part = found.at(k / (rate_hz or 1))
         own = slice(k % readings * rays, (k % readings + 1) * rays)
         np.testing.assert_allclose(np.rad2deg(azimuth_elevation(part.directions)[0]), azimuth[own], atol=1e-9)
+        assert part.firing_times is not None
         np.testing.assert_allclose(part.firing_times, np.arange(rays) / 100, atol=1e-12)
 
 
@@ -88,6 +89,7 @@ def test_times_that_only_count_are_given_a_rate(tmp_path: Path) -> None:
         pattern(path, 10.0)
     found = pattern(path, 10.0, sample_rate_hz=200.0)
     assert found.shape == (20,)
+    assert found.firing_times is not None
     np.testing.assert_allclose(found.firing_times, np.arange(20) / 200)
 
 
