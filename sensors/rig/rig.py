@@ -266,10 +266,13 @@ class _Mounted:
 
 
 def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
-    """The rays of a pattern on the device; on the CPU in packets, where they leave from one origin."""
+    """The rays of a pattern on the device; on the CPU in packets, where they leave from one origin.
+
+    Those of a pattern that is another one in each reading are cast alone: sorting them would take longer.
+    """
     origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
     rays = scene.rays_in_frame(pattern.directions, origins, np.eye(4))
-    if pattern.origins is not None or not scene.device.is_cpu:
+    if pattern.origins is not None or pattern.later is not None or not scene.device.is_cpu:
         return rays
     return replace(rays, packets=sort_into_packets(pattern.directions.reshape(-1, 3)))
 

@@ -130,10 +130,9 @@ class Lidar(SensorSpec):
         return self
 
     def _table_fits(self) -> "Lidar":
-        if self.column_period_us is not None and (self.rate_hz is None or self.azimuth_deg or self.scan_time):
-            raise ValueError(
-                "column_period_us is for full turns at rate_hz; expected columns, or rate_hz and no azimuth_deg"
-            )
+        turns = self.rate_hz is not None and self.azimuth_deg is None and self.scan_time is None
+        if self.column_period_us is not None and not turns:
+            raise ValueError("column_period_us is for full turns at rate_hz, expected columns in place of it")
         if self._column_count() < 1:
             raise ValueError(f"column_period_us: must be at most 1 / rate_hz, got {self.column_period_us:g} us")
         duration = self._last_column_time() + max(self.firing_time_us or (0.0,)) * 1e-6
