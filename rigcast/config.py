@@ -20,12 +20,12 @@ from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
+from rigcast.sensors.specs.presets import load_preset
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
-from rigcast.sensors.specs.spec import Spec
+from rigcast.sensors.specs.spec import Spec, is_inside
 from rigcast.sensors.specs.surface import Surface
-
-from .yaml_positions import YamlFile, read_yaml
+from rigcast.sensors.yaml_positions import YamlFile, read_yaml
 
 if TYPE_CHECKING:
     from rigcast.sensors.rig.rig import Rig
@@ -104,6 +104,16 @@ class RigConfig:
         )
 
 
+def sensor_of_preset(name: str) -> SensorSpec:
+    """A sensor, fixed to the world, that has the figures of a preset and no others. Raises InputError."""
+    given = {"type": load_preset(name).type, "name": "preset", "mount": {}, "preset": name}
+    try:
+        return _SENSOR.validate_python(given)
+    except ValidationError as error:
+        faults = (f"preset {name!r}: {'; '.join(one['msg'] for one in error.errors())}",)
+        raise InputError("\n".join(faults)) from None
+
+
 def read_rig(path: str | Path) -> RigConfig:
     """Read and check a rig file by itself, without its model.
 
@@ -131,7 +141,7 @@ def open_rig(path: str | Path, model: mujoco.MjModel | str | Path | None = None)
     faults += _mesh_faults(document, faults)
     compiled, model_faults = (given, []) if given is not None else _own_model(document, faults)
     if compiled is not None:
-        faults += _binding_faults(document.content, faults, compiled)
+        faults += _binding_faults(document, faults, compiled)
     if compiled is None or faults:
         raise document.error(faults + model_faults)
     return _config(document), compiled
@@ -170,11 +180,15 @@ def compile_model(path: Path) -> mujoco.MjModel:
 def _faults(document: YamlFile) -> list[Fault]:
     """What is wrong with a rig file in itself."""
     try:
-        RigFile.model_validate(document.content)
+        _validated(document)
         faults = []
     except ValidationError as error:
         faults = faults_of(error, RigFile)
     return faults + _repeated_names(document.content) + _outside_faults(document, faults)
+
+
+def _validated(document: YamlFile) -> RigFile:
+    return RigFile.model_validate(document.content, context={"folder": document.path.parent})
 
 
 def _repeated_names(content: Any) -> list[Fault]:
@@ -210,11 +224,13 @@ def _own_model(document: YamlFile, faults: list[Fault]) -> tuple[mujoco.MjModel 
         return None, [Fault(("model",), str(error))]
 
 
-def _binding_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> list[Fault]:
+def _binding_faults(document: YamlFile, faults: list[Fault], model: mujoco.MjModel) -> list[Fault]:
     """What the model lacks, for the sensors and props that have no `faults` in themselves."""
+    content, context = document.content, {"folder": document.path.parent}
     unbound = _keyframe_faults(content, model) + _class_faults(content, faults, model)
     for i, raw in _sound_items("sensors", content, faults):
-        unbound += [fault.under("sensors", i) for fault in _SENSOR.validate_python(raw).faults(model)]
+        sensor = _SENSOR.validate_python(raw, context=context)
+        unbound += [fault.under("sensors", i) for fault in sensor.faults(model)]
     unbound += _part_faults(content, faults, model)
     for i, raw in _sound_items("props", content, faults):
         unbound += [fault.under("props", i) for fault in Prop.model_validate(raw).faults(model)]
@@ -257,16 +273,8 @@ def _outside_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
             f"{str(prop.file)!r} is outside of the rig file's folder, expected a file in it or allow_outside: true",
         )
         for i, prop in props
-        if not prop.allow_outside and not _is_inside(document.path.parent, prop.file)
+        if not prop.allow_outside and not is_inside(document.path.parent, prop.file)
     ]
-
-
-def _is_inside(folder: Path, file: Path) -> bool:
-    """Whether a file is in a folder once all links are followed."""
-    try:
-        return (folder / file).resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError, ValueError):  # links in a circle, a zero byte
-        return False
 
 
 def _mesh_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
@@ -297,7 +305,7 @@ def _class_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> l
 
 
 def _config(document: YamlFile) -> RigConfig:
-    file, folder = RigFile.model_validate(document.content), document.path.parent
+    file, folder = _validated(document), document.path.parent
     model = None if file.model is None else folder / file.model
     props = tuple(prop.model_copy(update={"file": folder / prop.file}) for prop in file.props)
     return RigConfig(

@@ -131,7 +131,7 @@ def _length_message(detail: ErrorDetails) -> str:
 
 def _sentence(detail: ErrorDetails) -> str:
     kind = detail["type"]
-    if kind in ("model_type", "model_attributes_type"):
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
         return "must be a mapping"
     if kind in ("tuple_type", "sequence_str", "is_instance_of"):
         return "must be a list"

@@ -18,8 +18,13 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
 
 def expected_one_of(name: str, names: Sequence[str]) -> str:
     """The end of a message about an unknown `name`: what was expected, and what was probably meant."""
-    listed = ", ".join(names[:_SHOWN]) + (f", ... ({len(names)} in all)" if len(names) > _SHOWN else "")
-    return f"expected one of {listed or '(there is none)'}{did_you_mean(name, names)}"
+    return f"expected one of {listing(names)}{did_you_mean(name, names)}"
+
+
+def listing(names: Sequence[str]) -> str:
+    """The first few of `names`, and how many there are in all."""
+    more = f", ... ({len(names)} in all)" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more or "(there is none)"
 
 
 def model_names(model: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> list[str]:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rigcast.preview.birds_eye import MAP_HEIGHT, draw_map
-from rigcast.preview.colour import FAINT, Scale
+from rigcast.preview.colour import FAINT, PANEL, Scale
 from rigcast.preview.page import (
     BAR_SPACE,
     CAPTION_HEIGHT,
@@ -17,7 +17,7 @@ from rigcast.preview.page import (
     seconds,
 )
 from rigcast.sensors.rig.frame import LidarFrame
-from rigcast.sensors.specs.pattern import Pattern
+from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
 
 _WIDTH = WIDTH - 2 * MARGIN - BAR_SPACE
 
@@ -28,14 +28,16 @@ def draw_lidar(frame: LidarFrame, pattern: Pattern) -> Image.Image:
     Of several returns the range image shows the first reported, and the points are of all.
     """
     every = frame.range.numpy()
-    distance = every if every.ndim == 2 else every[..., 0]
-    beams, columns = distance.shape
-    height = int(np.clip(beams * 6, 120, 300))
+    distance = every if every.shape == pattern.shape else every[..., 0]
+    is_table = distance.ndim == 2
+    height = int(np.clip(distance.shape[0] * 6, 120, 300))
     top = TITLE_HEIGHT + CAPTION_HEIGHT
     below = top + height + 2 * CAPTION_HEIGHT + LEGEND_HEIGHT
-    title = f"{frame.sensor} · lidar {beams} beams x {columns} columns · {seconds(frame.time)}"
+    rays = "{} beams x {} columns".format(*distance.shape) if is_table else f"{distance.size} rays"
+    title = f"{frame.sensor} · lidar {rays} · {seconds(frame.time)}"
     page = Page(below + MAP_HEIGHT + MARGIN, title, "last frame of the run · range image, and the points from above")
-    _range_image(page, top, height, distance, pattern)
+    draw_ranges = _range_image if is_table else _range_scatter
+    draw_ranges(page, top, height, distance, pattern.at(frame.time))
     page.legend(MARGIN, top + height + CAPTION_HEIGHT + LEGEND_HEIGHT // 2, distance)
     _from_above(page, below, frame.points.numpy()[np.isfinite(every)])
     return page.image
@@ -53,6 +55,22 @@ def _range_image(page: Page, top: int, height: int, distance: NDArray[np.float32
             x = MARGIN + _WIDTH * float(np.interp(-angle, -degrees, np.linspace(0.0, 1.0, degrees.size)))
             page.draw.line([(x, top + height), (x, top + height + 5)], fill=FAINT)
             page.text(x, top + height + 8, f"{angle}°", size=15, colour=FAINT, anchor="ma")
+
+
+def _range_scatter(page: Page, top: int, height: int, distance: NDArray[np.float32], pattern: Pattern) -> None:
+    """Each ray a dot at its azimuth and elevation, both from edge to edge of the picture."""
+    scale = Scale.of(distance, reverse=True)
+    azimuth, elevation = (np.rad2deg(angle) for angle in azimuth_elevation(pattern.directions))
+    (west, east), (high, low) = ((float(angle.max()), float(angle.min())) for angle in (azimuth, elevation))
+    x = np.rint((_WIDTH - 2) * (west - azimuth) / max(west - east, 1e-9)).astype(np.intp)
+    y = np.rint((height - 2) * (high - elevation) / max(high - low, 1e-9)).astype(np.intp)
+    canvas = np.tile(np.array(PANEL, dtype=np.uint8), (height, _WIDTH, 1))
+    for down, across in np.ndindex(2, 2):
+        canvas[y + down, x + across] = scale.colours(distance)
+    page.picture(MARGIN, top, canvas, (_WIDTH, height))
+    caption = f"range; azimuth {west:.1f}° to {east:.1f}°, elevation {low:.1f}° to {high:.1f}°"
+    page.text(MARGIN, top - 8, caption, size=16, colour=FAINT, anchor="ls")
+    page.colour_bar(MARGIN + _WIDTH + 14, top, height, scale, "range [m]")
 
 
 def _picture_order(

@@ -135,7 +135,8 @@ def planar_angles(pattern: Pattern) -> NDArray[np.float64] | None:
     """(rays,) the angles [rad] of a scanner that fires in its x-y plane at even steps, either way round; else None."""
     directions = pattern.directions.reshape(-1, 3)
     one_row = pattern.directions.ndim == 2 or pattern.directions.shape[0] == 1
-    if pattern.origins is not None or not one_row or np.abs(directions[:, 2]).max() > 1e-9:
+    changes = pattern.later is not None
+    if changes or pattern.origins is not None or not one_row or np.abs(directions[:, 2]).max() > 1e-9:
         return None
     angles = np.unwrap(np.arctan2(directions[:, 1], directions[:, 0]))
     steps = np.diff(angles)

@@ -1,6 +1,7 @@
 """A lidar's way from rays to a reading: beams, surfaces, weather, returns, ranging."""
 
 import math
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,11 +44,7 @@ class LidarPhysics:
         self.sub_rays = len(weights)
         self._angles = wp.array(angles, dtype=wp.vec2, device=scene.device)
         self._angle_std = math.radians(noise.angle_std_deg)
-        self._origins = beams.repeated(rays.origins, self.sub_rays)
-        self._directions = beams.aim(rays, self._angles, RandomSource(), 0.0)
-        self._packets = rays.packets
-        if rays.packets is not None and self.sub_rays > 1:
-            self._packets = sort_into_packets(self._directions.numpy())
+        self._aim(rays)
         self._travelled = wp.zeros(self.count * self.sub_rays, dtype=float, device=scene.device)
         self._share = wp.array(np.tile(weights, self.count), dtype=float, device=scene.device)
         self._extinction = _extinction(spec.weather or Weather())
@@ -55,8 +52,22 @@ class LidarPhysics:
         self._fog = weather.fog_of(_fog_response(spec, self._extinction), scene.device)
         self._noise = _range_noise(spec)
 
+    def along(self, rays: Rays) -> "LidarPhysics":
+        """The same effects on as many other rays."""
+        other = copy(self)
+        other._aim(rays)
+        return other
+
+    def _aim(self, rays: Rays) -> None:
+        """The sub-rays of these rays, in packets where the rays are."""
+        self._origins = beams.repeated(rays.origins, self.sub_rays)
+        self._directions = beams.aim(rays, self._angles, RandomSource(), 0.0)
+        self._packets = rays.packets
+        if rays.packets is not None and self.sub_rays > 1:
+            self._packets = sort_into_packets(self._directions.numpy())
+
     def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> Reading:
-        """One reading of the scene. rays: those of the construction in the sensor's pose now."""
+        """One reading of the scene. rays: those it was made with, in the sensor's pose now."""
         spec, source = self.spec, random_source(seed, self.spec.name, frame)
         sub_rays = replace(rays, directions=self._directions, origins=self._origins, packets=self._packets)
         if self._angle_std > 0:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels import reading
 from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.stamps import stamps
 from rigcast.sensors.scene.part import Owner
 from rigcast.sensors.specs.lens import Lens
 
@@ -18,11 +19,12 @@ from rigcast.sensors.specs.lens import Lens
 class Frame:
     """One reading of one sensor.
 
-    sensor: its name. time: when the reading fell due [s]. pose: (4, 4) float64, the sensor's frame in the world.
+    sensor: its name. time: when its first ray was fired [s]. pose: (4, 4) float64, the sensor's frame in the world.
 
     Per-ray fields are Warp arrays on the device, `frame.range.numpy()` on the host, of the sensor's `shape`:
-    (beams, columns) for a spinning lidar, (height, width) for a camera, (rays,) for others. They belong to the
-    frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out when asked for.
+    (beams, columns) for a lidar with a table of beams, (height, width) for a camera, (rays,) for others. They belong
+    to the frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out when asked
+    for.
 
     Where `range` is not finite: points are NaN, ids -1, normals 0. A hit on a flex, skin or prop has `geom_id` -1.
     """
@@ -35,6 +37,7 @@ class Frame:
     _rays: Rays
     _ids_of_shape: Mapping[Owner, wp.array]
     _body_of_shape: wp.array
+    _firing_times: wp.array | None
 
     @cached_property
     def range(self) -> wp.array:
@@ -83,7 +86,9 @@ class Frame:
 
     @cached_property
     def stamp(self) -> wp.array:
-        """(...) float64 [s]: when each ray was fired."""
+        """(...) float64 [s]: when each ray was fired, `time` plus its firing time in the pattern."""
+        if self._firing_times is not None:
+            return stamps(self.time, self._firing_times.flatten()).reshape(self.shape)
         return wp.full(self.shape, self.time, dtype=wp.float64, device=self._hits.distance.device)
 
     def _ids(self, owner: Owner) -> wp.array | None:
@@ -97,7 +102,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class LidarFrame(Frame):
-    """A reading of a lidar. ring, column: (beams, columns) int32, the row and column of each ray.
+    """A reading of a lidar. ring, column: (...) int32, the row or line of each ray, and its place in that.
 
     With `returns: dual` every field of each ray has a last axis of 2, before that of vectors.
     """

@@ -1,25 +1,54 @@
-"""When readings fall due."""
+"""When readings fall due, and when they are given out."""
 
+import hashlib
 import math
+from functools import lru_cache
+
+import numpy as np
 
 from rigcast.sensors.errors import InputError
 
 # A due time that the clock has reached up to rounding counts as reached; in periods.
 _ROUNDING = 1e-6
 _MOST = 100_000  # readings of one sensor in one step; more are a clock gone wrong
+_JITTER, _LOSS = 0, 1  # which of a reading's random numbers
 
 
 class Schedule:
-    """The due times of one sensor: every multiple of 1 / rate_hz on the simulation's clock, or every step.
+    """The due times of one sensor: phase + k / rate_hz for every k on the simulation's clock, or every step.
 
     Each due time is given out once, whatever the timestep. The first call looks back one timestep; a clock that
     goes backwards (a reset) starts over.
+
+    Args:
+        rate_hz: None is every step.
+        timestep: of the simulation [s].
+        phase: in [0, 1 / rate_hz) [s].
+        jitter: each due time is up to this much early or late [s], below 0.5 / rate_hz; uniform.
+        frame_loss: share of the due times that are left out, at random.
+        key: of the random numbers: those of reading k are the same whenever it is asked for.
     """
 
-    def __init__(self, rate_hz: float | None, timestep: float) -> None:
+    def __init__(
+        self,
+        rate_hz: float | None,
+        timestep: float,
+        *,
+        phase: float = 0.0,
+        jitter: float = 0.0,
+        frame_loss: float = 0.0,
+        key: tuple[int, str] = (0, ""),
+    ) -> None:
         self._rate_hz = rate_hz
         self._timestep = timestep
+        self._phase, self._jitter, self._frame_loss = phase, jitter, frame_loss
+        self._key = key
         self._last_time = math.nan
+
+    @property
+    def rounding(self) -> float:
+        """By how much less than a time [s] the clock may show when it has reached it."""
+        return _ROUNDING * (self._timestep if self._rate_hz is None else 1 / self._rate_hz)
 
     def due(self, time: float) -> list[float]:
         """The due times [s] since the last call, up to and including `time` [s].
@@ -33,7 +62,7 @@ class Schedule:
             self._last_time = time - self._timestep
         last_time, self._last_time = self._last_time, time
         if self._rate_hz is None:
-            return [time] if time > last_time else []
+            return [time] if time > last_time and not self._lost(round(time / self._timestep)) else []
         first, last = self._count(last_time) + 1, self._count(time)
         if last - first >= _MOST:
             self._last_time = math.nan
@@ -41,8 +70,35 @@ class Schedule:
                 f"clock: got {time:g} s after {last_time:g} s, {last - first + 1} readings at {self._rate_hz:g} Hz, "
                 f"expected steps with fewer than {_MOST}"
             )
-        return [k / self._rate_hz for k in range(first, last + 1)]
+        return [self._time(k) for k in range(first, last + 1) if not self._lost(k)]
 
     def _count(self, time: float) -> int:
+        """The last k whose due time the clock has reached at `time`."""
         assert self._rate_hz is not None
-        return math.floor(time * self._rate_hz + _ROUNDING)
+        k = math.floor((time - self._phase) * self._rate_hz + _ROUNDING)
+        if self._jitter:  # by less than half a period, so that only the neighbours are in question
+            k = next(k for k in (k + 1, k, k - 1) if self._time(k) <= time + self.rounding)
+        return k
+
+    def _time(self, k: int) -> float:
+        assert self._rate_hz is not None
+        time = self._phase + k / self._rate_hz
+        if self._jitter:
+            time += self._jitter * (2 * uniform(self._key, k, _JITTER) - 1)
+        return time
+
+    def _lost(self, k: int) -> bool:
+        return self._frame_loss > 0 and uniform(self._key, k, _LOSS) < self._frame_loss
+
+
+@lru_cache(maxsize=256)  # the next reading's is asked for at every step
+def uniform(key: tuple[int, str], frame: int, draw: int) -> float:
+    """A random number in [0, 1) that depends on nothing but its arguments: a seed, a name, a frame, which draw.
+
+    Philox 4x64-10 (Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011).
+    """
+    seed, name = key
+    hashed = int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
+    counter = np.array([0, frame % 2**64, draw, 0], dtype=np.uint64)
+    philox = np.random.Philox(key=np.array([seed, hashed], dtype=np.uint64), counter=counter)
+    return float(int(philox.random_raw()) >> 11) * 2.0**-53

@@ -1,5 +1,6 @@
 """The rays of one sensor, in its own frame."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,22 +17,49 @@ class Pattern:
 
     directions: (*shape, 3) float64, unit, in the sensor's frame.
     origins: (*shape, 3) float64 [m] in the sensor's frame; None when every ray leaves the frame's origin.
+    firing_times: (*shape) float64 [s], when each ray is fired after the first one; None when all are at once.
     ring, column: (*shape) int32, row and column of each ray of a lidar; None for other sensors.
     intrinsics: (3, 3) float64 [pixels], `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` with (0, 0) at the top left
         *corner* of the image, pixel centres at +0.5; None for other sensors than cameras.
     lens: of a camera, None where it is a pinhole.
     subrays: (*shape, k, 3) unit, the rays that are cast in place of each of `directions`; None: these themselves.
+    later: for a pattern that is another one in each reading, the one of a reading that begins at a time [s];
+        these are the rays of a reading at time 0, and the shape is always the same.
     """
 
     directions: NDArray[np.float64]
     origins: NDArray[np.float64] | None = None
+    firing_times: NDArray[np.float64] | None = None
     ring: NDArray[np.int32] | None = None
     column: NDArray[np.int32] | None = None
     intrinsics: NDArray[np.float64] | None = None
     lens: Lens | None = None
     subrays: NDArray[np.float64] | None = None
+    later: "Callable[[float], Pattern] | None" = None
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(beams, columns) for a lidar, (height, width) for a camera, (rays,) for a height scan."""
+        """(beams, columns) for a table of beams, (height, width) for a camera, (rays,) for others."""
         return self.directions.shape[:-1]
+
+    @property
+    def duration(self) -> float:
+        """From the first ray to the last [s]."""
+        return 0.0 if self.firing_times is None else float(self.firing_times.max())
+
+    def at(self, time: float) -> "Pattern":
+        """The rays of a reading that begins at `time` [s]."""
+        return self if self.later is None else self.later(time)
+
+
+def directions_at(azimuth: NDArray[np.float64], elevation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 3) unit vectors, x forward, y left, z up: azimuth from +x about +z, elevation above x-y [rad]."""
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    flat = np.cos(elevation)
+    return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1)
+
+
+def azimuth_elevation(directions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The angles [rad] of unit vectors (..., 3): azimuth in (-pi, pi], elevation in [-pi / 2, pi / 2]."""
+    flat = np.hypot(directions[..., 0], directions[..., 1])
+    return np.arctan2(directions[..., 1], directions[..., 0]), np.arctan2(directions[..., 2], flat)

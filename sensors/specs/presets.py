@@ -1,45 +1,135 @@
-"""The figures of real devices, from `rigcast.configs`."""
+"""The figures of real devices: those of `rigcast.configs`, and users' own in YAML files beside their rigs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
+from pydantic import Field, ValidationError
 from ruamel.yaml import YAML
 
 from rigcast.sensors.errors import InputError
+from rigcast.sensors.faults import faults_of
 from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.yaml_positions import YamlFile, read_yaml
+
+from .spec import Spec, is_inside
+
+_SUFFIXES = (".yaml", ".yml")
+
+
+class PresetFile(Spec):
+    """What stands in the file of a preset."""
+
+    type: str | None = Field(default=None, description="the kind of sensor it is for; null: that of what it extends")
+    extends: str | None = Field(default=None, description="a preset whose figures hold where none is given here")
+    description: str = Field(description="the device, in one line")
+    source: str = Field(description="where the figures were read")
+    assumed: dict[str, str] = Field(
+        default_factory=dict, description="the figures that are not the maker's, or not found in a source, and why"
+    )
+    figures: dict[str, Any] = Field(
+        default_factory=dict, description="figures of the device that are no keys of a sensor, with their units"
+    )
+    sensor: dict[str, Any] = Field(default_factory=dict, description="values of a sensor's keys")
 
 
 @dataclass(frozen=True)
 class Preset:
-    """One device: the keys of its specification, and where each figure is from.
-
-    type: the kind of sensor it is for. sensor: values by key. source: where they were read. assumed: the ones
-    that are not the maker's, or were not found in a source of the maker, one remark each.
-    """
+    """One device, as `PresetFile` says. `type` is always given. file: of a user's own, None for those of rigcast."""
 
     name: str
     type: str
     description: str
     source: str
-    assumed: tuple[str, ...]
+    assumed: Mapping[str, str]
+    figures: Mapping[str, Any]
     sensor: Mapping[str, Any]
+    base: "Preset | None"
+    file: YamlFile | None
+
+    def lineage(self) -> list["Preset"]:
+        """This preset, the one that it extends, the one that that extends, and so on."""
+        return [self, *(self.base.lineage() if self.base else ())]
+
+    def all_figures(self) -> dict[str, Any]:
+        """`figures` with those of what it extends."""
+        return {key: value for preset in self.lineage()[::-1] for key, value in preset.figures.items()}
+
+    def all_assumed(self) -> dict[str, str]:
+        """`assumed`, with what the presets it extends assume of keys that are not given anew."""
+        assumed: dict[str, str] = {}
+        for preset in self.lineage()[::-1]:
+            renewed = preset.sensor.keys() | preset.figures.keys()
+            assumed = {key: why for key, why in assumed.items() if key not in renewed} | dict(preset.assumed)
+        return assumed
 
 
 @cache
 def preset_names() -> tuple[str, ...]:
-    """The names of all presets, sorted."""
+    """The names of the presets that rigcast brings along, sorted."""
     entries = (files("rigcast.configs") / "presets").iterdir()
     return tuple(sorted(entry.name.removesuffix(".yaml") for entry in entries if entry.name.endswith(".yaml")))
 
 
+def load_preset(name: str, folder: Path | None = None) -> Preset:
+    """The preset of that name; a name that ends in .yaml is a file's.
+
+    folder: of the rig file that names it. The file is relative to it and must be in it; None: relative to where
+    Python runs, anywhere.
+
+    Raises InputError for a name that is not one of `preset_names()`, and for a file that is not a preset.
+    """
+    if not name.endswith(_SUFFIXES):
+        return _load_own(name)
+    if folder is not None and not is_inside(folder, Path(name)):
+        raise InputError(f"preset {name!r} is outside of the rig file's folder, expected a file in it")
+    return _load_file((folder or Path()) / name, ())
+
+
 @cache
-def load_preset(name: str) -> Preset:
-    """The preset of that name. Raises InputError for a name that is not one of `preset_names()`."""
+def _load_own(name: str) -> Preset:
     if name not in preset_names():
-        raise InputError(f"unknown preset {name!r}, {expected_one_of(name, preset_names())}")
+        raise InputError(f"unknown preset {name!r}, {expected_one_of(name, preset_names())}, or a file .yaml")
     text = (files("rigcast.configs") / "presets" / f"{name}.yaml").read_text(encoding="utf-8")
-    content = YAML(typ="safe", pure=True).load(text)
-    return Preset(name=name, **{**content, "assumed": tuple(content["assumed"])})
+    content = PresetFile(**YAML(typ="safe", pure=True).load(text))
+    return _preset(name, content, None if content.extends is None else _load_own(content.extends), None)
+
+
+def _load_file(path: Path, extending: tuple[Path, ...]) -> Preset:
+    """A user's own preset; `extending` are the files through which it was come to."""
+    if path.resolve() in extending:
+        raise InputError(f"{path}: extends itself")
+    document = read_yaml(path)
+    try:
+        content = PresetFile.model_validate(document.content)
+    except ValidationError as error:
+        raise document.error(faults_of(error, PresetFile)) from None
+    base = None
+    if content.extends is not None and content.extends.endswith(_SUFFIXES):
+        if not is_inside(path.parent, Path(content.extends)):
+            raise InputError(f"{path}: extends {content.extends!r}, expected a file in the same folder")
+        base = _load_file(path.parent / content.extends, (*extending, path.resolve()))
+    elif content.extends is not None:
+        base = _load_own(content.extends)
+    if base is None and content.type is None:
+        raise InputError(f"{path}: expected type or extends, got neither")
+    return _preset(path.stem, content, base, document)
+
+
+def _preset(name: str, content: PresetFile, base: Preset | None, document: YamlFile | None) -> Preset:
+    kind = content.type or (base.type if base else "")
+    sensor = content.sensor if document is None else _resolved(content.sensor, document.path.parent)
+    return Preset(
+        name, kind, content.description, content.source, content.assumed, content.figures, sensor, base, document
+    )
+
+
+def _resolved(sensor: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The keys of a user's preset, with a file that they name relative to the preset's folder."""
+    rays = sensor.get("ray_file")
+    if not (isinstance(rays, dict) and isinstance(rays.get("path"), str)):
+        return dict(sensor)
+    return {**sensor, "ray_file": {**rays, "path": str(folder.resolve() / rays["path"])}}

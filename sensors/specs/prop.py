@@ -1,6 +1,5 @@
 """Props: meshes that are not in the MuJoCo model."""
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import mujoco
@@ -13,13 +12,7 @@ from rigcast.sensors.faults import Fault
 from rigcast.sensors.scene.mesh_file import read_mesh
 
 from .mount import Mount
-from .spec import Spec
-
-
-def _as_path(given: Any) -> Any:
-    if not isinstance(given, str | Path):
-        raise ValueError(f"must be the path of a file, got {given!r}")
-    return Path(given)
+from .spec import FilePath, Spec
 
 
 def _as_scale(given: Any) -> Any:
@@ -39,9 +32,7 @@ class Prop(Spec):
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,64}$", description="name of the prop, its own: letters, digits, _ -")
-    file: Annotated[Path, BeforeValidator(_as_path)] = Field(
-        description="mesh file, .stl, .obj, .ply or .glb; in a rig file a path relative to it"
-    )
+    file: FilePath = Field(description="mesh file, .stl, .obj, .ply or .glb; in a rig file a path relative to it")
     mount: Mount = Field(default_factory=Mount, description="where the origin and axes of the mesh are")
     scale: Annotated[float | tuple[float, float, float], BeforeValidator(_as_scale)] = Field(
         default=1.0, description="by which coordinates in the file are multiplied, one number or x, y, z"

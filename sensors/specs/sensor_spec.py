@@ -2,21 +2,26 @@
 
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar, cast
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic.config import JsonDict
 
-from rigcast.sensors.faults import Fault
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.faults import Fault, faults_of
+from rigcast.sensors.names import listing
+from rigcast.sensors.yaml_positions import YamlFile
 
 from .filter import Filter
 from .mount import Mount
 from .pattern import Pattern
 from .presets import load_preset, preset_names
-from .spec import Spec
+from .spec import Spec, rig_folder
 
 
 def no_default(schema: JsonDict) -> None:
@@ -55,12 +60,16 @@ class SensorSpec(Spec):
     )
     preset: str | None = Field(
         default=None,
-        description="a device whose figures hold where no other key is given",
+        description="a device whose figures hold where no other key is given: its name, or a file .yaml beside the rig",
         json_schema_extra=_list_presets,
     )
     mount: Mount = Field(description="where the sensor is")
     filter: Filter = Field(default=Filter(), description="which geoms its rays may hit")
     rate_hz: float | None = Field(default=None, gt=0, description="readings per second [Hz]; null: every step")
+    phase: float = Field(default=0.0, ge=0, description="when the first reading after time 0 begins [s]")
+    latency: float = Field(default=0.0, ge=0, description="how long after its time a reading is given out [s]")
+    jitter: float = Field(default=0.0, ge=0, description="how far at most a reading begins early or late [s]; uniform")
+    frame_loss: float = Field(default=0.0, ge=0, le=1, description="share of the readings that are lost, at random")
     min_range: float = Field(default=0.0, ge=0, description="nearer hits read as -inf [m]")
     max_range: float = Field(
         default=math.inf,
@@ -81,13 +90,32 @@ class SensorSpec(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _fill_from_preset(cls, given: Any) -> Any:
-        if not isinstance(given, dict) or given.get("preset") not in preset_names():
+    def _fill_from_preset(cls, given: Any, info: ValidationInfo) -> Any:
+        if not isinstance(given, dict) or not isinstance(given.get("preset"), str):
             return given
-        preset = load_preset(given["preset"])
-        if preset.type != _type_of(cls):
+        try:
+            return cls._over(given, cls._preset_keys(given["preset"], rig_folder(info)))
+        except InputError:  # told by the validator of `preset`, at its place
             return given
-        return {**{key: preset.sensor[key] for key in preset.sensor.keys() - cls._replaced(given)}, **given}
+
+    @classmethod
+    def _preset_keys(cls, name: str, folder: Path | None) -> dict[str, Any]:
+        """The values of a preset. Raises InputError for one that there is not, or that is not for this sensor."""
+        preset, own = load_preset(name, folder), _type_of(cls)
+        if preset.type != own:
+            fitting = [other for other in preset_names() if load_preset(other).type == own]
+            raise InputError(f"{name!r} is a {preset.type}, expected a {own}: {listing(fitting)}")
+        keys: dict[str, Any] = {}
+        for each in preset.lineage():
+            keys = cls._over(keys, each.sensor)
+        if preset.file is not None:
+            _refuse_values(cls, preset.file, preset.sensor, keys)
+        return keys
+
+    @classmethod
+    def _over(cls, given: dict[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
+        """`given`, and what it leaves to `base`."""
+        return {**{key: base[key] for key in base.keys() - cls._replaced(given)}, **given}
 
     @classmethod
     def _replaced(cls, given: dict[str, Any]) -> set[str]:
@@ -97,14 +125,22 @@ class SensorSpec(Spec):
 
     @field_validator("preset")
     @classmethod
-    def _known_preset(cls, name: str | None) -> str | None:
-        if name is None:
-            return None
-        preset, own = load_preset(name), _type_of(cls)
-        if preset.type != own:
-            fitting = [other for other in preset_names() if load_preset(other).type == own]
-            raise ValueError(f"{name!r} is a {preset.type}, expected a {own}: {', '.join(fitting) or 'there is none'}")
+    def _known_preset(cls, name: str | None, info: ValidationInfo) -> str | None:
+        if name is not None:
+            cls._preset_keys(name, rig_folder(info))
         return name
+
+    @model_validator(mode="after")
+    def _timed(self) -> "SensorSpec":
+        if self.rate_hz is None:
+            given = [key for key in ("phase", "jitter") if getattr(self, key)]
+            if given:
+                raise ValueError(f"{' and '.join(given)}: needs rate_hz, got none, which is every step")
+        elif self.phase * self.rate_hz >= 1:
+            raise ValueError(f"phase: must be below 1 / rate_hz, {1 / self.rate_hz:g} s, got {self.phase:g} s")
+        elif self.jitter * self.rate_hz >= 0.5:
+            raise ValueError(f"jitter: must be below 0.5 / rate_hz, {0.5 / self.rate_hz:g} s, got {self.jitter:g} s")
+        return self
 
     @field_validator("max_range")
     @classmethod
@@ -117,3 +153,13 @@ class SensorSpec(Spec):
 
 def _type_of(cls: type[SensorSpec]) -> str:
     return str(cls.model_fields["type"].default)
+
+
+def _refuse_values(cls: type[SensorSpec], file: YamlFile, own: Mapping[str, Any], keys: dict[str, Any]) -> None:
+    """Raise InputError, with lines and columns, for values in a user's preset that its sensor does not take."""
+    try:
+        cls.model_validate({"name": "preset", "mount": {}, **keys}, context={"folder": file.path.parent})
+    except ValidationError as error:
+        faults = [fault for fault in faults_of(error, cls) if fault.where and fault.where[0] in own]
+        if faults:
+            raise file.error([fault.under("sensor") for fault in faults]) from None

@@ -5,10 +5,11 @@ checked by the same rules: unknown keys, text in place of numbers, and NaN are r
 """
 
 from inspect import cleandoc
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import faults_of, refuse
@@ -61,3 +62,38 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     return tuple(_plain(item) for item in value) if isinstance(value, list | tuple) else value
+
+
+def _as_path(given: Any) -> Any:
+    if not isinstance(given, str | Path):
+        raise ValueError(f"must be the path of a file, got {given!r}")
+    return Path(given)
+
+
+FilePath = Annotated[Path, BeforeValidator(_as_path)]
+
+
+def rig_folder(info: ValidationInfo) -> Path | None:
+    """The folder of the rig file that is being read; None in Python."""
+    return None if info.context is None else info.context["folder"]
+
+
+def beside_rig(path: Path, info: ValidationInfo) -> Path:
+    """Where a file is that a rig file names; in Python the path as it is.
+
+    Raises ValueError for one that is outside of the rig file's folder: a rig may come from anybody.
+    """
+    folder = rig_folder(info)
+    if folder is None:
+        return path
+    if not is_inside(folder, path):
+        raise ValueError(f"{str(path)!r} is outside of the rig file's folder, expected a file in it")
+    return folder / path
+
+
+def is_inside(folder: Path, file: Path) -> bool:
+    """Whether a file is in a folder once all links are followed."""
+    try:
+        return (folder / file).resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):  # links in a circle, a zero byte
+        return False

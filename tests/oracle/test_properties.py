@@ -68,7 +68,7 @@ def each(hits: NumpyHits, change: Callable[[Any], Any]) -> NumpyHits:
 def kept(hits: NumpyHits, keep: npt.NDArray[np.bool_], otherwise: NumpyHits) -> NumpyHits:
     """The hits, with the other ones wherever `keep` (n,) is False."""
     others = otherwise._asdict()
-    left = {
+    left: dict[str, Any] = {
         name: np.where(keep if field.ndim == 1 else keep[:, None], field, others[name])
         for name, field in hits._asdict().items()
     }

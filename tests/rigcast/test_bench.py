@@ -8,7 +8,7 @@ import numpy as np
 from rigcast import DepthCamera, Filter, Lidar, Mount, Rig
 from rigcast.bench import bench
 from rigcast.cli.bench import as_json
-from rigcast.sensors.rig.rig import Sensor
+from rigcast.sensors.rig.mounted import Sensor
 
 # The ball is seen by mj_ray alone: mj_multiRay looks for a body where its colliding geoms are, here above the ball.
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>

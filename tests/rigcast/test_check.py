@@ -15,7 +15,7 @@ from rigcast import DepthCamera, Filter, HeightScan, Lidar, Mount, Rig, oracle
 from rigcast.check import Report, check
 from rigcast.cli.check import as_json
 from rigcast.cli.check import check as command
-from rigcast.sensors.rig.rig import Sensor
+from rigcast.sensors.rig.mounted import Sensor
 from rigcast.sensors.specs.lens import KannalaBrandt
 
 WORLD = """<mujoco>

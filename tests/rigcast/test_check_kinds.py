@@ -12,7 +12,7 @@ import trimesh
 from rigcast import DepthCamera, Filter, Lidar, Mount, Prop, Rig
 from rigcast.check import Report, check
 from rigcast.oracle.deformable import CAN_JUDGE
-from rigcast.sensors.rig.rig import Sensor
+from rigcast.sensors.rig.mounted import Sensor
 from rigcast.sensors.scene.hits import NumpyHits
 
 GRID = '<flexcomp name="{}" type="grid" count="{}" spacing=".2 .2 .2" pos="{}" dim="{}" radius="{}" mass="1">'

@@ -87,7 +87,7 @@ def test_flexes_skins_and_props_have_names_and_classes() -> None:
         ),
         ("{a: [robot], b: ['ro*']}", "classes.b: 'robot' is in class 'a' already, expected one class for each"),
         ("{a: robot}", "classes.a: must be a list, got 'robot'"),
-        ("[robot]", "classes: must be a dictionary"),
+        ("[robot]", "classes: must be a mapping"),
     ],
 )
 def test_classes_that_do_not_fit_are_shown_where_they_are(tmp_path: Path, classes: str, message: str) -> None:

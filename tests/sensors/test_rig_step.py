@@ -131,3 +131,76 @@ def test_a_rig_without_sensors_gives_nothing() -> None:
     rig, data = rig_and_data(order=())
     assert drive(rig, data, 0.1) == []
     assert rig.sense(data) == {}
+
+
+@pytest.mark.parametrize(("latency", "timestep"), [(0.001, 0.0037), (0.05, 0.01), (0.25, 1 / 240), (0.0123, 0.02)])
+def test_a_frame_comes_in_when_its_latency_has_passed(latency: float, timestep: float) -> None:
+    rig, data = rig_and_data(timestep)
+    plain = drive(rig, data, 0.5)
+    late_rig = Rig(rig.model, [spec.model_copy(update={"latency": latency}) for spec in rig.sensors])
+    late = drive(late_rig, mujoco.MjData(rig.model), 0.5)
+    for name in RATES:
+        given, expected = times(late, name), times(plain, name)
+        assert given == expected[: len(given)], name
+        assert all(time + latency > 0.5 - 1e-9 for time in expected[len(given) :]), name
+    heights = {(frame.sensor, frame.time): frame.range.numpy().item() for _, frame in plain}
+    for clock, frame in late:
+        assert -1e-6 < clock - (frame.time + latency) < timestep, (frame.sensor, frame.time)
+        assert frame.range.numpy().item() == heights[frame.sensor, frame.time]
+
+
+def test_frames_with_latencies_come_in_as_they_arrive() -> None:
+    rig, _ = rig_and_data(0.01)
+    mixed = [spec.model_copy(update={"latency": 0.013 * k}) for k, spec in enumerate(rig.sensors)]
+    late = {spec.name: spec.latency for spec in mixed}
+    arrivals = [
+        frame.time + late[frame.sensor] for _, frame in drive(Rig(rig.model, mixed), mujoco.MjData(rig.model), 0.5)
+    ]
+    assert arrivals == sorted(arrivals)
+
+
+def test_a_reset_discards_what_has_not_come_in() -> None:
+    rig, data = rig_and_data(0.01)
+    late = Rig(rig.model, [spec.model_copy(update={"latency": 0.2}) for spec in rig.sensors])
+    drive(late, data, 0.35)
+    mujoco.mj_resetData(rig.model, data)
+    again = [(clock, frame.sensor, frame.time) for clock, frame in drive(late, data, 0.5)]
+    fresh_rig = Rig(rig.model, late.sensors)
+    fresh = drive(fresh_rig, mujoco.MjData(rig.model), 0.5)
+    assert again == [(clock, frame.sensor, frame.time) for clock, frame in fresh]
+
+
+SPREAD = (
+    Lidar(name="table", mount=Mount(body="robot"), preset="velodyne_vlp16"),
+    Lidar(name="rosette", mount=Mount(body="robot"), preset="livox_mid40", jitter=0.01),
+    Lidar(name="sector", mount=Mount(body="robot"), preset="hokuyo_utm30lx", phase=0.003),
+)
+
+
+@pytest.mark.parametrize("timestep", [0.0037, 0.02, 0.3])
+def test_readings_are_whole_and_stamped_whatever_the_timestep(timestep: float) -> None:
+    model = mujoco.MjModel.from_xml_string(XML.format(timestep))
+    patterns = {spec.name: spec.pattern(model) for spec in SPREAD}
+    seen = set()
+    for _, frame in drive(Rig(model, SPREAD, seed=3), mujoco.MjData(model), 0.6):
+        pattern = patterns[frame.sensor].at(frame.time)
+        assert frame.shape == pattern.shape
+        assert pattern.firing_times is not None
+        stamp = frame.stamp.numpy()
+        np.testing.assert_array_equal(stamp, frame.time + pattern.firing_times)
+        assert stamp.min() == frame.time
+        seen.add(frame.sensor)
+    assert seen == patterns.keys()
+
+
+def test_a_rosette_looks_elsewhere_in_each_reading() -> None:
+    model = mujoco.MjModel.from_xml_string(XML.format(0.01))
+    spec = Lidar(name="rosette", mount=Mount(pos=(0, 0, 2), euler_deg=(0, 90, 0)), preset="livox_mid40")
+    rig, data = Rig(model, [spec]), mujoco.MjData(model)
+    data.qpos[2] = 5
+    first, second = (rig.sense(data)["rosette"] for data.time in (0.3, 0.4))
+    for frame in (first, second):
+        directions = spec.pattern(model).at(frame.time).directions
+        np.testing.assert_allclose(frame.range.numpy(), 2 / directions[:, 0], rtol=1e-5)
+        np.testing.assert_allclose(frame.points.numpy(), 2 / directions[:, :1] * directions, rtol=1e-5, atol=1e-5)
+    assert np.abs(first.range.numpy() - second.range.numpy()).max() > 0.01

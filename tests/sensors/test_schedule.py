@@ -6,7 +6,7 @@ from math import floor
 import numpy as np
 import pytest
 
-from rigcast.sensors.rig.schedule import Schedule
+from rigcast.sensors.rig.schedule import Schedule, uniform
 
 # rate [Hz] and timestep [s] as exact decimals, and the number of steps
 CLOCKS = [
@@ -83,3 +83,52 @@ def test_a_clock_that_goes_back_starts_over(rate_hz: float | None, restart: floa
         used.due(0.002 * k)
     again = [restart + 0.002 * k for k in range(500)]
     assert [used.due(time) for time in again] == [fresh.due(time) for time in again]
+
+
+def drive(schedule: Schedule, timestep: float, duration: float) -> list[float]:
+    return [time for k in range(1, round(duration / timestep) + 1) for time in schedule.due(k * timestep)]
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.001, 0.03, 0.0999])
+@pytest.mark.parametrize("timestep", [0.001, 0.0037, 0.25])
+def test_a_phase_moves_every_due_time(phase: float, timestep: float) -> None:
+    due = drive(Schedule(10.0, timestep, phase=phase), timestep, 2.0)
+    nominal = [phase + k / 10 for k in range(25)]
+    clock = timestep * round(2.0 / timestep)
+    assert due == [time for time in nominal if 0 < time <= clock + 1e-7]
+
+
+@pytest.mark.parametrize("jitter", [0.001, 0.0499])
+def test_jitter_is_uniform_and_the_same_whatever_the_timestep(jitter: float) -> None:
+    fine = drive(Schedule(10.0, 0.011, jitter=jitter, key=(5, "a")), 0.011, 400.0)
+    coarse = drive(Schedule(10.0, 0.31, jitter=jitter, key=(5, "a")), 0.31, 400.0)
+    shared = min(len(fine), len(coarse))
+    assert fine[:shared] == coarse[:shared]
+    assert shared > 3980
+    assert fine == sorted(fine)
+    off = (np.array(fine) - np.rint(np.array(fine) * 10) / 10) / jitter
+    assert np.abs(off).max() <= 1
+    # Kolmogorov-Smirnov at 1e-3: 1.95 / sqrt(n)
+    ranks = np.arange(1, off.size + 1) / off.size
+    assert np.abs(np.sort(off) / 2 + 0.5 - ranks).max() < 1.95 / np.sqrt(off.size)
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, None])
+def test_lost_frames_are_a_share_and_the_others_stay(rate_hz: float | None) -> None:
+    whole = drive(Schedule(rate_hz, 0.01, key=(1, "a")), 0.01, 100.0)
+    kept = drive(Schedule(rate_hz, 0.01, frame_loss=0.2, key=(1, "a")), 0.01, 100.0)
+    more = drive(Schedule(rate_hz, 0.01, frame_loss=0.5, key=(1, "a")), 0.01, 100.0)
+    assert set(more) < set(kept) < set(whole)
+    # 10 000 draws: 4 standard deviations of a share are 0.016 and 0.02
+    assert abs(1 - len(kept) / len(whole) - 0.2) < 0.016
+    assert abs(1 - len(more) / len(whole) - 0.5) < 0.02
+    assert drive(Schedule(rate_hz, 0.01, frame_loss=1.0), 0.01, 1.0) == []
+
+
+def test_random_numbers_depend_on_seed_name_frame_and_draw_alone() -> None:
+    keys = [(seed, name) for seed in (0, 1, 2**62) for name in ("a", "b", "lidar")]
+    numbers = {uniform(key, frame, draw) for key in keys for frame in (-3, 0, 1, 10**12) for draw in (0, 1)}
+    assert len(numbers) == len(keys) * 4 * 2
+    assert all(0 <= number < 1 for number in numbers)
+    assert uniform((7, "top"), 3, 1) == uniform((7, "top"), 3, 1)
+    assert uniform((0, "a"), 0, 0) == 0.09277642842720346  # on every machine, with every numpy

@@ -21,8 +21,8 @@ from ruamel.yaml.tokens import (
     Token,
 )
 
-from rigcast.sensors.errors import InputError
-from rigcast.sensors.faults import Fault, Where, path_text
+from .errors import InputError
+from .faults import Fault, Where, path_text
 
 _CORE = {f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str")}
 _DEEPEST = 50  # levels of lists and mappings; parsers need time and stack without bound for more

@@ -1,0 +1,90 @@
+"""What a preset is, worked out from its rays: for `rigcast presets NAME` and its picture."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.config import sensor_of_preset
+from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
+from rigcast.sensors.specs.presets import Preset, load_preset
+from rigcast.sensors.specs.sensor_spec import SensorSpec
+
+_SHOWN = 8  # values of a list before it is cut short
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """A preset and the rays of its first reading.
+
+    azimuth_deg, elevation_deg: (n,) float64, to the left and up from where the sensor looks.
+    """
+
+    preset: Preset
+    spec: SensorSpec
+    pattern: Pattern
+    azimuth_deg: NDArray[np.float64]
+    elevation_deg: NDArray[np.float64]
+
+    @staticmethod
+    def of(name: str) -> "Card":
+        """The card of a preset of that name, or in a file .yaml. Raises InputError where there is none."""
+        preset, spec = load_preset(name), sensor_of_preset(name)
+        pattern = spec.pattern(mujoco.MjModel.from_xml_string("<mujoco/>"))
+        in_mount = pattern.directions.reshape(-1, 3) @ spec.frame_rotation.T
+        azimuth, elevation = azimuth_elevation(in_mount)
+        return Card(preset, spec, pattern, np.rad2deg(azimuth), np.rad2deg(elevation))
+
+    @property
+    def title(self) -> str:
+        return f"{self.preset.name}: {self.preset.description}"
+
+    def summary(self) -> list[str]:
+        """Its rays, where they go, and when they fire."""
+        shape, rate = " x ".join(map(str, self.pattern.shape)), self.spec.rate_hz
+        pace = "as often as asked"
+        if rate is not None:
+            pace = f"{rate:g} readings/s, {rate * self.azimuth_deg.size:,.0f} rays/s"
+        firing = "all at once"
+        if self.pattern.firing_times is not None:
+            firing = f"over {self.pattern.duration * 1e3:.3f} ms"
+        if self.pattern.later is not None:
+            firing += ", other rays in each reading; the first one is shown"
+        return [f"rays: {shape} in a reading, {pace}", f"field of view: {self._view()}", f"firing: {firing}"]
+
+    def figures(self) -> Iterator[tuple[str, str]]:
+        """The keys of the sensor that the preset gives, and its other figures, with values as text."""
+        given = {key for preset in self.preset.lineage() for key in preset.sensor}
+        for key in type(self.spec).model_fields:
+            if key in given and getattr(self.spec, key) is not None:
+                yield key, _shown(getattr(self.spec, key))
+        for key, value in self.preset.all_figures().items():
+            yield key, _shown(value)
+
+    def _view(self) -> str:
+        low, high = self.elevation_deg.min(), self.elevation_deg.max()
+        width = _arc(self.azimuth_deg)
+        return f"{width:.4g} deg across, elevation {low:.4g} to {high:.4g} deg, between the outermost rays"
+
+
+def _arc(azimuth_deg: NDArray[np.float64]) -> float:
+    """The shortest arc that holds all azimuths; 360 where they leave no gap of more than 5 deg."""
+    around = np.sort(np.unique(azimuth_deg.round(3)))
+    gap = float(np.diff(around, append=around[0] + 360).max())
+    return 360.0 if gap <= 5 else 360.0 - gap
+
+
+def _shown(value: Any) -> str:
+    if hasattr(value, "model_dump"):
+        return ", ".join(f"{key}: {_shown(item)}" for key, item in value.model_dump().items())
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_shown(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        items = [_shown(item) for item in value]
+        if len(items) > _SHOWN:
+            items = [*items[:3], "...", f"{items[-1]}"]
+        return f"[{', '.join(items)}]" + (f" ({len(value)} values)" if len(value) > _SHOWN else "")
+    return f"{value:.10g}" if isinstance(value, float) else str(value)

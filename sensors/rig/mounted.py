@@ -1,0 +1,135 @@
+"""A sensor on a scene: where it is, and the rays of its readings on the device."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels.cast import Rays
+from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.sensors.physics.depth_camera import DepthPhysics
+from rigcast.sensors.physics.lidar import LidarPhysics
+from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.mount import BoundMount
+from rigcast.sensors.specs.pattern import Pattern
+
+Sensor = Lidar | DepthCamera | HeightScan
+
+
+class WorldRays(NamedTuple):
+    """The rays of one reading in the world, (*shape, 3) float64: origins [m] and unit directions."""
+
+    origins: NDArray[np.float64]
+    directions: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Mounted:
+    """A sensor on a scene, with the rays of one reading on the device."""
+
+    scene: Scene
+    spec: Sensor
+    mount: BoundMount
+    pattern: Pattern
+    fixed_rays: Rays
+    firing_times: wp.array | None
+    ring: wp.array | None
+    column: wp.array | None
+    physics: LidarPhysics | None
+    depth_physics: DepthPhysics | None
+    frames: Iterator[int]
+
+    @staticmethod
+    def on(scene: Scene, spec: Sensor) -> "Mounted":
+        pattern = spec.pattern(scene.model)
+        rays = _upload_rays(pattern, scene)
+        return Mounted(
+            scene,
+            spec,
+            spec.mount.bind(scene.model),
+            pattern,
+            rays,
+            _upload(pattern.firing_times, wp.float64, spec, scene.device),
+            _upload(pattern.ring, wp.int32, spec, scene.device),
+            _upload(pattern.column, wp.int32, spec, scene.device),
+            LidarPhysics(scene, spec, rays) if isinstance(spec, Lidar) and spec.has_effects else None,
+            DepthPhysics(scene, spec, pattern) if isinstance(spec, DepthCamera) and spec.has_effects else None,
+            count(),
+        )
+
+    def at(self, time: float) -> "Mounted":
+        """With the rays of a reading that begins at `time` [s], where a pattern is another one in each reading."""
+        if self.pattern.later is None:
+            return self
+        pattern, device = self.pattern.at(time), self.scene.device
+        rays = _upload_rays(pattern, self.scene)
+        return replace(
+            self,
+            pattern=pattern,
+            fixed_rays=rays,
+            firing_times=_upload(pattern.firing_times, wp.float64, self.spec, device),
+            ring=_upload(pattern.ring, wp.int32, self.spec, device),
+            column=_upload(pattern.column, wp.int32, self.spec, device),
+            physics=None if self.physics is None else self.physics.along(rays),
+        )
+
+    @property
+    def frame_shape(self) -> tuple[int, ...]:
+        """That of a frame's fields: the pattern's, with a last axis for several returns."""
+        copies = _returns(self.spec)
+        return self.pattern.shape if copies == 1 else (*self.pattern.shape, copies)
+
+    def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
+        """(4, 4) the sensor's frame in the world."""
+        with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
+            pose = self.mount.pose(data)
+        if self.spec.yaw_aligned:
+            pose = yaw_only(pose)
+        pose[:3, :3] = pose[:3, :3] @ self.spec.frame_rotation
+        return pose
+
+    def visible(self) -> wp.array:
+        return self.scene.visible(self.spec.filter)
+
+    def rays(self, data: mujoco.MjData) -> Rays:
+        return self.scene.in_pose(self.fixed_rays, self.pose(data))
+
+    def world_rays(self, data: mujoco.MjData) -> WorldRays:
+        pose = self.pose(data)
+        directions = self.pattern.directions @ pose[:3, :3].T
+        local = np.zeros(3) if self.pattern.origins is None else self.pattern.origins
+        return WorldRays(np.broadcast_to(local @ pose[:3, :3].T + pose[:3, 3], directions.shape), directions)
+
+
+def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
+    """The rays of a pattern on the device; on the CPU in packets, where they leave from one origin.
+
+    Those of a pattern that is another one in each reading are cast alone: sorting them would take longer.
+    """
+    origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
+    rays = scene.rays_in_frame(pattern.directions, origins, np.eye(4))
+    if pattern.origins is not None or pattern.later is not None or not scene.device.is_cpu:
+        return rays
+    return replace(rays, packets=sort_into_packets(pattern.directions.reshape(-1, 3)))
+
+
+def _upload(values: NDArray[np.generic] | None, dtype: type, spec: Sensor, device: wp.Device) -> wp.array | None:
+    """Values of each ray on the device, repeated for each of its returns; None where there are none."""
+    if values is None:
+        return None
+    copies = _returns(spec)
+    every = values if copies == 1 else np.repeat(values[..., None], copies, axis=-1)
+    return wp.array(every, dtype=dtype, device=device)
+
+
+def _returns(spec: Sensor) -> int:
+    """How many returns of a ray a frame has."""
+    return 2 if isinstance(spec, Lidar) and spec.returns == "dual" else 1

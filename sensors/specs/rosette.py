@@ -1,0 +1,129 @@
+"""Scanners whose beam is steered without end, never twice along the same path: every reading has other rays.
+
+Rotating wedges bend a beam by Snell's law. At a face with unit normal n (along the light), between the refractive
+indices n1 before and n2 behind it, with u = n1 / n2 and c = d . n, the unit direction d goes on as
+
+    u d + (sqrt(1 - u^2 (1 - c^2)) - u c) n
+
+Background: Brazeal, Wilkinson and Hochmair, A Rigorous Observation Model for the Risley Prism-Based Livox Mid-40
+Lidar Sensor, Sensors 21(14):4722, 2021.
+"""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from .pattern import Pattern, directions_at
+from .spec import Spec
+
+
+class Steered(Spec):
+    """A beam, or a few on lines of their own, sampled at a steady rate along a path in time."""
+
+    sample_rate_hz: float = Field(gt=0, description="measurements of each line per second [Hz]")
+    line_elevation_deg: Sequence[float] = Field(
+        default=(0.0,), min_length=1, description="elevation of each line before it is steered [deg]"
+    )
+    start: float = Field(default=0.0, description="how far along its path the beam is at time 0 [s]")
+
+    def samples(self, rate_hz: float) -> int:
+        """Measurements of each line in a reading; a reading ends before the next begins."""
+        return int(min(self.sample_rate_hz / rate_hz * (1 + 1e-9), 2.0**53))
+
+    def pattern(self, rate_hz: float) -> Pattern:
+        """Rays (samples * lines,), in the order of their times; ring is the line, column the sample."""
+        samples, lines = self.samples(rate_hz), len(self.line_elevation_deg)
+        column, ring = (index.ravel() for index in np.indices((samples, lines), dtype=np.int32))
+        sampled = np.arange(samples) / self.sample_rate_hz
+
+        def at(time: float) -> Pattern:
+            rays = self.directions(self.start + time + sampled).reshape(-1, 3)
+            return Pattern(rays, firing_times=np.repeat(sampled, lines), ring=ring, column=column, later=at)
+
+        return at(0.0)
+
+    @abstractmethod
+    def directions(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, lines, 3) unit: where each line looks at times (n,) [s] along the path."""
+
+
+class Wedge(Spec):
+    """A rotating wedge of glass in air, one face square to the x axis and the other tilted."""
+
+    rpm: float = Field(description="turns per minute, counter-clockwise as seen against +x")
+    tilt_deg: float = Field(gt=-90, lt=90, description="angle of the tilted face [deg]; it leans to +y at time 0")
+    index: float = Field(ge=1, description="refractive index of the glass")
+    tilted_first: bool = Field(description="whether the light meets the tilted face before the other one")
+
+    def bend(self, beam: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, lines, 3) directions behind the wedge of those before it, at times (n,) [s]."""
+        turned, tilt = 2 * np.pi * self.rpm / 60 * time, np.deg2rad(self.tilt_deg)
+        leaning = np.stack(
+            [np.full_like(time, np.cos(tilt)), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)], axis=-1
+        )[:, None]
+        square = np.array([1.0, 0.0, 0.0])
+        first, second = (leaning, square) if self.tilted_first else (square, leaning)
+        return refract(refract(beam, first, 1 / self.index), second, self.index)
+
+
+class Rosette(Steered):
+    """Beams along +x, each on its line's elevation, bent by rotating wedges one after the other.
+
+    >>> Rosette(
+    ...     wedges=[
+    ...         Wedge(rpm=7294, tilt_deg=-18, index=1.5089, tilted_first=False),
+    ...         Wedge(rpm=-4664, tilt_deg=18, index=1.5089, tilted_first=True),
+    ...     ],
+    ...     sample_rate_hz=100_000,
+    ... )
+    """
+
+    wedges: Sequence[Wedge] = Field(min_length=1, description="the wedges, in the order in which the light meets them")
+
+    @model_validator(mode="after")
+    def _lets_light_through(self) -> "Rosette":
+        # Beat frequencies make wedges meet at every angle: a coarse grid of one wedge against the others finds a
+        # configuration that reflects all of the light.
+        times = np.arange(4096) / 4096 * 60 / max(min(abs(wedge.rpm) for wedge in self.wedges), 1.0)
+        if not np.isfinite(self.directions(times)).all():
+            raise ValueError("the wedges reflect the beam instead of bending it, expected smaller tilts or indices")
+        return self
+
+    def directions(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        line = np.deg2rad(np.asarray(self.line_elevation_deg))
+        beam = np.broadcast_to(directions_at(np.zeros_like(line), line), (len(time), len(line), 3))
+        for wedge in self.wedges:
+            beam = wedge.bend(beam, time)
+        return beam
+
+
+class Nodding(Steered):
+    """Beams that turn around z while they nod, both slowly modulated with the phase p of the nod:
+
+    elevation = elevation_deg[0] + elevation_deg[1] cos p + elevation_deg[2] cos 2p + ... + that of the line
+    azimuth = azimuth_deg[0] + turn + azimuth_deg[1] sin p + azimuth_deg[2] sin 2p + ...
+    """
+
+    spin_rpm: float = Field(description="turns around z per minute, counter-clockwise")
+    nod_hz: float = Field(description="nods per second [Hz]")
+    elevation_deg: Sequence[float] = Field(min_length=1, description="mean elevation and cosine coefficients [deg]")
+    azimuth_deg: Sequence[float] = Field(default=(0.0,), min_length=1, description="as elevation_deg, with sines [deg]")
+
+    def directions(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        phase = 2 * np.pi * self.nod_hz * time
+        elevation = sum(a * np.cos(m * phase) for m, a in enumerate(self.elevation_deg))
+        swing = sum(a * np.sin(m * phase) for m, a in enumerate(self.azimuth_deg) if m)
+        azimuth = self.azimuth_deg[0] + 6.0 * self.spin_rpm * time + swing
+        lines = np.asarray(elevation)[:, None] + np.asarray(self.line_elevation_deg)
+        return directions_at(np.deg2rad(azimuth)[:, None], np.deg2rad(lines))
+
+
+def refract(beam: NDArray[np.float64], normal: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
+    """(..., 3) unit directions behind a face; `ratio` is n1 / n2. NaN where all of the light is reflected."""
+    along = np.sum(beam * normal, axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        behind = np.sqrt(1 - ratio**2 * (1 - along**2))
+    return np.asarray(ratio * beam + (behind - ratio * along) * normal)
