@@ -44,9 +44,9 @@ def draw_lidar(frame: LidarFrame, pattern: Pattern) -> Image.Image:
 
 
 def _range_image(page: Page, top: int, height: int, distance: NDArray[np.float32], pattern: Pattern) -> None:
-    rows, columns, azimuth = _picture_order(pattern.directions)
+    order, azimuth = picture_order(pattern.directions)
     scale = Scale.of(distance, reverse=True)
-    page.picture(MARGIN, top, scale.colours(distance)[np.ix_(rows, columns)], (_WIDTH, height))
+    page.picture(MARGIN, top, scale.colours(distance)[order], (_WIDTH, height))
     page.text(MARGIN, top - 8, "range, highest beam on top", size=16, colour=FAINT, anchor="ls")
     page.colour_bar(MARGIN + _WIDTH + 14, top, height, scale, "range [m]")
     degrees = np.rad2deg(azimuth)
@@ -73,15 +73,19 @@ def _range_scatter(page: Page, top: int, height: int, distance: NDArray[np.float
     page.colour_bar(MARGIN + _WIDTH + 14, top, height, scale, "range [m]")
 
 
-def _picture_order(
+def picture_order(
     directions: NDArray[np.float64],
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Rows from the highest beam down, columns from left to right, and the azimuth of those columns [rad]."""
+) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], NDArray[np.float64]]:
+    """Index of the ray at each place of the picture, and the azimuth of its columns [rad].
+
+    The highest beam is on top, and each beam's rays go from left to right by their own azimuth: beams that are turned
+    against each other, as most are, would make jagged edges in order of firing.
+    """
     elevation = np.arcsin(np.clip(directions[..., 2], -1.0, 1.0)).mean(axis=1)
-    middle = directions[directions.shape[0] // 2]
-    azimuth = np.arctan2(middle[:, 1], middle[:, 0])
-    columns = np.argsort(-azimuth, kind="stable")
-    return np.argsort(-elevation, kind="stable"), columns, azimuth[columns]
+    azimuth = np.arctan2(directions[..., 1], directions[..., 0])
+    rows = np.argsort(-elevation, kind="stable")[:, None]
+    columns = np.argsort(-azimuth, axis=1, kind="stable")[rows[:, 0]]
+    return (rows, columns), azimuth[rows, columns][len(rows) // 2]
 
 
 def _from_above(page: Page, top: int, points: NDArray[np.float32]) -> None:

@@ -16,6 +16,7 @@ from rigcast.preview.colour import (
     normal_colours,
     turbo,
 )
+from rigcast.preview.lidar import picture_order
 from rigcast.preview.page import WIDTH, ticks
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 from rigcast.sensors.specs.depth_camera import DepthCamera
@@ -228,3 +229,15 @@ def test_a_preview_is_a_png_that_is_read_back(tmp_path: Any) -> None:
     page.save(tmp_path / "preview.png")
     with Image.open(tmp_path / "preview.png") as image:
         np.testing.assert_array_equal(np.asarray(image), np.asarray(page))
+
+
+def test_beams_that_are_turned_against_each_other_make_a_straight_picture() -> None:
+    """What stands upright does so in the picture: each column is of one azimuth, to within a step."""
+    offsets = [3.2, 1.1, -1.1, -3.2]
+    spec = Lidar(name="top", mount=Mount(), elevation_deg=[-3, 0, 3, 6], azimuth_offset_deg=offsets, columns=360)
+    directions = spec.pattern(MODEL).directions
+    order, azimuth = picture_order(directions)
+    shown = np.rad2deg(np.arctan2(directions[..., 1], directions[..., 0]))[order]
+    assert (np.diff(np.rad2deg(azimuth)) < 0).all()
+    assert np.ptp(shown, axis=0).max() < 1.001
+    np.testing.assert_allclose(np.arcsin(directions[..., 2])[order][:, 0], np.deg2rad([6, 3, 0, -3]))
