@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 import rigcast
-from rigcast.kernels.weather import fog_extinction, rain_extinction
+from rigcast.kernels.effects.weather import fog_extinction, rain_extinction
 from rigcast.preview.colour import BACKGROUND, FAINT, GRID, TEXT, Scale
 from rigcast.preview.page import font
 

@@ -2,8 +2,9 @@
 
 import warp as wp
 
+from rigcast.kernels.effects.echoes import SurfaceArrays
+
 from .cast import HitArrays, Rays
-from .echoes import SurfaceArrays
 from .launch import launch_over_rays
 from .vectors import to_double, to_float
 

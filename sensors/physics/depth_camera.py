@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.cast import HitArrays, Rays
-from rigcast.kernels.infrared import Losses, lose
+from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
+from rigcast.kernels.effects.infrared import Losses, lose
+from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.packets.sorting import Packets, sort_into_packets
-from rigcast.kernels.random import RandomSource, random_source
 from rigcast.kernels.reading import bound, read
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera

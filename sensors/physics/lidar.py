@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels import beams, echoes, ranging, returns, weather
 from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
+from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.packets.sorting import sort_into_packets
-from rigcast.kernels.random import RandomSource, random_source
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
 from rigcast.sensors.scene.scene import Scene

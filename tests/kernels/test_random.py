@@ -11,7 +11,7 @@ import warp as wp
 from confidence import assert_even, assert_normal, assert_uncorrelated
 from numpy.typing import NDArray
 
-from rigcast.kernels.random import (
+from rigcast.kernels.effects.random import (
     RandomSource,
     philox,
     random_bits,

@@ -7,9 +7,9 @@ import pytest
 from confidence import assert_counts, assert_share
 from numpy.typing import NDArray
 
-from rigcast.kernels import weather
-from rigcast.kernels.echoes import new_echoes
-from rigcast.kernels.random import random_source
+from rigcast.kernels.effects import weather
+from rigcast.kernels.effects.echoes import new_echoes
+from rigcast.kernels.effects.random import random_source
 
 SEED = 11
 COUNT = 100_000

@@ -7,9 +7,10 @@ groups whose power reaches the least that is detected, the first, the last, the 
 
 import warp as wp
 
-from .cast import HitArrays
+from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.launch import launch_over_rays
+
 from .echoes import Echoes
-from .launch import launch_over_rays
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .cast import Rays
-from .launch import launch_over_rays
+from rigcast.kernels.cast import Rays
+from rigcast.kernels.launch import launch_over_rays
+
 from .random import RandomSource, random_normal
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -33,8 +33,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.launch import launch_over_rays
+
 from .echoes import Echoes, spread_power
-from .launch import launch_over_rays
 from .random import RandomSource, as_uniform, random_bits
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

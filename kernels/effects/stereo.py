@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from .cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.launch import launch_over_rays
+
 from .infrared import cos_incidence
-from .launch import launch_over_rays
 from .random import RandomSource, random_normal
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

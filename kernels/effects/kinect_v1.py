@@ -17,8 +17,9 @@ A shift of a pixel is made by casting its ray anew.
 
 import warp as wp
 
+from rigcast.kernels.launch import launch_over_rays
+
 from .infrared import cos_incidence
-from .launch import launch_over_rays
 from .random import RandomSource, random_normal
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

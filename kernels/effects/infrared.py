@@ -9,10 +9,11 @@ with reflectivity rho, normal n, direction d and range R [m]: 1 for a white surf
 
 import warp as wp
 
-from .cast import HitArrays
-from .launch import launch_over_rays
+from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.vectors import to_double
+
 from .random import RandomSource, random_uniform
-from .vectors import to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

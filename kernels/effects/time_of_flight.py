@@ -7,9 +7,10 @@ frequency; farther ones wrap.
 
 import warp as wp
 
-from .cast import HitArrays
+from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.launch import launch_over_rays
+
 from .infrared import cos_incidence, returned
-from .launch import launch_over_rays
 from .random import RandomSource, random_normal
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

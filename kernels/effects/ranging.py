@@ -15,8 +15,9 @@ reflect instead, 1 for that surface itself in clear air.
 
 import warp as wp
 
-from .cast import HitArrays
-from .launch import launch_over_rays
+from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.launch import launch_over_rays
+
 from .random import RandomSource, as_uniform, box_muller, random_bits
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
