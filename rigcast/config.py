@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import mujoco
-from pydantic import Field, TypeAdapter, ValidationError, field_validator
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, field_validator
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault, faults_of
@@ -19,7 +19,9 @@ from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.spec import Spec
 
-from .yaml_positions import YamlFile, read_yaml
+from .yaml_layers import read_layers
+from .yaml_positions import YamlFile
+from .yaml_set import SOURCE as SET_SOURCE
 
 if TYPE_CHECKING:
     from rigcast.sensors.rig.rig import Rig
@@ -28,9 +30,19 @@ AnySensor = Annotated[Lidar | DepthCamera | HeightScan, Field(discriminator="typ
 _SENSOR: TypeAdapter[AnySensor] = TypeAdapter(AnySensor)
 
 
+def _as_names(given: Any) -> Any:
+    names = given if isinstance(given, list | tuple) else (given,)
+    if given is not None and not all(isinstance(name, str) for name in names):
+        raise ValueError(f"must be the name of a file, or a list of them, got {given!r}")
+    return tuple(given) if isinstance(given, list) else given
+
+
 class RigFile(Spec):
     """A rig: the sensors that are mounted on one MuJoCo model."""
 
+    extends: Annotated[str | tuple[str, ...] | None, BeforeValidator(_as_names)] = Field(
+        default=None, description="another rig file that this one is laid over, or several; paths relative to this file"
+    )
     model: str | None = Field(
         default=None, description="the MuJoCo model, MJCF, URDF or MJB; a path relative to this file"
     )
@@ -58,10 +70,12 @@ class RigFile(Spec):
 class RigConfig:
     """What a rig file says.
 
-    `model` and the files of props are resolved against the file's folder; `model` is None where the file names none.
+    `model` and the files of props are resolved against the folder of the file that names them; `model` is None where
+    none is named. files: all that were read, `path` first.
     """
 
     path: Path
+    files: tuple[Path, ...]
     model: Path | None
     seed: int
     keyframe: str | None
@@ -77,27 +91,31 @@ class RigConfig:
         return Rig(model, self.sensors, device, own_seed, props=self.props, on_unsupported=self.on_unsupported)
 
 
-def read_rig(path: str | Path) -> RigConfig:
+def read_rig(path: str | Path, overrides: Sequence[str] = ()) -> RigConfig:
     """Read and check a rig file by itself, without its model.
+
+    overrides: each `KEY=VALUE`, such as "sensors.top.rate_hz=5", in place of what the file says.
 
     Raises InputError with every fault of the file, each as `path:line:col: sensors[0].mount.bdy: what is
     wrong` with the line below it.
     """
-    document = read_yaml(Path(path))
+    document = read_layers(Path(path), overrides)
     faults = _faults(document)
     if faults:
         raise document.error(faults)
     return _config(document)
 
 
-def open_rig(path: str | Path, model: mujoco.MjModel | str | Path | None = None) -> tuple[RigConfig, mujoco.MjModel]:
+def open_rig(
+    path: str | Path, model: mujoco.MjModel | str | Path | None = None, overrides: Sequence[str] = ()
+) -> tuple[RigConfig, mujoco.MjModel]:
     """Read a rig file, compile its model (or take `model` instead) and check one against the other.
 
     Raises InputError with every fault of the file, as `read_rig` does, among them the names that the model
     does not have, even where other parts of the file are at fault.
     """
     given = compile_model(Path(model)) if isinstance(model, str | Path) else model
-    document = read_yaml(Path(path))
+    document = read_layers(Path(path), overrides)
     faults = _faults(document)
     faults += _mesh_faults(document, faults)
     compiled, model_faults = (given, []) if given is not None else _own_model(document, faults)
@@ -113,16 +131,19 @@ def load_rig(
     model: mujoco.MjModel | str | Path | None = None,
     device: str | None = None,
     seed: int | None = None,
+    *,
+    overrides: Sequence[str] = (),
 ) -> "Rig":
     """The rig of a YAML file, ready to sense.
 
     model: an MjModel, or the path of one, in place of the file's own `model:`. device: "cpu", "cuda:0", ...;
-    None picks CUDA if present. seed: in place of the file's. Raises InputError as `open_rig` does.
+    None picks CUDA if present. seed: in place of the file's. overrides: values in place of the file's, as
+    `--set` takes them. Raises InputError as `open_rig` does.
 
-    >>> rig = load_rig("rig.yaml")
+    >>> rig = load_rig("rig.yaml", overrides=["sensors.top.rate_hz=5"])
     >>> frames = rig.sense(data)
     """
-    config, compiled = open_rig(path, model)
+    config, compiled = open_rig(path, model, overrides)
     return config.build(compiled, device, seed)
 
 
@@ -176,7 +197,7 @@ def _own_model(document: YamlFile, faults: list[Fault]) -> tuple[mujoco.MjModel 
     if name is None:
         return None, [Fault((), "model: required, as no model was given otherwise")]
     try:
-        return compile_model(document.path.parent / name), []
+        return compile_model(document.folder(("model",)) / name), []
     except InputError as error:
         return None, [Fault(("model",), str(error))]
 
@@ -205,8 +226,12 @@ def _outside_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
             f"{str(prop.file)!r} is outside of the rig file's folder, expected a file in it or allow_outside: true",
         )
         for i, prop in props
-        if not prop.allow_outside and not _is_inside(document.path.parent, prop.file)
+        if not prop.allow_outside and not _is_inside(_prop_folder(document, i), prop.file)
     ]
+
+
+def _prop_folder(document: YamlFile, index: int) -> Path:
+    return document.folder(("props", index, "file"))
 
 
 def _is_inside(folder: Path, file: Path) -> bool:
@@ -222,7 +247,7 @@ def _mesh_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
     broken = []
     for i, raw in _sound_items("props", document.content, faults):
         try:
-            read_mesh(document.path.parent / Prop.model_validate(raw).file)
+            read_mesh(_prop_folder(document, i) / Prop.model_validate(raw).file)
         except InputError as error:
             broken.append(Fault(("props", i, "file"), str(error)))
     return broken
@@ -237,7 +262,10 @@ def _keyframe_faults(content: Any, model: mujoco.MjModel) -> list[Fault]:
 
 
 def _config(document: YamlFile) -> RigConfig:
-    file, folder = RigFile.model_validate(document.content), document.path.parent
-    model = None if file.model is None else folder / file.model
-    props = tuple(prop.model_copy(update={"file": folder / prop.file}) for prop in file.props)
-    return RigConfig(document.path, model, file.seed, file.keyframe, file.on_unsupported, props, file.sensors)
+    file = RigFile.model_validate(document.content)
+    model = None if file.model is None else document.folder(("model",)) / file.model
+    props = tuple(
+        prop.model_copy(update={"file": _prop_folder(document, i) / prop.file}) for i, prop in enumerate(file.props)
+    )
+    files = tuple(Path(source) for source in document.texts if source != SET_SOURCE)
+    return RigConfig(document.path, files, model, file.seed, file.keyframe, file.on_unsupported, props, file.sensors)
