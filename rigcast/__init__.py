@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .sensors.specs.depth_camera import DepthCamera as DepthCamera
     from .sensors.specs.filter import Filter as Filter
     from .sensors.specs.height_scan import HeightScan as HeightScan
+    from .sensors.specs.imported import from_model as from_model
     from .sensors.specs.lidar import Lidar as Lidar
     from .sensors.specs.mount import Mount as Mount
     from .sensors.specs.prop import Prop as Prop
@@ -35,6 +36,7 @@ _HOME = {
     "Prop": "sensors.specs.prop",
     "Rig": "sensors.rig.rig",
     "Scene": "sensors.scene.scene",
+    "from_model": "sensors.specs.imported",
     "load_rig": "config",
 }
 
