@@ -15,7 +15,7 @@ from rigcast.export.ids import IdTable
 from rigcast.export.index import FrameIndex
 from rigcast.export.npz import write_npz
 from rigcast.export.ply import write_ply
-from rigcast.preview import draw_preview
+from rigcast.sensors.preview import draw_preview
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 

@@ -3,8 +3,8 @@
 import numpy as np
 from PIL import Image
 
-from rigcast.preview.colour import FAINT, Scale, id_colours, normal_colours
-from rigcast.preview.page import (
+from rigcast.sensors.preview.colour import FAINT, Scale, id_colours, normal_colours
+from rigcast.sensors.preview.page import (
     BAR_SPACE,
     CAPTION_HEIGHT,
     LEGEND_HEIGHT,

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rigcast.preview.birds_eye import MAP_HEIGHT, draw_map
-from rigcast.preview.colour import FAINT, Scale
-from rigcast.preview.page import (
+from rigcast.sensors.preview.birds_eye import MAP_HEIGHT, draw_map
+from rigcast.sensors.preview.colour import FAINT, Scale
+from rigcast.sensors.preview.page import (
     BAR_SPACE,
     CAPTION_HEIGHT,
     LEGEND_HEIGHT,

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rigcast.preview.colour import FAINT, Scale
-from rigcast.preview.page import CAPTION_HEIGHT, LEGEND_HEIGHT, MARGIN, TITLE_HEIGHT, Page, seconds
+from rigcast.sensors.preview.colour import FAINT, Scale
+from rigcast.sensors.preview.page import CAPTION_HEIGHT, LEGEND_HEIGHT, MARGIN, TITLE_HEIGHT, Page, seconds
 from rigcast.sensors.rig.frame import Frame
 from rigcast.sensors.specs.pattern import Pattern
 
