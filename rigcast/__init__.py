@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .config import load_rig as load_rig
+    from .overlay import overlay as overlay
     from .sensors.errors import InputError as InputError
     from .sensors.rig.frame import CameraFrame as CameraFrame
     from .sensors.rig.frame import Frame as Frame
@@ -38,6 +39,7 @@ _HOME = {
     "Scene": "sensors.scene.scene",
     "from_model": "sensors.specs.imported",
     "load_rig": "config",
+    "overlay": "overlay",
 }
 
 __all__ = list(_HOME)

@@ -31,7 +31,7 @@ def draw_camera(frame: CameraFrame) -> Image.Image:
     page = Page(
         top + height + LEGEND_HEIGHT,
         title,
-        "last frame of the run · z-depth in metres, near is warm, the farthest 4 % are of one colour",
+        "z-depth in metres, near is warm, the farthest 4 % are of one colour",
     )
 
     scale = Scale.of(depth, reverse=True)

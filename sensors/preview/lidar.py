@@ -30,7 +30,7 @@ def draw_lidar(frame: LidarFrame, pattern: Pattern) -> Image.Image:
     top = TITLE_HEIGHT + CAPTION_HEIGHT
     below = top + height + 2 * CAPTION_HEIGHT + LEGEND_HEIGHT
     title = f"{frame.sensor} · lidar {beams} beams x {columns} columns · {seconds(frame.time)}"
-    page = Page(below + MAP_HEIGHT + MARGIN, title, "last frame of the run · range image, and the points from above")
+    page = Page(below + MAP_HEIGHT + MARGIN, title, "range image, and the points from above")
     _range_image(page, top, height, distance, pattern)
     page.legend(MARGIN, top + height + CAPTION_HEIGHT + LEGEND_HEIGHT // 2, distance)
     _from_above(page, below, frame.points.numpy()[np.isfinite(distance)])
@@ -38,7 +38,7 @@ def draw_lidar(frame: LidarFrame, pattern: Pattern) -> Image.Image:
 
 
 def _range_image(page: Page, top: int, height: int, distance: NDArray[np.float32], pattern: Pattern) -> None:
-    rows, columns, azimuth = _picture_order(pattern.directions)
+    rows, columns, azimuth = picture_order(pattern.directions)
     scale = Scale.of(distance, reverse=True)
     page.picture(MARGIN, top, scale.colours(distance)[np.ix_(rows, columns)], (_WIDTH, height))
     page.text(MARGIN, top - 8, "range, highest beam on top", size=16, colour=FAINT, anchor="ls")
@@ -51,7 +51,7 @@ def _range_image(page: Page, top: int, height: int, distance: NDArray[np.float32
             page.text(x, top + height + 8, f"{angle}°", size=15, colour=FAINT, anchor="ma")
 
 
-def _picture_order(
+def picture_order(
     directions: NDArray[np.float64],
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
     """Rows from the highest beam down, columns from left to right, and the azimuth of those columns [rad]."""

@@ -157,7 +157,7 @@ class Rig:
         hits = self.scene.cast_rays(rays, mounted.visible(), spec.max_range)
         read(hits, rays, spec.min_range)
         tables = (self.scene.ids_in_use, self.scene.body_of_shape)
-        common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, *tables)
+        common = (spec.name, time, mounted.pose(self._data), pattern.shape, hits, rays, *tables, pattern)
         if mounted.ring is not None and mounted.column is not None:
             return LidarFrame(*common, mounted.ring, mounted.column)
         if pattern.intrinsics is not None:

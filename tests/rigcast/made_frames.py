@@ -59,7 +59,13 @@ def random_range(shape: tuple[int, ...], seed: int) -> NDArray[np.float32]:
 
 def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
     """What the kind is made with, and nothing in place of the hits that readings are worked out from."""
-    fields: dict[str, Any] = {"_hits": None, "_rays": None, "_ids_of_shape": {}, "_body_of_shape": None}
+    fields: dict[str, Any] = {
+        "_hits": None,
+        "_rays": None,
+        "_ids_of_shape": {},
+        "_body_of_shape": None,
+        "_pattern": None,
+    }
     if kind is CameraFrame:
         fields |= {"intrinsics": INTRINSICS}
     if kind is LidarFrame:
