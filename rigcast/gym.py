@@ -71,7 +71,7 @@ class RigObservation(gymnasium.ObservationWrapper[Any, Any, Any]):
 
     def _bounded(self, frame: Frame) -> NDArray[np.float32]:
         farthest = self._farthest[frame.sensor]
-        values = np.nan_to_num(_readings(frame), nan=farthest, posinf=farthest, neginf=0.0)
+        values = np.nan_to_num(_readings(frame), nan=float(farthest), posinf=float(farthest), neginf=0.0)
         return np.clip(values, np.float32(0), farthest)
 
 

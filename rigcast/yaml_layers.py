@@ -154,11 +154,8 @@ def merged(base: Node, over: Node) -> Node:
     """`over` laid over `base`: mappings merged key by key, lists of named things name by name, all else replaced."""
     if isinstance(base, MappingNode) and isinstance(over, MappingNode):
         return _like(over, _merged_pairs(base.value, over.value))
-    names = _names(base), _names(over)
-    if None in names or not isinstance(over, SequenceNode):
-        return over
-    pairs = _merged_pairs(*([(_value(item, "name"), item) for item in node.value] for node in (base, over)))
-    return _like(over, [item for _, item in pairs])
+    below, above = _by_name(base), _by_name(over)
+    return over if below is None or above is None else _like(over, [item for _, item in _merged_pairs(below, above)])
 
 
 _Pairs = Sequence[tuple[Node, Node]]
@@ -181,20 +178,21 @@ def _laid(below: Node, key: Node, value: Node) -> tuple[Node, Node]:
     return key, merged(below, value)
 
 
-def _names(node: Node) -> list[str] | None:
-    """The names of a list of things that all have one."""
+def _by_name(node: Node) -> _Pairs | None:
+    """Names and items of a list of things that all have one; None for anything else."""
     if not isinstance(node, SequenceNode):
         return None
-    names = [_value(item, "name") for item in node.value]
-    return [str(name.value) for name in names if isinstance(name, ScalarNode)] if all(names) else None
+    pairs = [(_value(item, "name"), item) for item in node.value]
+    named = [(name, item) for name, item in pairs if isinstance(name, ScalarNode)]
+    return named if len(named) == len(pairs) else None
 
 
 def _bases(root: Node) -> Sequence[Node]:
     """The names of the files that are extended; of anything else the rig's own check will tell."""
     extends = _value(root, "extends")
     items = extends.value if isinstance(extends, SequenceNode) else [extends]
-    is_text = all(isinstance(item, ScalarNode) and str(item.tag) == _STRING for item in items)
-    return items if is_text else ()
+    names = [item for item in items if isinstance(item, ScalarNode) and str(item.tag) == _STRING]
+    return names if len(names) == len(items) else ()
 
 
 def _value(node: Node, key: str) -> Node | None:

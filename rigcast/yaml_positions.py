@@ -187,7 +187,7 @@ def _yaml() -> YAML:
 def _stream(source: str, text: str) -> io.StringIO:
     """The text as a stream with a name, which every mark in it bears."""
     stream = io.StringIO(text)
-    stream.name = source  # type: ignore[attr-defined]
+    stream.name = source
     return stream
 
 

@@ -135,7 +135,7 @@ def _shape(model: mujoco.MjModel, geom: int) -> Iterator[Any]:
         return
     w, x, y, z = model.geom_quat[geom]
     yield rr.InstancePoses3D(translations=[model.geom_pos[geom]], quaternions=[rr.Quaternion(xyzw=[x, y, z, w])])
-    look = {"colors": [rgba], "fill_mode": "solid"}
+    look: dict[str, Any] = {"colors": [rgba], "fill_mode": "solid"}
     if kind == mujoco.mjtGeom.mjGEOM_PLANE:
         half = [side or _WIDEST for side in size[:2]]
         yield rr.Boxes3D(half_sizes=[[*half, _THICKNESS]], centers=[[0, 0, -_THICKNESS]], **look)

@@ -94,8 +94,7 @@ class _Box:
         return np.round((points - self.low) / (self.high - self.low) * _STEPS).astype("<u2")
 
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        inside: NDArray[np.bool_] = ((points >= self.low) & (points <= self.high)).all(axis=1)
-        return inside
+        return np.all((points >= self.low) & (points <= self.high), axis=1)
 
 
 def _scale(name: str, shots: Sequence[Shot]) -> list[float] | None:

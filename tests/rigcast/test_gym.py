@@ -3,17 +3,14 @@
 import sys
 from typing import Any
 
+import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 import rigcast
-
-gymnasium = pytest.importorskip("gymnasium")
-
-from gymnasium.utils.env_checker import check_env  # noqa: E402
-
-from rigcast.gym import RigObservation  # noqa: E402
+from rigcast.gym import RigObservation
 
 SCENE = """
 <mujoco>
@@ -27,11 +24,9 @@ SCENE = """
 """
 
 
-class Cart(gymnasium.Env[Any, Any]):  # type: ignore[misc]
+class Cart(gymnasium.Env[Any, Any]):
     """A cart that is pushed towards a wall."""
 
-    metadata = {"render_modes": []}  # noqa: RUF012
-    render_mode = None
     action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
 
     def __init__(self, as_dict: bool = False) -> None:
@@ -59,7 +54,7 @@ class Cart(gymnasium.Env[Any, Any]):  # type: ignore[misc]
 
 def rig_of(env: Cart, **given: Any) -> rigcast.Rig:
     mount = rigcast.Mount(body="cart", pos=(0.2, 0, 0))
-    sensors = [
+    sensors: list[rigcast.Lidar | rigcast.DepthCamera] = [
         rigcast.Lidar(**{"name": "top", "max_range": 10.0, **given}, mount=mount, elevation_deg=[0, 30], columns=12),
         rigcast.DepthCamera(name="front", mount=mount, resolution=(8, 6), fov_y_deg=60, min_range=0.6, max_range=5),
     ]
@@ -76,7 +71,7 @@ def test_it_passes_the_checks_of_gymnasium(as_dict: bool) -> None:
 def test_the_spaces_say_what_comes() -> None:
     env = Cart()
     wrapped = RigObservation(env, rig_of(env))
-    space = wrapped.observation_space
+    space: Any = wrapped.observation_space
     assert set(space) == {"state", "top", "front"}
     assert (space["top"].shape, space["top"].dtype, space["top"].high.max()) == ((2, 12), np.float32, 10)
     assert (space["front"].shape, space["front"].low.min(), space["front"].high.max()) == ((6, 8), 0, 5)

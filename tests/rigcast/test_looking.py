@@ -22,7 +22,7 @@ SCENE = """
 </mujoco>
 """
 MOUNT = rigcast.Mount(pos=(0, 0, 1))
-SENSORS = [
+SENSORS: list[rigcast.Lidar | rigcast.DepthCamera | rigcast.HeightScan] = [
     rigcast.Lidar(name="top", mount=MOUNT, elevation_deg=[-20, 0, 20], columns=36),
     rigcast.DepthCamera(name="front", mount=MOUNT, resolution=(8, 6), fov_y_deg=50),
     rigcast.HeightScan(name="feet", mount=MOUNT, size=(1, 1), spacing=0.25),
@@ -66,7 +66,7 @@ def test_the_plot_has_the_depths(frames: dict[str, rigcast.Frame], monkeypatch: 
     front = frames["front"]
     assert isinstance(front, rigcast.CameraFrame)
     (image,) = front.plot().images
-    np.testing.assert_array_equal(np.ma.filled(image.get_array(), np.inf), front.depth.numpy())
+    np.testing.assert_array_equal(np.ma.filled(np.ma.asarray(image.get_array()), np.inf), front.depth.numpy())
     pyplot.close("all")
 
 

@@ -9,7 +9,6 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-import rigcast.cli.watch
 from rigcast.cli.watch import draw_once, keep_drawing
 from rigcast.sensors.errors import InputError
 
@@ -59,7 +58,7 @@ def watched(rig: Path, monkeypatch: pytest.MonkeyPatch, saves: Sequence[Callable
             raise InputError("a mistake")
         return (rig, rig.parent / "base.yaml")
 
-    monkeypatch.setattr(rigcast.cli.watch.time, "sleep", save_next)
+    monkeypatch.setattr("rigcast.cli.watch.time.sleep", save_next)
     with pytest.raises(Stop):
         keep_drawing(Console(file=screen), rig, draw)
     return drawn, screen.getvalue()

@@ -19,7 +19,7 @@ SCENE = '<mujoco><worldbody><geom type="plane" size="9 9 1"/><geom size="0.5" po
 
 def sense() -> dict[str, rigcast.Frame]:
     mount = rigcast.Mount(pos=(0, 0, 1))
-    sensors = [
+    sensors: list[rigcast.Lidar | rigcast.DepthCamera] = [
         rigcast.Lidar(name="top", mount=mount, elevation_deg=[-20, 0, 20], columns=36),
         rigcast.DepthCamera(name="front", mount=mount, resolution=(8, 6), fov_y_deg=50),
     ]

@@ -105,4 +105,4 @@ def test_a_rangefinder_on_a_nameless_body_is_refused() -> None:
 
 def test_a_path_is_no_model() -> None:
     with pytest.raises(rigcast.InputError, match="from_model: model: got str, expected MjModel"):
-        rigcast.from_model("robot.xml")  # type: ignore[arg-type]
+        rigcast.from_model("robot.xml")
