@@ -2,6 +2,7 @@
 
 import json
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -184,3 +185,10 @@ def test_the_schema_takes_what_may_be_written(text: str, fits: bool) -> None:
     jsonschema.Draft202012Validator.check_schema(rig_schema())
     faults = list(jsonschema.Draft202012Validator(rig_schema()).iter_errors(YAML(typ="safe", pure=True).load(text)))
     assert (not faults) == fits, faults
+
+
+def test_the_yaml_reference_has_every_key() -> None:
+    reference = runpy.run_path(str(CONFIGS.parent / "docs" / "site.py"))["yaml_reference"]()
+    schema = rig_schema()
+    keys = {key for part in (schema, *schema["$defs"].values()) for key in part["properties"]}
+    assert [key for key in sorted(keys) if f"| `{key}` |" not in reference] == []
