@@ -1,6 +1,6 @@
 # Every target works by itself on a fresh clone with git and Python >= 3.11; all it downloads is PyPI packages.
 #   make demo [DURATION=seconds] [OUT=folder]    drive the demo robot and write what its sensors see
-#   make test | fuzz | check | bench | test-oldest | clean
+#   make test | fuzz | check | bench | docs | test-oldest | clean
 #   make pictures                                draw the errors of sensors: docs/sensors.md
 #   make accuracy                                compare with mj_ray and with other ray casters: docs/accuracy.md
 
@@ -14,7 +14,7 @@ OLDEST := .venv-oldest/bin
 # The oldest dependencies have no wheels for the newest Pythons.
 OLDEST_PYTHON ?= $(firstword $(foreach v,3.11 3.12 3.13,$(shell command -v python$(v))) $(PYTHON))
 
-.PHONY: demo pictures test fuzz check bench accuracy test-oldest clean
+.PHONY: demo pictures test fuzz check bench accuracy docs test-oldest clean
 .DELETE_ON_ERROR:
 
 demo: .venv/installed
@@ -44,6 +44,11 @@ check: .venv/installed
 bench: .venv/installed
 	$(BIN)/rigcast bench
 
+docs: .venv/docs
+	rm -rf build
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --target build/installed .
+	DISABLE_MKDOCS_2_WARNING=true $(BIN)/python -m mkdocs build --strict
+
 accuracy: .venv/benchmark
 	$(BIN)/python benchmarks/accuracy.py
 
@@ -61,6 +66,10 @@ clean:
 
 .venv/benchmark: .venv/installed
 	$(BIN)/python -m pip install --quiet --editable '.[benchmark]'
+	touch $@
+
+.venv/docs: .venv/installed
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	touch $@
 
 .venv-oldest/installed: pyproject.toml

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sensor_effects import CHECKOUT, SCENE, sheet
 
 import rigcast
-from rigcast.preview.colour import PANEL, Scale
+from rigcast.sensors.preview.colour import PANEL, Scale
 
 Rgb = NDArray[np.uint8]
 Draw = Callable[[rigcast.LidarFrame], Rgb]

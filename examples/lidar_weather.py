@@ -17,8 +17,8 @@ from PIL import Image, ImageDraw
 
 import rigcast
 from rigcast.kernels.effects.weather import fog_extinction, rain_extinction
-from rigcast.preview.colour import BACKGROUND, FAINT, GRID, TEXT, Scale
-from rigcast.preview.page import font
+from rigcast.sensors.preview.colour import BACKGROUND, FAINT, GRID, TEXT, Scale
+from rigcast.sensors.preview.page import font
 
 RANGE = 60.0
 FARTHEST = 200.0  # upper end of the diagrams [m]

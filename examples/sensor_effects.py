@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 import rigcast
-from rigcast.preview.colour import BACKGROUND, FAINT, TEXT, Scale
-from rigcast.preview.page import font
+from rigcast.sensors.preview.colour import BACKGROUND, FAINT, TEXT, Scale
+from rigcast.sensors.preview.page import font
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 SCENE = CHECKOUT / "configs" / "effects.xml"

@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from .config import load_rig as load_rig
     from .export.options import Export as Export
     from .export.recorder import Recorder as Recorder
+    from .overlay import overlay as overlay
     from .ros.node import RosNode as RosNode
     from .sensors.errors import InputError as InputError
     from .sensors.rig.frame import CameraFrame as CameraFrame
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from .sensors.specs.depth_camera import DepthCamera as DepthCamera
     from .sensors.specs.filter import Filter as Filter
     from .sensors.specs.height_scan import HeightScan as HeightScan
+    from .sensors.specs.imported import from_model as from_model
     from .sensors.specs.lens import BrownConrady as BrownConrady
     from .sensors.specs.lens import KannalaBrandt as KannalaBrandt
     from .sensors.specs.lidar import Lidar as Lidar
@@ -59,7 +61,9 @@ _HOME = {
     "Surface": "sensors.specs.surface",
     "TimeOfFlight": "sensors.specs.ranging",
     "Weather": "sensors.specs.lidar_effects",
+    "from_model": "sensors.specs.imported",
     "load_rig": "config",
+    "overlay": "overlay",
 }
 
 __all__ = list(_HOME)

@@ -1,13 +1,13 @@
 """Rig files: from YAML to a rig on a MuJoCo model, with every mistake shown where it is in the file."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
-from pydantic import Field, TypeAdapter, ValidationError, field_validator
+from pydantic import ValidationError
 
 from rigcast.export.ids import class_faults
 from rigcast.export.options import Export
@@ -15,69 +15,39 @@ from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.faults import Fault, faults_of
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.scene.mesh_file import read_mesh
-from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.filter import Filter
-from rigcast.sensors.specs.height_scan import HeightScan
-from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.presets import load_preset
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.spec import Spec, is_inside
 from rigcast.sensors.specs.surface import Surface
-from rigcast.sensors.yaml_positions import YamlFile, read_yaml
+from rigcast.sensors.yaml_positions import YamlFile
+
+from .rig_file import AnySensor, RigFile
+from .yaml_layers import read_layers
+from .yaml_set import SOURCE as SET_SOURCE
 
 if TYPE_CHECKING:
     from rigcast.sensors.rig.rig import Rig
 
-AnySensor = Annotated[Lidar | DepthCamera | HeightScan, Field(discriminator="type")]
-_SENSOR: TypeAdapter[AnySensor] = TypeAdapter(AnySensor)
 _PARTS: dict[str, type[Mount | Filter]] = {"mount": Mount, "filter": Filter}
 
 
-class RigFile(Spec):
-    """A rig: the sensors that are mounted on one MuJoCo model."""
-
-    model: str | None = Field(
-        default=None, description="the MuJoCo model, MJCF, URDF or MJB; a path relative to this file"
-    )
-    seed: int = Field(default=0, ge=0, lt=2**63, description="seed of all random numbers")
-    keyframe: str | None = Field(default=None, description="name of the keyframe at which a run begins")
-    on_unsupported: Literal["error", "warn"] = Field(
-        default="error", description="what to do about geometry that rays cannot hit: refuse it, or leave it out"
-    )
-    props: tuple[Prop, ...] = Field(
-        default=(), description="meshes that rays hit and the model does not have, each with a name of its own"
-    )
-    surfaces: tuple[Surface, ...] = Field(
-        default=(), description="how things reflect, in place of the model's colours; the last entry for one counts"
-    )
-    classes: Mapping[str, Sequence[str]] = Field(
-        default={},
-        description="classes for segmentation: names of geoms, bodies, flexes, skins and props by class; a body stands "
-        "for all below it, * and ? match as in a shell",
-    )
-    export: Export = Field(default=Export(), description="how frames are written")
-    sensors: tuple[AnySensor, ...] = Field(
-        description="the sensors, each with a name of its own", json_schema_extra={"minItems": 1}
-    )
-
-    @field_validator("sensors")
-    @classmethod
-    def _some(cls, sensors: tuple[SensorSpec, ...]) -> tuple[SensorSpec, ...]:
-        if not sensors:
-            raise ValueError("must have at least 1 sensor, got none")
-        return sensors
+class _Only(Spec):
+    sensors: tuple[AnySensor]
 
 
 @dataclass(frozen=True)
 class RigConfig:
     """What a rig file says.
 
-    `model` and the files of props are resolved against the file's folder; `model` is None where the file names none.
+    `model` and the files of props are resolved against the folder of the file that names them; `model` is None where
+    none is named. files: all that were read, `path` first.
     """
 
     path: Path
+    files: tuple[Path, ...]
     model: Path | None
     seed: int
     keyframe: str | None
@@ -108,26 +78,30 @@ def sensor_of_preset(name: str) -> SensorSpec:
     """A sensor, fixed to the world, that has the figures of a preset and no others. Raises InputError."""
     given = {"type": load_preset(name).type, "name": "preset", "mount": {}, "preset": name}
     try:
-        return _SENSOR.validate_python(given)
+        return _Only.model_validate({"sensors": [given]}).sensors[0]
     except ValidationError as error:
         faults = (f"preset {name!r}: {'; '.join(one['msg'] for one in error.errors())}",)
         raise InputError("\n".join(faults)) from None
 
 
-def read_rig(path: str | Path) -> RigConfig:
+def read_rig(path: str | Path, overrides: Sequence[str] = ()) -> RigConfig:
     """Read and check a rig file by itself, without its model.
+
+    overrides: each `KEY=VALUE`, such as "sensors.top.rate_hz=5", in place of what the file says.
 
     Raises InputError with every fault of the file, each as `path:line:col: sensors[0].mount.bdy: what is
     wrong` with the line below it.
     """
-    document = read_yaml(Path(path))
+    document = read_layers(Path(path), overrides)
     faults = _faults(document)
     if faults:
         raise document.error(faults)
     return _config(document)
 
 
-def open_rig(path: str | Path, model: mujoco.MjModel | str | Path | None = None) -> tuple[RigConfig, mujoco.MjModel]:
+def open_rig(
+    path: str | Path, model: mujoco.MjModel | str | Path | None = None, overrides: Sequence[str] = ()
+) -> tuple[RigConfig, mujoco.MjModel]:
     """Read a rig file, compile its model (or take `model` instead) and check one against the other.
 
     Raises InputError with every fault of the file, as `read_rig` does, among them the names that the model
@@ -136,7 +110,7 @@ def open_rig(path: str | Path, model: mujoco.MjModel | str | Path | None = None)
     require_type("rig file", path, str, Path)
     require_type("model", model, mujoco.MjModel, str, Path, NoneType)
     given = compile_model(Path(model)) if isinstance(model, str | Path) else model
-    document = read_yaml(Path(path))
+    document = read_layers(Path(path), overrides)
     faults = _faults(document)
     faults += _mesh_faults(document, faults)
     compiled, model_faults = (given, []) if given is not None else _own_model(document, faults)
@@ -152,16 +126,19 @@ def load_rig(
     model: mujoco.MjModel | str | Path | None = None,
     device: str | None = None,
     seed: int | None = None,
+    *,
+    overrides: Sequence[str] = (),
 ) -> "Rig":
     """The rig of a YAML file, ready to sense.
 
     model: an MjModel, or the path of one, in place of the file's own `model:`. device: "cpu", "cuda:0", ...;
-    None picks CUDA if present. seed: in place of the file's. Raises InputError as `open_rig` does.
+    None picks CUDA if present. seed: in place of the file's. overrides: values in place of the file's, as
+    `--set` takes them. Raises InputError as `open_rig` does.
 
-    >>> rig = load_rig("rig.yaml")
+    >>> rig = load_rig("rig.yaml", overrides=["sensors.top.rate_hz=5"])
     >>> frames = rig.sense(data)
     """
-    config, compiled = open_rig(path, model)
+    config, compiled = open_rig(path, model, overrides)
     return config.build(compiled, device, seed)
 
 
@@ -179,16 +156,33 @@ def compile_model(path: Path) -> mujoco.MjModel:
 
 def _faults(document: YamlFile) -> list[Fault]:
     """What is wrong with a rig file in itself."""
-    try:
-        _validated(document)
-        faults = []
-    except ValidationError as error:
-        faults = faults_of(error, RigFile)
+    _, faults = _read(document)
     return faults + _repeated_names(document.content) + _outside_faults(document, faults)
 
 
-def _validated(document: YamlFile) -> RigFile:
-    return RigFile.model_validate(document.content, context={"folder": document.path.parent})
+def _read(document: YamlFile) -> tuple[RigFile | None, list[Fault]]:
+    """What a rig file says, or what is wrong with it. Sensors are read one by one, as paths need their folders."""
+    content, sensors, faults = document.content, [], list[Fault]()
+    raws = _raw_items("sensors", content)
+    for i in range(len(raws)):
+        try:
+            sensors.append(_sensor(document, i))
+        except ValidationError as error:
+            faults += [replace(fault, where=fault.where[2:]).under("sensors", i) for fault in faults_of(error, _Only)]
+    try:
+        file = RigFile.model_validate({**content, "sensors": sensors} if raws else content)
+    except ValidationError as error:
+        others = faults_of(error, RigFile)
+        return None, [*(fault for fault in others if not (faults and fault.where == ("sensors",))), *faults]
+    return (None if faults else file), faults
+
+
+def _sensor(document: YamlFile, index: int) -> AnySensor:
+    raw, at = document.content["sensors"][index], ("sensors", index)
+    own_rays = isinstance(raw, dict) and "ray_file" in raw
+    preset = document.folder((*at, "preset"))
+    folders = {"preset": preset, "ray_file": document.folder((*at, "ray_file", "path")) if own_rays else preset}
+    return _Only.model_validate({"sensors": [raw]}, context=folders).sensors[0]
 
 
 def _repeated_names(content: Any) -> list[Fault]:
@@ -219,18 +213,17 @@ def _own_model(document: YamlFile, faults: list[Fault]) -> tuple[mujoco.MjModel 
     if name is None:
         return None, [Fault((), "model: required, as no model was given otherwise")]
     try:
-        return compile_model(document.path.parent / name), []
+        return compile_model(document.folder(("model",)) / name), []
     except InputError as error:
         return None, [Fault(("model",), str(error))]
 
 
 def _binding_faults(document: YamlFile, faults: list[Fault], model: mujoco.MjModel) -> list[Fault]:
     """What the model lacks, for the sensors and props that have no `faults` in themselves."""
-    content, context = document.content, {"folder": document.path.parent}
+    content = document.content
     unbound = _keyframe_faults(content, model) + _class_faults(content, faults, model)
-    for i, raw in _sound_items("sensors", content, faults):
-        sensor = _SENSOR.validate_python(raw, context=context)
-        unbound += [fault.under("sensors", i) for fault in sensor.faults(model)]
+    for i, _ in _sound_items("sensors", content, faults):
+        unbound += [fault.under("sensors", i) for fault in _sensor(document, i).faults(model)]
     unbound += _part_faults(content, faults, model)
     for i, raw in _sound_items("props", content, faults):
         unbound += [fault.under("props", i) for fault in Prop.model_validate(raw).faults(model)]
@@ -273,8 +266,12 @@ def _outside_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
             f"{str(prop.file)!r} is outside of the rig file's folder, expected a file in it or allow_outside: true",
         )
         for i, prop in props
-        if not prop.allow_outside and not is_inside(document.path.parent, prop.file)
+        if not prop.allow_outside and not is_inside(_prop_folder(document, i), prop.file)
     ]
+
+
+def _prop_folder(document: YamlFile, index: int) -> Path:
+    return document.folder(("props", index, "file"))
 
 
 def _mesh_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
@@ -282,7 +279,7 @@ def _mesh_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
     broken = []
     for i, raw in _sound_items("props", document.content, faults):
         try:
-            read_mesh(document.path.parent / Prop.model_validate(raw).file)
+            read_mesh(_prop_folder(document, i) / Prop.model_validate(raw).file)
         except InputError as error:
             broken.append(Fault(("props", i, "file"), str(error)))
     return broken
@@ -305,11 +302,15 @@ def _class_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> l
 
 
 def _config(document: YamlFile) -> RigConfig:
-    file, folder = _validated(document), document.path.parent
-    model = None if file.model is None else folder / file.model
-    props = tuple(prop.model_copy(update={"file": folder / prop.file}) for prop in file.props)
+    file, _ = _read(document)
+    assert file is not None
+    model = None if file.model is None else document.folder(("model",)) / file.model
+    props = tuple(
+        prop.model_copy(update={"file": _prop_folder(document, i) / prop.file}) for i, prop in enumerate(file.props)
+    )
     return RigConfig(
         path=document.path,
+        files=tuple(Path(source) for source in document.texts if source != SET_SOURCE),
         model=model,
         seed=file.seed,
         keyframe=file.keyframe,

@@ -1,6 +1,7 @@
 """Names a user mistyped: which ones there are, and which was probably meant."""
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 
 import mujoco
@@ -25,6 +26,17 @@ def listing(names: Sequence[str]) -> str:
     """The first few of `names`, and how many there are in all."""
     more = f", ... ({len(names)} in all)" if len(names) > _SHOWN else ""
     return ", ".join(names[:_SHOWN]) + more or "(there is none)"
+
+
+def usable_name(name: str, taken: set[str]) -> str:
+    """`name` as a sensor may be called, with a number where it is `taken`; it is taken from then on."""
+    usable = re.sub(r"[^A-Za-z0-9_-]+", "_", name)[:56] or "sensor"
+    number = 2
+    free = usable
+    while free in taken:
+        free, number = f"{usable}_{number}", number + 1
+    taken.add(free)
+    return free
 
 
 def model_names(model: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> list[str]:

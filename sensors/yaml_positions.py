@@ -1,9 +1,10 @@
 """YAML files as plain values, with the line and column of each, so that a fault can be pointed at."""
 
-from collections.abc import Iterable, Iterator
+import io
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
@@ -26,23 +27,40 @@ from .faults import Fault, Where, path_text
 
 _CORE = {f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str")}
 _DEEPEST = 50  # levels of lists and mappings; parsers need time and stack without bound for more
-_MOST_VALUES = 100_000  # with what aliases stand for; nine lines of aliases of aliases can stand for a billion
+MOST_VALUES = 100_000  # with what aliases stand for; nine lines of aliases of aliases can stand for a billion
 _OPENING = (BlockMappingStartToken, BlockSequenceStartToken, FlowMappingStartToken, FlowSequenceStartToken)
 _CLOSING = (BlockEndToken, FlowMappingEndToken, FlowSequenceEndToken)
 
 
+class Placed(NamedTuple):
+    """A message and what it points at: a source, and line and column of its text, from 0."""
+
+    source: str
+    line: int
+    column: int
+    message: str
+
+
 @dataclass(frozen=True)
 class YamlFile:
-    """A YAML file: its content as dicts, lists and scalars, and where in the text everything is."""
+    """A YAML file: its content as dicts, lists and scalars, and where everything in it was written.
+
+    texts: of every source that `root` has parts of, by name: first the file itself, by its path.
+    """
 
     path: Path
-    text: str
+    texts: Mapping[str, str]
     root: Node
     content: Any
 
     def error(self, faults: Iterable[Fault]) -> InputError:
         """One error that shows every fault in the text, in its order."""
-        return _error(self.path, self.text, [(*_place(self.root, fault), str(fault)) for fault in faults])
+        return error_at(self.texts, [placed(_nearest(self.root, fault), str(fault)) for fault in faults])
+
+    def folder(self, where: Where) -> Path:
+        """The folder of the file that the value at `where` is written in; the working directory's for no file."""
+        source = _nearest(self.root, Fault(where, "")).start_mark.name
+        return Path(source).parent if source in self.texts and Path(source).is_file() else Path()
 
 
 def read_yaml(path: Path) -> YamlFile:
@@ -51,43 +69,85 @@ def read_yaml(path: Path) -> YamlFile:
     Raises InputError for a file that cannot be read or parsed, and for tags and duplicate keys, all of them.
     """
     text = _read_text(path)
+    root, content = parse_yaml(str(path), text)
+    return YamlFile(path, {str(path): text}, root, content)
+
+
+def parse_yaml(source: str, text: str, shown: str | None = None) -> tuple[Node, Any]:
+    """The nodes and the content of one document, whose marks and errors are of `source`. Raises as `read_yaml`.
+
+    shown: what errors show in place of the text, line by line and column by column.
+    """
+    texts = {source: text if shown is None else shown}
     try:
-        tags = _tags(text)
-        root = _yaml().compose(text)
+        tags = _tags(source, text)
+        root = _yaml().compose(_stream(source, text))
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         about = " ".join(part for part in (error.problem, error.context) if part)
-        raise _error(path, text, [(mark.line, mark.column, f"not valid YAML: {about}")]) from None
+        raise error_at(texts, [Placed(source, mark.line, mark.column, f"not valid YAML: {about}")]) from None
     except YAMLError as error:
-        raise InputError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+        raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from None
     if root is None:
-        raise InputError(f"{path}: the file is empty")
-    values, depth = _extent(root, {})
-    if values > _MOST_VALUES or depth > _DEEPEST:
-        raise InputError(f"{path}: its aliases stand for more than {_MOST_VALUES} values or nest over {_DEEPEST} deep")
+        raise InputError(f"{source}: the file is empty")
+    require_extent(source, root)
     reader = _Reader(tags)
     content = reader.value(root, ())
     if reader.faults:
-        raise _error(path, text, reader.faults)
-    return YamlFile(path, text, root, content)
+        raise error_at(texts, reader.faults)
+    return root, content
 
 
-_Placed = tuple[int, int, str]  # line and column from 0, and the message
+def content_of(root: Node) -> Any:
+    """The plain values of nodes that `parse_yaml` found sound."""
+    return _Reader([]).value(root, ())
+
+
+def placed(node: Node, message: str) -> Placed:
+    """A message about a node."""
+    return Placed(node.start_mark.name, node.start_mark.line, node.start_mark.column, message)
+
+
+def error_at(texts: Mapping[str, str], faults: Iterable[Placed]) -> InputError:
+    """One error that shows every fault in the texts, in their order: place and message, line, caret."""
+    order = list(texts)
+    ordered = sorted(faults, key=lambda fault: (order.index(fault.source), *fault[1:]))
+    return InputError("\n".join(_shown(texts[fault.source], fault) for fault in ordered))
+
+
+def require_extent(source: str, root: Node) -> None:
+    """Raise InputError for nodes that stand for too much, every alias written out."""
+    values, depth = _extent(root, {})
+    if values > MOST_VALUES or depth > _DEEPEST:
+        raise InputError(f"{source}: its aliases stand for more than {MOST_VALUES} values or nest over {_DEEPEST} deep")
+
+
+def entries(node: Node) -> Iterator[tuple[str | int, Node, Node]]:
+    """(name, key, value) of what is in a mapping or list; an item of a list is its own key."""
+    if isinstance(node, MappingNode):
+        yield from ((str(key.value), key, value) for key, value in node.value)
+    elif isinstance(node, SequenceNode):
+        yield from ((i, item, item) for i, item in enumerate(node.value))
 
 
 class _Reader:
     """Turns nodes into plain values and notes what may not be in a file."""
 
-    def __init__(self, faults: list[_Placed]) -> None:
+    def __init__(self, faults: list[Placed]) -> None:
         self.faults = faults
         self._constructor = _yaml().constructor
         self._known: dict[Node, Any] = {}
+        self._open: set[Node] = set()
 
     def value(self, node: Node, where: Where) -> Any:
         """The value of a node; a node that is referred to by aliases is read once."""
+        if node in self._open:
+            self._note(node, where, "contains itself")
+            return None
         if node not in self._known:
-            self._known[node] = None  # what a node that contains itself finds inside
+            self._open.add(node)
             self._known[node] = self._read(node, where)
+            self._open.remove(node)
         return self._known[node]
 
     def _read(self, node: Node, where: Where) -> Any:
@@ -116,13 +176,19 @@ class _Reader:
         return values
 
     def _note(self, node: Node, where: Where, message: str) -> None:
-        mark = node.start_mark
         place = path_text(where)
-        self.faults.append((mark.line, mark.column, f"{place}: {message}" if place else message))
+        self.faults.append(placed(node, f"{place}: {message}" if place else message))
 
 
 def _yaml() -> YAML:
     return YAML(typ="safe", pure=True)
+
+
+def _stream(source: str, text: str) -> io.StringIO:
+    """The text as a stream with a name, which every mark in it bears."""
+    stream = io.StringIO(text)
+    stream.name = source
+    return stream
 
 
 def _read_text(path: Path) -> str:
@@ -134,10 +200,10 @@ def _read_text(path: Path) -> str:
         raise InputError(f"{path}: not UTF-8 text: byte {error.start}") from None
 
 
-def _tags(text: str) -> list[_Placed]:
+def _tags(source: str, text: str) -> list[Placed]:
     tokens = [token for token in _shallow_tokens(text) if isinstance(token, TagToken)]
     message = "got a tag, expected a plain value"
-    return [(token.start_mark.line, token.start_mark.column, message) for token in tokens]
+    return [Placed(source, token.start_mark.line, token.start_mark.column, message) for token in tokens]
 
 
 def _shallow_tokens(text: str) -> Iterator[Token]:
@@ -157,42 +223,30 @@ def _extent(node: Node, known: dict[Node, tuple[int, int]]) -> tuple[int, int]:
     """How many values a node is and how deep, itself included, if every alias were written out."""
     if node not in known:
         known[node] = 1, 1  # what a node that contains itself counts inside
-        inner = [_extent(value, known) for _, _, value in _entries(node)]
+        inner = [_extent(value, known) for _, _, value in entries(node)]
         known[node] = 1 + sum(values for values, _ in inner), 1 + max((depth for _, depth in inner), default=0)
     return known[node]
 
 
-def _place(root: Node, fault: Fault) -> tuple[int, int]:
-    """Line and column, from 0, of a fault, or of what surrounds it where the text does not have it."""
+def _nearest(root: Node, fault: Fault) -> Node:
+    """The node that a fault is about, or what surrounds it where the text does not have it."""
     key, node = root, root
     for step in fault.where:
         found = _child(node, step)
         if found is None:
-            return node.start_mark.line, node.start_mark.column
+            return node
         key, node = found
     # An empty value has no place of its own: `mount:` is shown at its key.
-    mark = key.start_mark if fault.at_key or node.start_mark.index == node.end_mark.index else node.start_mark
-    return mark.line, mark.column
+    return key if fault.at_key or node.start_mark.index == node.end_mark.index else node
 
 
 def _child(node: Node, step: str | int) -> tuple[Node, Node] | None:
-    """Key and value of an entry; an item of a list is its own key."""
-    return next(((key, value) for name, key, value in _entries(node) if name == step), None)
+    return next(((key, value) for name, key, value in entries(node) if name == step), None)
 
 
-def _entries(node: Node) -> Iterator[tuple[str | int, Node, Node]]:
-    if isinstance(node, MappingNode):
-        yield from ((str(key.value), key, value) for key, value in node.value)
-    elif isinstance(node, SequenceNode):
-        yield from ((i, item, item) for i, item in enumerate(node.value))
-
-
-def _error(path: Path, text: str, placed: list[_Placed]) -> InputError:
-    return InputError("\n".join(_shown(path, text, *each) for each in sorted(placed)))
-
-
-def _shown(path: Path, text: str, line: int, column: int, message: str) -> str:
-    """`path:line:col: message`, with the line of the file below it and a caret under the column."""
+def _shown(text: str, fault: Placed) -> str:
+    """`source:line:col: message`, with the line of the text below it and a caret under the column."""
     lines = text.splitlines()
-    source = lines[line].replace("\t", " ") if line < len(lines) else ""
-    return f"{path}:{line + 1}:{column + 1}: {message}\n    {source}\n    {' ' * column}^"
+    line = lines[fault.line].replace("\t", " ") if fault.line < len(lines) else ""
+    place = f"{fault.source}:{fault.line + 1}:{fault.column + 1}"
+    return f"{place}: {fault.message}\n    {line}\n    {' ' * fault.column}^"

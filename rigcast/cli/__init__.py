@@ -5,22 +5,55 @@ An InputError anywhere becomes its message on stderr and exit code 2; Ctrl-C is 
 
 from importlib import import_module
 from importlib.metadata import version
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from typer.core import TyperGroup
 
 from rigcast.sensors.errors import InputError
 
+
+class _About(NamedTuple):
+    summary: str
+    examples: tuple[str, ...]
+
+
 _COMMANDS = {
-    "run": "Run a rig on its model and write what its sensors see.",
-    "check": "Compare what a rig's sensors see with MuJoCo's own ray casting.",
-    "publish": "Run a rig and publish what its sensors see to ROS 2.",
-    "validate": "Check a rig and its model; show every mistake, or the sensors.",
-    "presets": "List the device presets, or show one.",
-    "schema": "Print the JSON schema of rig files.",
-    "bench": "Measure rays per second, beside MuJoCo's.",
+    "init": _About(
+        "Write a commented rig for a MuJoCo model.", ("rigcast init robot.xml", "rigcast init robot.xml --out rig.yaml")
+    ),
+    "run": _About(
+        "Run a rig on its model and write what its sensors see.",
+        ("rigcast run rig.yaml --duration 3", "rigcast run rig.yaml --set sensors.top.rate_hz=5 --format ply,npz"),
+    ),
+    "check": _About(
+        "Compare what a rig's sensors see with MuJoCo's own ray casting.",
+        ("rigcast check rig.yaml --rays 50000", "rigcast check rig.yaml --json check.json"),
+    ),
+    "validate": _About(
+        "Check a rig and its model; show every mistake, or the sensors.",
+        ("rigcast validate rig.yaml", "rigcast validate rig.yaml --model other.xml --json -"),
+    ),
+    "watch": _About(
+        "Draw what a rig's sensors see again whenever its files are saved.",
+        ("rigcast watch rig.yaml --out out/watch",),
+    ),
+    "view": _About(
+        "Look at a rig, or at what a run has written.",
+        ("rigcast view rig.yaml", "rigcast view out/rig --save view.html", "rigcast view out/rig --save view.rrd"),
+    ),
+    "publish": _About(
+        "Run a rig and publish what its sensors see to ROS 2.",
+        ("rigcast publish rig.yaml", "rigcast publish rig.yaml --duration 10 --speed 0.5"),
+    ),
+    "presets": _About(
+        "List the device presets, or show the card of one.",
+        ("rigcast presets velodyne_vlp16", "rigcast presets livox_avia --picture avia.png --json -"),
+    ),
+    "schema": _About("Print the JSON schema of rig files.", ("rigcast schema > rig.schema.json",)),
+    "bench": _About("Measure rays per second, beside MuJoCo's.", ("rigcast bench --json bench.json",)),
 }
+_EXIT_CODES = "Exit codes: 0 done, 1 a ray is wrong (check), 2 a mistake in what was given, 130 interrupted."
 
 
 class _Commands(TyperGroup):
@@ -33,12 +66,13 @@ class _Commands(TyperGroup):
         if name not in _COMMANDS:
             return None
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-        alone.command(name)(getattr(import_module(f"rigcast.cli.{name}"), name))
+        examples = "\n".join(f"  {example}" for example in _COMMANDS[name].examples)
+        alone.command(name, epilog=f"\b\nExamples:\n{examples}")(getattr(import_module(f"rigcast.cli.{name}"), name))
         return typer.main.get_command(alone)
 
     def format_commands(self, _ctx: Any, formatter: Any) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl(list(_COMMANDS.items()))
+            formatter.write_dl([(name, about.summary) for name, about in _COMMANDS.items()])
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -54,7 +88,7 @@ class _Commands(TyperGroup):
 app = typer.Typer(
     cls=_Commands,
     no_args_is_help=True,
-    add_completion=False,
+    epilog=_EXIT_CODES,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )

@@ -12,26 +12,25 @@ from typing import Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from rigcast.bench import Result
 from rigcast.bench import bench as bench_rig
 from rigcast.cli.kernels import ready_rig
+from rigcast.cli.options import JsonFile, console_beside, write_json
 from rigcast.cli.run import initial_data
 from rigcast.config import open_rig
-from rigcast.export.files import replacing
 
 SENSORS = ("front", "lidar_top")  # of the demo: a depth camera of 640 x 480, a lidar of 64 x 1024
 
 
 def bench(
-    json_file: Annotated[Path | None, typer.Option("--json", help="file to write the result to")] = None,
+    json_file: JsonFile = None,
     rounds: Annotated[int, typer.Option(min=1, help="times that each caster is timed")] = 7,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
 ) -> None:
     """Time the demo's depth camera and lidar beside mj_multiRay and mj_ray."""
-    console = Console(highlight=False)
+    console = console_beside(json_file)
     path = Path(str(files("rigcast.configs"))) / "demo.yaml"
     config, model = open_rig(path)
     data = initial_data(model, config.keyframe)
@@ -42,8 +41,7 @@ def bench(
     console.print(f"rigcast {version('rigcast')} on {device_name}, {os.cpu_count()} cores, {rounds} rounds in turn")
     console.print(_table(results))
     if json_file is not None:
-        with replacing(json_file) as temporary:
-            temporary.write_text(as_json(results, device_name, rounds))
+        write_json(json_file, as_json(results, device_name, rounds))
 
 
 def as_json(results: Sequence[Result], device: str, rounds: int) -> str:

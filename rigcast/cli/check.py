@@ -7,30 +7,30 @@ from typing import Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from rigcast.check import Hit, Report, Row, WrongRay
 from rigcast.check import check as check_rig
 from rigcast.cli.kernels import ready_rig
+from rigcast.cli.options import JsonFile, Overrides, RigPath, console_beside, write_json
 from rigcast.cli.run import initial_data
 from rigcast.config import open_rig
-from rigcast.export.files import replacing
 
 COUNTS = ("rays", "agree", "edge", "wrong")
 
 
 def check(
-    rig: Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)],
+    rig: RigPath,
     model: Annotated[Path | None, typer.Option(help="MJCF model in place of the rig's own")] = None,
     rays: Annotated[int, typer.Option(min=1, help="rays in all, over sensors and states")] = 20_000,
-    json_file: Annotated[Path | None, typer.Option("--json", help="file to write the result to")] = None,
+    json_file: JsonFile = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    overrides: Overrides = None,
 ) -> None:
     """Compare every sensor's rays with MuJoCo's own, ray by ray. Exits with 1 if any is wrong."""
-    console = Console(highlight=False)
-    config, compiled = open_rig(rig, model)
+    console = console_beside(json_file)
+    config, compiled = open_rig(rig, model, overrides or ())
     data = initial_data(compiled, config.keyframe)
     loaded = ready_rig(console, config, compiled, data, device)
     report = check_rig(loaded, data, rays=rays)
@@ -41,8 +41,7 @@ def check(
         console.print(f"{report.not_judged} rays end on flexes or skins: not judged before MuJoCo 4", soft_wrap=True)
     console.print(escape(_verdict(rig, report)), soft_wrap=True)
     if json_file is not None:
-        with replacing(json_file) as temporary:
-            temporary.write_text(as_json(rig, report))
+        write_json(json_file, as_json(rig, report))
     if report.total("wrong"):
         raise typer.Exit(1)
 

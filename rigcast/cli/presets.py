@@ -1,36 +1,67 @@
 """`rigcast presets`: the devices whose figures rigcast brings along."""
 
+import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from rigcast.card import Card
+from rigcast.card_picture import draw_card, terminal_picture
+from rigcast.cli.options import JsonFile, console_beside, write_json
+from rigcast.config import sensor_of_preset
 from rigcast.export.files import replacing
-from rigcast.preview.card import draw_card, terminal_picture
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.presets import load_preset, preset_names
 
 
 def presets(
-    name: Annotated[str | None, typer.Argument(help="show its card; or a file .yaml", show_default=False)] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            help="show its card; or a file .yaml", show_default=False, autocompletion=lambda: list(preset_names())
+        ),
+    ] = None,
     picture: Annotated[Path | None, typer.Option(help="PNG file to draw the card to")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """List the device presets, or show the card of one: its rays, figures, where they are from, which are assumed."""
-    console = Console(highlight=False)
+    console = console_beside(json_file)
     if name is None:
         if picture is not None:
             raise InputError("--picture: needs the name of a preset")
         console.print(_list())
-        return
-    card = Card.of(name)
+    else:
+        _show(Card.of(name), console, picture)
+    if json_file is not None:
+        shown = preset_names() if name is None else (name,)
+        write_json(json_file, json.dumps([_entry(each) for each in shown], indent=1) + "\n")
+
+
+def _show(card: Card, console: Console, picture: Path | None) -> None:
     for line in _lines(card, console):
         console.print(line, markup=False, soft_wrap=True)
     if picture is not None:
         with replacing(picture) as temporary:
             draw_card(card).save(temporary, format="png")
+
+
+def _entry(name: str) -> dict[str, Any]:
+    """A preset with all that it takes over from what it extends."""
+    preset = load_preset(name)
+    given = {key for each in preset.lineage() for key in each.sensor}
+    sensor = sensor_of_preset(name).model_dump(mode="json", include=given)
+    return {
+        "name": preset.name,
+        "type": preset.type,
+        "description": preset.description,
+        "source": [each.source for each in preset.lineage()],
+        "assumed": preset.all_assumed(),
+        "figures": preset.all_figures(),
+        "sensor": sensor,
+    }
 
 
 def _list() -> Table:

@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from rigcast.cli.kernels import ready_rig
+from rigcast.cli.options import Overrides, RigPath
 from rigcast.config import open_rig
 from rigcast.export.formats import FORMATS
 from rigcast.export.recorder import INDEX_NAME, Recorder
@@ -32,7 +33,7 @@ _DIVERGED = {
 
 
 def run(
-    rig: Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)],
+    rig: RigPath,
     model: Annotated[Path | None, typer.Option(help="MJCF model in place of the rig's own")] = None,
     out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<rig>]")] = None,
     duration: Annotated[float, typer.Option(help="time to simulate, s")] = 3.0,
@@ -42,11 +43,12 @@ def run(
     ] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
     seed: Annotated[int | None, typer.Option(help="in place of the rig's own")] = None,
+    overrides: Overrides = None,
 ) -> None:
     """Run a rig on its model and write what its sensors see."""
     console = Console(highlight=False)
     began = perf_counter()
-    config, compiled = open_rig(rig, model)
+    config, compiled = open_rig(rig, model, overrides or ())
     steps = step_count(compiled, duration)
     folder = Path("out") / rig.stem if out is None else out
     data = initial_data(compiled, config.keyframe)

@@ -4,10 +4,9 @@ import json
 
 import typer
 
-from rigcast.config import RigFile
+from rigcast.schema import rig_schema
 
 
 def schema() -> None:
     """Print the JSON schema of rig files (for `# yaml-language-server: $schema=...`)."""
-    document = {"$schema": "https://json-schema.org/draft/2020-12/schema", **RigFile.model_json_schema()}
-    typer.echo(json.dumps(document, indent=2, allow_nan=False))
+    typer.echo(json.dumps(rig_schema(), indent=2, allow_nan=False))

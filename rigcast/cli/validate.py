@@ -1,31 +1,55 @@
 """`rigcast validate`: check a rig and its model without casting a ray."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
+import mujoco
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from rigcast.config import open_rig
+from rigcast.cli.options import JsonFile, Overrides, RigPath, console_beside, write_json
+from rigcast.config import RigConfig, open_rig
 from rigcast.sensors.specs.mount import Mount
 
 
 def validate(
-    rig: Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)],
+    rig: RigPath,
     model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
+    json_file: JsonFile = None,
+    overrides: Overrides = None,
 ) -> None:
     """Check a rig and its model; show every mistake, or the sensors."""
-    config, compiled = open_rig(rig, model)
+    config, compiled = open_rig(rig, model, overrides or ())
     table = Table("sensor", "type", "rays", "rate", "mount")
     for sensor in config.sensors:
         rays = " x ".join(str(extent) for extent in sensor.pattern(compiled).shape)
         rate = "every step" if sensor.rate_hz is None else f"{sensor.rate_hz:g} Hz"
         table.add_row(sensor.name, sensor.type, rays, rate, escape(_place(sensor.mount)))
-    console = Console(highlight=False)
+    console = console_beside(json_file)
     console.print(table)
     console.print(escape(f"{rig}: valid, {len(config.sensors)} sensor(s)"), soft_wrap=True)
+    if json_file is not None:
+        write_json(json_file, as_json(config, compiled))
+
+
+def as_json(config: RigConfig, model: mujoco.MjModel) -> str:
+    """Return the rig as JSON, presets and what it extends filled in: files, model, and every key of every sensor.
+
+    Keys are those of the YAML; an unlimited range is null. `shape` is that of a sensor's readings.
+    """
+    document = {
+        "rig": str(config.path),
+        "files": [str(path) for path in config.files],
+        "model": None if config.model is None else str(config.model),
+        "seed": config.seed,
+        "keyframe": config.keyframe,
+        "sensors": [
+            {**json.loads(sensor.model_dump_json()), "shape": sensor.pattern(model).shape} for sensor in config.sensors
+        ],
+    }
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
 def _place(mount: Mount) -> str:

@@ -1,18 +1,25 @@
 """What a sensor reads: one frame per reading, on the device, as numpy on demand."""
 
+import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
+from PIL import Image
 
 from rigcast.kernels import reading
 from rigcast.kernels.cast import HitArrays, Rays
 from rigcast.kernels.stamps import stamps
 from rigcast.sensors.scene.part import Owner
 from rigcast.sensors.specs.lens import Lens
+from rigcast.sensors.specs.pattern import Pattern
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +45,7 @@ class Frame:
     _ids_of_shape: Mapping[Owner, wp.array]
     _body_of_shape: wp.array
     _firing_times: wp.array | None
+    _pattern: Pattern
 
     @cached_property
     def range(self) -> wp.array:
@@ -90,6 +98,32 @@ class Frame:
         if self._firing_times is not None:
             return stamps(self.time, self._firing_times.flatten()).reshape(self.shape)
         return wp.full(self.shape, self.time, dtype=wp.float64, device=self._hits.distance.device)
+
+    def picture(self) -> Image.Image:
+        """The reading as a picture, 1200 pixels wide, with scales in metres; notebooks show it by themselves.
+
+        A camera: z-depth, normals, geoms. A lidar: range image above a top-down view. Others: their grid.
+        """
+        from rigcast.sensors.preview import draw_preview  # which knows frames
+
+        return draw_preview(self._pattern, self)
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw depth, range image or points into matplotlib's `ax` (None: the current one); what has no range is grey.
+
+        Raises InputError where matplotlib is not installed.
+
+        >>> frame.plot().figure.savefig("frame.pdf")
+        """
+        from rigcast.sensors.preview.plot import plot_frame
+
+        return plot_frame(self._pattern, self, ax)
+
+    def _repr_png_(self) -> bytes:
+        """What Jupyter shows."""
+        png = io.BytesIO()
+        self.picture().save(png, format="png")
+        return png.getvalue()
 
     def _ids(self, owner: Owner) -> wp.array | None:
         table = self._ids_of_shape.get(owner)

@@ -211,6 +211,7 @@ class Rig:
             "_ids_of_shape": self.scene.ids_in_use,
             "_body_of_shape": self.scene.body_of_shape,
             "_firing_times": mounted.firing_times,
+            "_pattern": mounted.pattern,
         }
 
 

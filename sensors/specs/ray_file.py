@@ -13,7 +13,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
 
 from .pattern import Pattern, directions_at
-from .spec import FilePath, Spec, beside_rig
+from .spec import FilePath, Spec, beside, folder_of
 
 _COLUMNS = ("time", "azimuth", "elevation", "ring")
 _SUFFIXES = (".csv", ".npy")
@@ -42,7 +42,7 @@ class RayFile(Spec):
     def _readable(cls, path: Path, info: ValidationInfo) -> Path:
         if path.suffix.lower() not in _SUFFIXES:
             raise ValueError(f"must be a file of type {' or '.join(_SUFFIXES)}, got {str(path)!r}")
-        return beside_rig(path, info)
+        return beside(folder_of("ray_file", info), path)
 
     def pattern(self, rate_hz: float | None, phase: float) -> Pattern:
         """Rays (rays,), all readings of one size; column counts the rows of a reading.

@@ -21,7 +21,7 @@ from .filter import Filter
 from .mount import Mount
 from .pattern import Pattern
 from .presets import load_preset, preset_names
-from .spec import Spec, rig_folder
+from .spec import Spec, folder_of
 
 
 def no_default(schema: JsonDict) -> None:
@@ -94,7 +94,7 @@ class SensorSpec(Spec):
         if not isinstance(given, dict) or not isinstance(given.get("preset"), str):
             return given
         try:
-            return cls._over(given, cls._preset_keys(given["preset"], rig_folder(info)))
+            return cls._over(given, cls._preset_keys(given["preset"], folder_of("preset", info)))
         except InputError:  # told by the validator of `preset`, at its place
             return given
 
@@ -127,7 +127,7 @@ class SensorSpec(Spec):
     @classmethod
     def _known_preset(cls, name: str | None, info: ValidationInfo) -> str | None:
         if name is not None:
-            cls._preset_keys(name, rig_folder(info))
+            cls._preset_keys(name, folder_of("preset", info))
         return name
 
     @model_validator(mode="after")
@@ -157,8 +157,9 @@ def _type_of(cls: type[SensorSpec]) -> str:
 
 def _refuse_values(cls: type[SensorSpec], file: YamlFile, own: Mapping[str, Any], keys: dict[str, Any]) -> None:
     """Raise InputError, with lines and columns, for values in a user's preset that its sensor does not take."""
+    folders = dict.fromkeys(("preset", "ray_file"), file.path.parent)
     try:
-        cls.model_validate({"name": "preset", "mount": {}, **keys}, context={"folder": file.path.parent})
+        cls.model_validate({"name": "preset", "mount": {}, **keys}, context=folders)
     except ValidationError as error:
         faults = [fault for fault in faults_of(error, cls) if fault.where and fault.where[0] in own]
         if faults:

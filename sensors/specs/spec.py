@@ -73,17 +73,16 @@ def _as_path(given: Any) -> Any:
 FilePath = Annotated[Path, BeforeValidator(_as_path)]
 
 
-def rig_folder(info: ValidationInfo) -> Path | None:
-    """The folder of the rig file that is being read; None in Python."""
-    return None if info.context is None else info.context["folder"]
+def folder_of(key: str, info: ValidationInfo) -> Path | None:
+    """The folder of the file in which the paths under this key of a sensor are written; None in Python."""
+    return None if info.context is None else info.context[key]
 
 
-def beside_rig(path: Path, info: ValidationInfo) -> Path:
-    """Where a file is that a rig file names; in Python the path as it is.
+def beside(folder: Path | None, path: Path) -> Path:
+    """Where a file is that a file in this folder names; in Python, without a folder, the path as it is.
 
-    Raises ValueError for one that is outside of the rig file's folder: a rig may come from anybody.
+    Raises ValueError for one that is outside of the folder: a rig may come from anybody.
     """
-    folder = rig_folder(info)
     if folder is None:
         return path
     if not is_inside(folder, path):

@@ -8,9 +8,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from rigcast.card import Card
+from rigcast.card_picture import draw_card, terminal_picture
 from rigcast.cli import app
-from rigcast.preview.card import draw_card, terminal_picture
-from rigcast.preview.colour import PANEL
+from rigcast.sensors.preview.colour import PANEL
 from rigcast.sensors.specs.presets import load_preset
 
 

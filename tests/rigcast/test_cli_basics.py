@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 import rigcast.cli.presets
 from rigcast.cli import app
-from rigcast.config import RigFile
+from rigcast.rig_file import RigFile
 from rigcast.sensors.specs.presets import preset_names
 
-COMMANDS = ("run", "check", "validate", "presets", "schema", "bench")
+COMMANDS = ("init", "run", "check", "validate", "watch", "view", "presets", "schema", "bench")
 MODEL = '<mujoco><worldbody><body name="torso"><geom size="0.1"/></body></worldbody></mujoco>'
 RIG = """\
 model: robot.xml

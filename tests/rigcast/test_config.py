@@ -272,7 +272,7 @@ sensors:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: &a [*a]\n", "unknown key 'a'"),
+        ("a: &a [*a]\n", r"a\[0\]: contains itself"),
         ("[" * 1000, "nested too deeply|not valid YAML"),
         ("a: " + "&x [1]\n", "unknown key"),
         ("a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nd: &d [*c, *c]\n", "unknown key 'd'"),

@@ -6,8 +6,8 @@ import pytest
 from made_frames import make_frame, random_range
 from PIL import Image
 
-from rigcast.preview import draw_preview
-from rigcast.preview.colour import (
+from rigcast.sensors.preview import draw_preview
+from rigcast.sensors.preview.colour import (
     INVALID,
     NO_RETURN,
     TOO_NEAR,
@@ -16,8 +16,8 @@ from rigcast.preview.colour import (
     normal_colours,
     turbo,
 )
-from rigcast.preview.lidar import picture_order
-from rigcast.preview.page import WIDTH, ticks
+from rigcast.sensors.preview.lidar import picture_order
+from rigcast.sensors.preview.page import WIDTH, ticks
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan

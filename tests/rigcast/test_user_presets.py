@@ -93,6 +93,23 @@ def test_a_file_of_rays_is_beside_what_names_it(folder: Path, monkeypatch: pytes
         np.testing.assert_array_equal(frame.stamp.numpy(), [0, 0.001])
 
 
+def test_files_are_beside_the_layer_that_names_them(folder: Path) -> None:
+    (folder / "own" / "rays.csv").write_text("0,10,0\n0.001,20,5\n")
+    (folder / "own" / "base.yaml").write_text(
+        "sensors:\n"
+        "  - {name: a, type: lidar, preset: lidar.yaml, mount: {}}\n"
+        "  - {name: b, type: lidar, ray_file: {path: rays.csv}, mount: {}}\n"
+    )
+    (folder / "rig.yaml").write_text(
+        "extends: own/base.yaml\nsensors: [{name: a, rate_hz: 2}, {name: b, max_range: 9}]"
+    )
+    preset, rays = load_rig(folder / "rig.yaml", MODEL, device="cpu").sensors
+    assert (preset.rate_hz, preset.max_range) == (2, 20)
+    assert rays.pattern(MODEL).shape == (2,)
+    with pytest.raises(InputError, match=r"sensors\[1\].ray_file.path: .*rays.csv: cannot be read"):
+        load_rig(folder / "rig.yaml", MODEL, device="cpu", overrides=["sensors.b.ray_file.path=rays.csv"])
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

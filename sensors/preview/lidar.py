@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rigcast.preview.birds_eye import MAP_HEIGHT, draw_map
-from rigcast.preview.colour import FAINT, PANEL, Scale
-from rigcast.preview.page import (
+from rigcast.sensors.preview.birds_eye import MAP_HEIGHT, draw_map
+from rigcast.sensors.preview.colour import FAINT, PANEL, Scale
+from rigcast.sensors.preview.page import (
     BAR_SPACE,
     CAPTION_HEIGHT,
     LEGEND_HEIGHT,
@@ -27,20 +27,25 @@ def draw_lidar(frame: LidarFrame, pattern: Pattern) -> Image.Image:
 
     Of several returns the range image shows the first reported, and the points are of all.
     """
-    every = frame.range.numpy()
-    distance = every if every.shape == pattern.shape else every[..., 0]
+    every, distance = frame.range.numpy(), first_returns(frame, pattern)
     is_table = distance.ndim == 2
     height = int(np.clip(distance.shape[0] * 6, 120, 300))
     top = TITLE_HEIGHT + CAPTION_HEIGHT
     below = top + height + 2 * CAPTION_HEIGHT + LEGEND_HEIGHT
     rays = "{} beams x {} columns".format(*distance.shape) if is_table else f"{distance.size} rays"
     title = f"{frame.sensor} · lidar {rays} · {seconds(frame.time)}"
-    page = Page(below + MAP_HEIGHT + MARGIN, title, "last frame of the run · range image, and the points from above")
+    page = Page(below + MAP_HEIGHT + MARGIN, title, "range image, and the points from above")
     draw_ranges = _range_image if is_table else _range_scatter
     draw_ranges(page, top, height, distance, pattern.at(frame.time))
     page.legend(MARGIN, top + height + CAPTION_HEIGHT + LEGEND_HEIGHT // 2, distance)
     _from_above(page, below, frame.points.numpy()[np.isfinite(every)])
     return page.image
+
+
+def first_returns(frame: LidarFrame, pattern: Pattern) -> NDArray[np.float32]:
+    """The range of each ray of the pattern; of several returns the first reported."""
+    every: NDArray[np.float32] = frame.range.numpy()
+    return every if every.shape == pattern.shape else every[..., 0]
 
 
 def _range_image(page: Page, top: int, height: int, distance: NDArray[np.float32], pattern: Pattern) -> None:

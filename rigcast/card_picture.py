@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rigcast.card import Card
-from rigcast.preview.colour import FAINT, GRID, PANEL, TEXT, Colour, Scale
-from rigcast.preview.page import BAR_SPACE, CAPTION_HEIGHT, MARGIN, TITLE_HEIGHT, WIDTH, Page, ticks
+from rigcast.sensors.preview.colour import FAINT, GRID, PANEL, TEXT, Colour, Scale
+from rigcast.sensors.preview.page import BAR_SPACE, CAPTION_HEIGHT, MARGIN, TITLE_HEIGHT, WIDTH, Page, ticks
 
 _BOX = (WIDTH - 2 * MARGIN - BAR_SPACE - 40, 400)
 _FEW = 60_000  # rays that are drawn two pixels wide; all keep a margin of more than that

@@ -3,8 +3,8 @@
 import numpy as np
 from PIL import Image
 
-from rigcast.preview.colour import FAINT, Scale, id_colours, normal_colours
-from rigcast.preview.page import (
+from rigcast.sensors.preview.colour import FAINT, Scale, id_colours, normal_colours
+from rigcast.sensors.preview.page import (
     BAR_SPACE,
     CAPTION_HEIGHT,
     LEGEND_HEIGHT,
@@ -31,7 +31,7 @@ def draw_camera(frame: CameraFrame) -> Image.Image:
     page = Page(
         top + height + LEGEND_HEIGHT,
         title,
-        "last frame of the run · z-depth in metres, near is warm, the farthest 4 % are of one colour",
+        "z-depth in metres, near is warm, the farthest 4 % are of one colour",
     )
 
     scale = Scale.of(depth, reverse=True)

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rigcast.preview.colour import BACKGROUND, GRID, PANEL, TEXT, Rgb, Scale
-from rigcast.preview.page import font, ticks
+from rigcast.sensors.preview.colour import BACKGROUND, GRID, PANEL, TEXT, Rgb, Scale
+from rigcast.sensors.preview.page import font, ticks
 
 MAP_HEIGHT = 640
 _MARGIN = 24  # between the points and the edge of the map, pixels

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from rigcast.preview.colour import (
+from rigcast.sensors.preview.colour import (
     BACKGROUND,
     FAINT,
     GRID,

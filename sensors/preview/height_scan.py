@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rigcast.preview.colour import FAINT, Scale
-from rigcast.preview.page import CAPTION_HEIGHT, LEGEND_HEIGHT, MARGIN, TITLE_HEIGHT, Page, seconds
+from rigcast.sensors.preview.colour import FAINT, Scale
+from rigcast.sensors.preview.page import CAPTION_HEIGHT, LEGEND_HEIGHT, MARGIN, TITLE_HEIGHT, Page, seconds
 from rigcast.sensors.rig.frame import Frame
 from rigcast.sensors.specs.pattern import Pattern
 
@@ -23,7 +23,7 @@ def draw_height_scan(frame: Frame, pattern: Pattern) -> Image.Image:
     top = TITLE_HEIGHT + CAPTION_HEIGHT
     page_height = top + max(size[1], 200) + CAPTION_HEIGHT + LEGEND_HEIGHT
     title = f"{frame.sensor} · height scan {rows} x {columns} · {seconds(frame.time)}"
-    subtitle = "last frame of the run · height of the ground in the sensor's frame"
+    subtitle = "height of the ground in the sensor's frame"
     page = Page(page_height, title, subtitle)
     scale = Scale.of(height)
     page.picture(MARGIN, top, scale.colours(grid), size)

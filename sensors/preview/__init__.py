@@ -2,9 +2,9 @@
 
 from PIL import Image
 
-from rigcast.preview.camera import draw_camera
-from rigcast.preview.height_scan import draw_height_scan
-from rigcast.preview.lidar import draw_lidar
+from rigcast.sensors.preview.camera import draw_camera
+from rigcast.sensors.preview.height_scan import draw_height_scan
+from rigcast.sensors.preview.lidar import draw_lidar
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 from rigcast.sensors.specs.pattern import Pattern
 

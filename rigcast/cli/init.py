@@ -1,0 +1,37 @@
+"""`rigcast init`: a first rig for a model."""
+
+import os
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rigcast.config import compile_model
+from rigcast.export.files import replacing
+from rigcast.sensors.errors import InputError
+from rigcast.starter import starter_rig
+
+
+def init(
+    model: Annotated[Path, typer.Argument(help="the MuJoCo model, MJCF, URDF or MJB", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="file to write  [default: <model>.yaml, here]")] = None,
+    force: Annotated[bool, typer.Option("--force", help="write over a file that is there")] = False,
+) -> None:
+    """Write a commented rig for a model: a depth camera on each of its cameras, a lidar on sites named like one."""
+    compiled = compile_model(model)
+    path = Path(f"{model.stem}.yaml") if out is None else out
+    if path.exists() and not force:
+        raise InputError(f"{path}: is there already; --force writes over it")
+    schema = str(files("rigcast.configs") / "rig.schema.json")
+    with replacing(path) as temporary:
+        temporary.write_text(starter_rig(compiled, _beside(path, model), schema), encoding="utf-8")
+    typer.echo(f"{path}: written; try `rigcast validate {path}` and `rigcast run {path}`")
+
+
+def _beside(rig: Path, model: Path) -> str:
+    """The model as the rig file names it: relative to the file's folder where that is possible."""
+    try:
+        return Path(os.path.relpath(model.resolve(), rig.parent.resolve())).as_posix()
+    except ValueError:  # on another drive
+        return str(model.resolve())

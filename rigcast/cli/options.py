@@ -1,0 +1,34 @@
+"""What several commands have in common: options, and where their answer goes."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from rigcast.export.files import replacing
+
+RigPath = Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="in place of the rig's own, such as sensors.top.rate_hz=5"),
+]
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", help="file to write the result to; - for standard output, and nothing else")
+]
+
+_STANDARD_OUTPUT = Path("-")
+
+
+def console_beside(json_file: Path | None) -> Console:
+    """Where tables and words go: nowhere when standard output is for JSON."""
+    return Console(highlight=False, quiet=json_file == _STANDARD_OUTPUT)
+
+
+def write_json(json_file: Path, text: str) -> None:
+    """Write JSON to a file, or to standard output. Raises InputError where the file cannot be written."""
+    if json_file == _STANDARD_OUTPUT:
+        typer.echo(text, nl=False)
+        return
+    with replacing(json_file) as temporary:
+        temporary.write_text(text)

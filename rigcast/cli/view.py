@@ -1,0 +1,104 @@
+"""`rigcast view`: look at a rig, or at what a run has written."""
+
+import webbrowser
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import mujoco
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from rigcast.cli.kernels import ready_rig
+from rigcast.cli.options import Overrides
+from rigcast.cli.run import initial_data, progress, step_count
+from rigcast.config import open_rig
+from rigcast.export.files import make_writable, replacing
+from rigcast.sensors.errors import InputError
+from rigcast.view.in_rerun import Moment, show_in_rerun
+from rigcast.view.page import write_page
+from rigcast.view.shots import Shot, read_run, shot_of
+
+
+class _Seen(NamedTuple):
+    shots: list[Shot]
+    model: mujoco.MjModel | None
+    moments: list[Moment]
+
+
+def view(
+    target: Annotated[Path, typer.Argument(help="a rig, or a folder of `rigcast run`", show_default=False)],
+    save: Annotated[
+        Path | None, typer.Option(help="write a page (.html) or a rerun recording (.rrd) in place of showing it")
+    ] = None,
+    duration: Annotated[float, typer.Option(help="time to simulate of a rig, s")] = 1.0,
+    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    overrides: Overrides = None,
+) -> None:
+    """Show clouds and depth images over time: in rerun where that is installed, else as a page in the browser.
+
+    Of a folder, frames written as npz, exr or ply are shown.
+    """
+    console = Console(highlight=False)
+    suffix = _suffix(save)
+    if save is not None:
+        make_writable(save.parent)
+    if target.is_dir():
+        seen = _Seen(list(read_run(target)), None, [])
+    else:
+        seen = _simulated(console, target, model, duration, device, overrides or [])
+    if not seen.shots:
+        raise InputError(f"{target}: no frame fell due in {duration:g} s")
+    if suffix == ".rrd":
+        _show_in_rerun(console, target.stem, seen, save)
+    else:
+        _show_page(console, target.stem, seen.shots, save)
+
+
+def _suffix(save: Path | None) -> str:
+    """What is made: .rrd or .html."""
+    if save is None:
+        return ".rrd" if find_spec("rerun") else ".html"
+    if save.suffix not in (".rrd", ".html"):
+        raise InputError(f"--save: got {str(save)!r}, expected a name that ends in .html or .rrd")
+    return save.suffix
+
+
+def _simulated(
+    console: Console, rig: Path, model: Path | None, duration: float, device: str | None, overrides: list[str]
+) -> _Seen:
+    config, compiled = open_rig(rig, model, overrides)
+    steps, data = step_count(compiled, duration), initial_data(compiled, config.keyframe)
+    loaded = ready_rig(console, config, compiled, data, device)
+    seen = _Seen([], compiled, [])
+    with progress(console, steps * compiled.opt.timestep) as report:
+        for step in range(1, steps + 1):
+            mujoco.mj_step(compiled, data)
+            new = [shot_of(frame) for frame in loaded.step(data)]
+            seen.shots.extend(new)
+            if new:
+                mujoco.mj_kinematics(compiled, data)  # the poses of now, as the frames have them
+                seen.moments.append(Moment(data.time, data.xpos.copy(), data.xquat.copy()))
+            report(step * compiled.opt.timestep, len(seen.shots))
+    return seen
+
+
+def _show_in_rerun(console: Console, title: str, seen: _Seen, save: Path | None) -> None:
+    if save is None:
+        show_in_rerun(title, seen.shots, None, seen.model, seen.moments)
+        return
+    with replacing(save) as temporary:
+        show_in_rerun(title, seen.shots, temporary, seen.model, seen.moments)
+    console.print(escape(f"{save}: {len(seen.shots)} frames; `rerun {save}` shows them"), soft_wrap=True)
+
+
+def _show_page(console: Console, title: str, shots: list[Shot], save: Path | None) -> None:
+    path = Path("out") / f"{title}.html" if save is None else save
+    make_writable(path.parent)
+    with replacing(path) as temporary:
+        write_page(temporary, title, shots)
+    console.print(escape(f"{path}: {len(shots)} frames"), soft_wrap=True)
+    if save is None and console.is_terminal:
+        webbrowser.open(path.resolve().as_uri())

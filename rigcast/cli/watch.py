@@ -1,0 +1,81 @@
+"""`rigcast watch`: what a rig's sensors see, drawn again whenever its files are saved."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from rigcast.cli.kernels import ready_rig
+from rigcast.cli.options import Overrides, RigPath
+from rigcast.cli.run import initial_data
+from rigcast.config import open_rig
+from rigcast.export.files import make_writable, replacing
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.preview import draw_preview
+
+_PERIOD = 0.3  # s between two looks at the files
+
+
+def watch(
+    rig: RigPath,
+    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<rig>]")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    overrides: Overrides = None,
+) -> None:
+    """Draw what every sensor sees at the start, again whenever the rig, what it extends or its model is saved.
+
+    Writes DIR/<sensor>.png until Ctrl-C. A mistake is shown, and the pictures stay until it is mended.
+    """
+    console = Console(highlight=False)
+    folder = Path("out") / rig.stem if out is None else out
+    make_writable(folder)
+
+    def draw() -> Sequence[Path]:
+        return draw_once(console, rig, model, folder, device, overrides or ())
+
+    try:
+        keep_drawing(console, rig, draw)
+    except KeyboardInterrupt:
+        console.print("stopped")
+
+
+def draw_once(
+    console: Console, rig: Path, model: Path | None, folder: Path, device: str | None, overrides: Sequence[str]
+) -> Sequence[Path]:
+    """Write one picture per sensor, as the state at the start has it; returns the files that they depend on."""
+    began = time.perf_counter()
+    config, compiled = open_rig(rig, model, overrides)
+    data = initial_data(compiled, config.keyframe)
+    loaded = ready_rig(console, config, compiled, data, device)
+    for spec, frame in zip(loaded.sensors, loaded.sense(data).values(), strict=True):
+        with replacing(folder / f"{spec.name}.png") as temporary:
+            draw_preview(spec.pattern(compiled), frame).save(temporary, format="png")
+    seconds = time.perf_counter() - began
+    console.print(escape(f"{rig}: {len(config.sensors)} picture(s) in {folder}, {seconds:.1f} s"), soft_wrap=True)
+    own = model if model is not None else config.model
+    return config.files if own is None else (*config.files, own)
+
+
+def keep_drawing(console: Console, rig: Path, draw: Callable[[], Sequence[Path]]) -> None:
+    """Call `draw`, then again whenever a file that it returned is saved. Mistakes are shown and waited out."""
+    files: Sequence[Path] = (rig,)
+    while True:
+        before = _saved(files)
+        try:
+            drawn = draw()
+            before = {**_saved(drawn), **before}
+            files = drawn
+        except InputError as error:
+            console.print(escape(str(error)), soft_wrap=True)
+        while _saved(files) == {path: before[path] for path in files}:
+            time.sleep(_PERIOD)
+
+
+def _saved(files: Sequence[Path]) -> dict[Path, int]:
+    """When each file was saved [ns]; 0 for one that is not there just now."""
+    return {path: path.stat().st_mtime_ns if path.is_file() else 0 for path in files}

@@ -1,0 +1,73 @@
+"""What sensors see, drawn into MuJoCo's own viewer."""
+
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.preview.colour import Scale
+from rigcast.sensors.rig.frame import Frame
+
+
+def overlay(viewer: Any, frames: Frame | Iterable[Frame], *, size: float = 0.01, most: int = 5000) -> int:
+    """Draw the points of a frame, or of several, into a MuJoCo viewer, coloured by range; near is warm.
+
+    What was drawn before is replaced, so that it can be called after every `rig.step`; without frames it clears.
+    Frames of one world. Call `viewer.sync()` to see it.
+
+    Args:
+        viewer: of `mujoco.viewer.launch_passive`, or an `MjvScene` of one's own, whose geoms are kept.
+        frames: one Frame or several.
+        size: half the edge of the box that stands for a point [m].
+        most: points in all; of more than that every second, third, ... is drawn, as MuJoCo draws them one by one.
+
+    Returns:
+        How many points were drawn, at most as many as the scene has room for.
+
+    >>> with mujoco.viewer.launch_passive(model, data) as viewer:
+    ...     rigcast.overlay(viewer, rig.sense(data).values())
+    ...     viewer.sync()
+    """
+    listed = [frames] if isinstance(frames, Frame) else list(frames)
+    for frame in listed:
+        require_type("overlay: frames", frame, Frame)
+    points, colours = _cloud(listed)
+    scene, lock = _scene_of(viewer)
+    with lock:
+        room = min(most, scene.maxgeom - scene.ngeom)
+        chosen = slice(None, None, max(1, -(-len(points) // max(room, 1))))
+        return _add_boxes(scene, points[chosen][:room], colours[chosen], size)
+
+
+def _scene_of(viewer: Any) -> tuple[mujoco.MjvScene, AbstractContextManager[Any]]:
+    if isinstance(viewer, mujoco.MjvScene):
+        return viewer, nullcontext()
+    scene = getattr(viewer, "user_scn", None)
+    if not isinstance(scene, mujoco.MjvScene):
+        expected = "expected the viewer of mujoco.viewer.launch_passive, or an MjvScene"
+        raise InputError(f"overlay: viewer: got {type(viewer).__name__} without a scene of its own, {expected}")
+    scene.ngeom = 0
+    return scene, viewer.lock()
+
+
+def _cloud(frames: list[Frame]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Points (n, 3) [m] in the world and their colours (n, 4) from 0 to 1, in one scale for all frames."""
+    points = np.concatenate([np.empty((0, 3)), *(frame.points_world.numpy().reshape(-1, 3) for frame in frames)])
+    ranges = np.concatenate([np.empty(0, np.float32), *(frame.range.numpy().ravel() for frame in frames)])
+    hit = np.isfinite(ranges)
+    rgba = np.ones((int(hit.sum()), 4), np.float32)
+    if hit.any():
+        rgba[:, :3] = Scale.of(ranges, reverse=True).colours(ranges[hit]) / 255
+    return points[hit], rgba
+
+
+def _add_boxes(scene: mujoco.MjvScene, points: NDArray[np.float64], colours: NDArray[np.float32], size: float) -> int:
+    half, upright = np.full(3, size), np.eye(3).ravel()
+    for point, rgba in zip(points, colours[: len(points)], strict=True):
+        mujoco.mjv_initGeom(scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_BOX, half, point, upright, rgba)
+        scene.ngeom += 1
+    return len(points)

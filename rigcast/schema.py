@@ -1,0 +1,50 @@
+"""The JSON schema of rig files, with what a file may say beyond what a rig is: `extends` and `repeat`."""
+
+from typing import Any
+
+from .rig_file import RigFile
+
+_NUMBERS = ("number", "integer", "boolean")
+_REPEAT = {
+    "type": "object",
+    "minProperties": 1,
+    "additionalProperties": {"type": "array", "minItems": 1, "items": {"type": ["string", "number", "boolean"]}},
+    "description": "names with lists of values, as many in each: one copy for each, with $name replaced by the value",
+}
+# With `extends` any key may be left to the file below; sensors are then told apart by their names.
+_PART = {"type": "object", "required": ["name"], "properties": {"name": {"type": "string"}}}
+
+
+def rig_schema() -> dict[str, Any]:
+    """JSON schema, draft 2020-12, of a rig file.
+
+    A file that extends another may leave out what that has. A repeated sensor may have `$name` in place of a number.
+    """
+    document = RigFile.model_json_schema()
+    required, lists = document.pop("required"), {}
+    for key in ("props", "sensors"):
+        lists[key] = {"items": document["properties"][key].pop("items")}
+    for definition in document["$defs"].values():
+        _allow_placeholders(definition)
+        if "name" in definition["properties"]:
+            definition["properties"]["repeat"] = _REPEAT
+            definition["properties"]["name"]["pattern"] = "^[A-Za-z0-9_${}-]+$"
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **document,
+        "if": {"required": ["extends"]},
+        "then": {"properties": {key: {"items": _PART} for key in lists}},
+        "else": {"required": required, "properties": lists},
+    }
+
+
+def _allow_placeholders(schema: Any) -> None:
+    """Let every number be a text with a $ in it too; limits hold for numbers, a pattern for text."""
+    if isinstance(schema, list):
+        for item in schema:
+            _allow_placeholders(item)
+    elif isinstance(schema, dict):
+        if schema.get("type") in _NUMBERS:
+            schema |= {"type": [schema["type"], "string"], "pattern": r"\$"}
+        for value in schema.values():
+            _allow_placeholders(value)

@@ -1,0 +1,117 @@
+"""A first rig for a model: sensors on its cameras and on the sites that sound like sensors, with comments."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+
+from rigcast.sensors.names import model_names, usable_name
+
+_SCANNING = re.compile(r"lidar|laser|scan|velodyne|ouster|livox|hesai", re.IGNORECASE)
+_LOOKING = re.compile(r"depth|camera|realsense|kinect|zed", re.IGNORECASE)
+_LISTED = 20  # names that a comment lists before it is cut short
+
+
+def starter_rig(model: mujoco.MjModel, model_path: str, schema: str) -> str:
+    """The text of a rig file: a depth camera on every camera, a sensor on every site named like one.
+
+    Without any such site there is a lidar on top of the first body that moves, or in the world. model_path: what
+    the file shall say; schema: path or address of the JSON schema, for editors.
+    """
+    return "\n".join([*_head(model, model_path, schema), "sensors:", *_sensors(model)]) + "\n"
+
+
+def _head(model: mujoco.MjModel, model_path: str, schema: str) -> Iterator[str]:
+    yield f"# yaml-language-server: $schema={schema}"
+    yield f"# The sensors on {Path(model_path).name}. `rigcast validate` checks this file, `rigcast run` runs it."
+    yield "# Lengths are in metres and times in seconds; a key in another unit says so (_deg, _hz)."
+    yield ""
+    yield f"model: {_quoted(model_path)}    # relative to this file"
+    keyframes = model_names(model, mujoco.mjtObj.mjOBJ_KEY, model.nkey)
+    if keyframes:
+        yield f"keyframe: {_quoted(keyframes[0])}    # the state to start from{_others(keyframes)}"
+    yield "seed: 0    # the same seed gives the same frames"
+    yield ""
+
+
+def _sensors(model: mujoco.MjModel) -> Iterator[str]:
+    cameras = model_names(model, mujoco.mjtObj.mjOBJ_CAMERA, model.ncam)
+    sites = model_names(model, mujoco.mjtObj.mjOBJ_SITE, model.nsite)
+    scanning = [site for site in sites if _SCANNING.search(site)]
+    looking = [site for site in sites if _LOOKING.search(site) and site not in scanning]
+    taken: set[str] = set()
+    for camera in cameras:
+        yield from _camera(model, camera, usable_name(camera, taken))
+    for site in looking:
+        yield from _site_camera(site, usable_name(site, taken))
+    for site in scanning:
+        yield from _lidar(model, usable_name(site, taken), f"{{site: {_quoted(site)}}}", _site_body(model, site))
+    if not scanning:
+        yield from _lidar_on_body(model, sites, usable_name("lidar", taken))
+
+
+def _camera(model: mujoco.MjModel, camera: str, name: str) -> Iterator[str]:
+    index = model.camera(camera).id
+    yield f"  - name: {_quoted(name)}"
+    yield "    type: depth_camera"
+    yield f"    mount: {{camera: {_quoted(camera)}}}    # looks where that camera looks"
+    if model.cam_resolution[index].min() <= 1:
+        yield "    resolution: [640, 480]    # width, height; the model's camera has none of its own"
+    if model.cam_projection[index] == mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC:
+        yield "    fov_y_deg: 58    # the model's camera is orthographic"
+    yield "    rate_hz: 30"
+    yield ""
+
+
+def _site_camera(site: str, name: str) -> Iterator[str]:
+    yield f"  - name: {_quoted(name)}"
+    yield "    type: depth_camera"
+    yield "    preset: realsense_d435    # any key beside it overrides the preset; `rigcast presets` lists them"
+    yield f"    mount: {{site: {_quoted(site)}}}    # looks along the site's +x, with +z up"
+    yield "    rate_hz: 30"
+    yield ""
+
+
+def _lidar_on_body(model: mujoco.MjModel, sites: list[str], name: str) -> Iterator[str]:
+    if sites:
+        yield f"  # Sites that a sensor can be mounted on: {_listed(sites)}."
+    moving = [i for i in range(1, model.nbody) if model.body_weldid[i] != 0 and model.body(i).name]
+    if not moving:
+        yield from _lidar(model, name, "{pos: [0, 0, 1]}    # fixed to the world; or body:, site:, camera:", None)
+        return
+    body = model.body(moving[0]).name
+    mount = f"{{body: {_quoted(body)}, pos: [0, 0, 0.3]}}    # where on the body; or site:, camera:"
+    yield from _lidar(model, name, mount, moving[0])
+
+
+def _lidar(model: mujoco.MjModel, name: str, mount: str, body: int | None) -> Iterator[str]:
+    root = None if body is None else model.body(model.body_rootid[body]).name
+    yield f"  - name: {_quoted(name)}"
+    yield "    type: lidar"
+    yield "    preset: velodyne_vlp16    # any key beside it overrides the preset; `rigcast presets` lists them"
+    yield f"    mount: {mount}"
+    yield "    rate_hz: 10"
+    if root and root != "world":
+        own = f"{{exclude_bodies: [{_quoted(root)}], exclude_subtree: true}}"
+        yield f"    filter: {own}    # the robot does not see itself"
+    yield ""
+
+
+def _site_body(model: mujoco.MjModel, site: str) -> int:
+    return int(model.site_bodyid[model.site(site).id])
+
+
+def _others(names: list[str]) -> str:
+    return f"; others are {_listed(names[1:])}" if len(names) > 1 else ""
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "")
+
+
+def _quoted(text: str) -> str:
+    """Text as a YAML value: as it is where that is plain, else in quotes."""
+    plain = re.fullmatch(r"[A-Za-z_/.][\w/. -]*", text) and not text.endswith(" ")
+    spoken_for = text.lower() in ("null", "true", "false", "yes", "no", "on", "off") or text.strip(".") == ""
+    return text if plain and not spoken_for else "'" + text.replace("'", "''") + "'"

@@ -1,0 +1,1 @@
+"""Looking at what sensors saw: in rerun, or in a page that needs nothing but a browser."""

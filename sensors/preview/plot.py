@@ -1,0 +1,72 @@
+"""A frame drawn by matplotlib, for notebooks and papers."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.sensors.extras import load_extra
+from rigcast.sensors.preview.colour import Scale
+from rigcast.sensors.preview.lidar import first_returns, picture_order
+from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
+from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def plot_frame(pattern: Pattern, frame: Frame, ax: "Axes | None" = None) -> "Axes":
+    """Draw a camera's depth, a lidar's range image, or the points of any other sensor from above."""
+    pyplot = load_extra("Frame.plot", "matplotlib.pyplot", "plot")
+    shown: Axes = pyplot.gca() if ax is None else ax
+    shown.set_title(f"{frame.sensor}, t = {frame.time:.3f} s")
+    if isinstance(frame, CameraFrame):
+        _image(shown, frame.depth.numpy(), "depth [m]")
+        shown.set(xlabel="u [pixels]", ylabel="v [pixels]")
+    elif isinstance(frame, LidarFrame):
+        draw_ranges = _range_image if len(pattern.shape) == 2 else _range_scatter
+        draw_ranges(shown, first_returns(frame, pattern), pattern.at(frame.time))
+    else:
+        _from_above(shown, frame)
+    return shown
+
+
+def _range_image(ax: "Axes", distance: NDArray[np.float32], pattern: Pattern) -> None:
+    order, azimuth = picture_order(pattern.directions)
+    _image(ax, distance[order], "range [m]", aspect="auto")
+    degrees, rows = np.rad2deg(azimuth), order[0][:, 0]
+    ticks = np.linspace(0, len(degrees) - 1, min(9, len(degrees))).astype(int)
+    ax.set_xticks(ticks, [f"{degrees[k]:.0f}" for k in ticks])
+    ax.set_yticks([0, len(rows) - 1], [f"ring {rows[0]}", f"ring {rows[-1]}"])
+    ax.set_xlabel("azimuth [deg]")
+
+
+def _range_scatter(ax: "Axes", distance: NDArray[np.float32], pattern: Pattern) -> None:
+    """Each ray a dot where it points; left is left."""
+    azimuth, elevation = (np.rad2deg(angle) for angle in azimuth_elevation(pattern.directions))
+    hit = np.isfinite(distance)
+    ax.scatter(azimuth[~hit], elevation[~hit], s=1, c="grey")
+    drawn = ax.scatter(azimuth[hit], elevation[hit], s=1, c=distance[hit], cmap="turbo_r")
+    ax.invert_xaxis()
+    ax.set(xlabel="azimuth [deg]", ylabel="elevation [deg]", aspect="equal")
+    ax.figure.colorbar(drawn, ax=ax, label="range [m]")
+
+
+def _from_above(ax: "Axes", frame: Frame) -> None:
+    """x forward is up and y to the left, coloured by height."""
+    points = frame.points.numpy().reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    drawn = ax.scatter(points[:, 1], points[:, 0], c=points[:, 2], s=4, cmap="turbo")
+    ax.invert_xaxis()
+    ax.set(xlabel="y [m]", ylabel="x [m]", aspect="equal")
+    ax.figure.colorbar(drawn, ax=ax, label="z [m]")
+
+
+def _image(ax: "Axes", values: NDArray[np.float32], label: str, **how: Any) -> None:
+    """Values with a colour bar, near ones warm; those that are not finite are grey."""
+    scale = Scale.of(values)
+    low, high = (scale.low, scale.high) if np.isfinite(scale.low) else (0.0, 1.0)
+    masked = np.ma.masked_invalid(values)
+    drawn = ax.imshow(masked, cmap="turbo_r", vmin=low, vmax=high, interpolation="nearest", **how)
+    ax.set_facecolor("grey")
+    ax.figure.colorbar(drawn, ax=ax, label=label)

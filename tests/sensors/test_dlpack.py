@@ -1,0 +1,62 @@
+"""Frames go to torch and JAX as they are: the same memory, of the same kind and shape."""
+
+import gc
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+import rigcast
+
+FIELDS = {
+    "top": ("range", "points", "points_world", "normal", "geom_id", "body_id", "stamp", "ring", "column"),
+    "front": ("range", "depth", "points"),
+}
+CASES = [(sensor, field) for sensor, fields in FIELDS.items() for field in fields]
+SCENE = '<mujoco><worldbody><geom type="plane" size="9 9 1"/><geom size="0.5" pos="3 0 1"/></worldbody></mujoco>'
+
+
+def sense() -> dict[str, rigcast.Frame]:
+    mount = rigcast.Mount(pos=(0, 0, 1))
+    sensors: list[rigcast.Lidar | rigcast.DepthCamera] = [
+        rigcast.Lidar(name="top", mount=mount, elevation_deg=[-20, 0, 20], columns=36),
+        rigcast.DepthCamera(name="front", mount=mount, resolution=(8, 6), fov_y_deg=50),
+    ]
+    model = mujoco.MjModel.from_xml_string(SCENE)
+    return rigcast.Rig(model, sensors, device="cpu").sense(mujoco.MjData(model))
+
+
+@pytest.fixture(scope="module")
+def frames() -> dict[str, rigcast.Frame]:
+    return sense()
+
+
+@pytest.mark.parametrize(("sensor", "field"), CASES)
+def test_torch_shares_the_memory(frames: dict[str, rigcast.Frame], sensor: str, field: str) -> None:
+    torch = pytest.importorskip("torch")
+    array = getattr(frames[sensor], field)
+    tensor = torch.from_dlpack(array)
+    assert tensor.data_ptr() == array.ptr
+    np.testing.assert_array_equal(tensor.numpy(), array.numpy())
+    assert tensor.numpy().dtype == array.numpy().dtype
+
+
+@pytest.mark.parametrize(("sensor", "field"), CASES)
+def test_jax_shares_the_memory(frames: dict[str, rigcast.Frame], sensor: str, field: str) -> None:
+    jax: Any = pytest.importorskip("jax")
+    array = getattr(frames[sensor], field)
+    with jax.enable_x64():  # without it JAX makes float32 of points_world and stamp
+        given = jax.numpy.from_dlpack(array)
+        assert given.unsafe_buffer_pointer() == array.ptr
+        np.testing.assert_array_equal(np.asarray(given), array.numpy())
+
+
+def test_a_tensor_outlives_its_frame() -> None:
+    torch = pytest.importorskip("torch")
+    tensor = torch.from_dlpack(sense()["top"].range)
+    expected = tensor.clone()
+    gc.collect()
+    for _ in range(5):  # would take the memory over if it had been given back
+        sense()
+    assert torch.equal(tensor, expected)
