@@ -31,7 +31,8 @@ def scattered(
 def test_extinction_is_twice_the_cross_section_of_all_drops(rate: float) -> None:
     diameter = np.linspace(0, 30, 300_001)
     drops = 8000 * np.exp(-4.1 * rate**-0.21 * diameter)
-    exact = np.trapezoid(2 * np.pi / 4 * (1e-3 * diameter) ** 2 * drops, diameter)
+    each = 2 * np.pi / 4 * (1e-3 * diameter) ** 2 * drops
+    exact = np.sum(0.5 * (each[1:] + each[:-1]) * np.diff(diameter))
     assert weather.rain_extinction(rate) == pytest.approx(exact, rel=1e-6)
 
 

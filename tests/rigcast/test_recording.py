@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import tracemalloc
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -202,6 +203,14 @@ def test_a_run_that_is_killed_leaves_every_finished_frame_readable(tmp_path: Pat
     assert [(r.topic, r.nanoseconds) for r in found] == [(r.topic, r.nanoseconds) for r in stored]
 
 
+@pytest.fixture
+def ctrl_c_interrupts() -> Iterator[None]:
+    """Also in a process that was started in the background, where Ctrl-C is ignored."""
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, usual)
+
+
 def interrupting(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Press Ctrl-C while the second frame is being written in a format."""
     module: Any = import_module("rigcast.export.ply")
@@ -216,6 +225,7 @@ def interrupting(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, name, export)
 
 
+@pytest.mark.usefixtures("ctrl_c_interrupts")
 def test_ctrl_c_waits_until_the_frame_is_whole_in_every_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     interrupting("export_ply", monkeypatch)
     data = mujoco.MjData(made_frames.model())
@@ -234,6 +244,7 @@ def test_ctrl_c_waits_until_the_frame_is_whole_in_every_format(tmp_path: Path, m
     assert clouds_in(tmp_path / "rosbag2_sqlite3") == 2
 
 
+@pytest.mark.usefixtures("ctrl_c_interrupts")
 def test_a_second_ctrl_c_does_not_wait() -> None:
     def press_twice() -> None:
         with files.uninterrupted():
