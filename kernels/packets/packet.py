@@ -3,7 +3,7 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits import APART, Hit, WorldRay, decided
+from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within
 from rigcast.kernels.ray import box_margin
 from rigcast.kernels.tree import vec8
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
@@ -143,12 +143,7 @@ def world_ray(rays: TileRays, slot: int, i: int) -> WorldRay:
 
 @wp.func
 def hit_of_lane(hits: PacketHits, i: int) -> Hit:
-    hit = Hit()
-    hit.near = hits.near[i]
-    hit.far = hits.far[i]
-    hit.shape = hits.shape[i]
-    hit.triangle = hits.triangle[i]
-    return hit
+    return hit_within(hits.near[i], hits.far[i], hits.shape[i], hits.triangle[i])
 
 
 @wp.func
@@ -188,11 +183,7 @@ def offer(
 def decide_lane_of_packet(
     g: Geometry, rays: TileRays, slot: int, i: int, near: float, far: float, shape: int, triangle: int
 ) -> None:
-    hit = Hit()
-    hit.near = near
-    hit.far = far
-    hit.shape = shape
-    hit.triangle = triangle
+    hit = hit_within(near, far, shape, triangle)
     hits = rays.best[slot]
     first = decided(g, hit_of_lane(hits, i), hit, world_ray(rays, slot, i))
     hits.near[i] = first.near

@@ -12,7 +12,7 @@ from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
 
 from .frustum import Frustum, enter_frustum, frustum_of, packets_at_box
 from .packet import LANES, PACKETS, PacketHits, TileRays, Vectors, double_lanes, lanes, offer, view_from
-from .solids import intersect_closed_forms
+from .solids import triage_closed_forms
 from .triangles import cast_packet_through_triangles, packet_rays
 
 
@@ -44,8 +44,8 @@ def visit_closed_form(
     directions.x = local_x
     directions.y = local_y
     directions.z = local_z
-    t = intersect_closed_forms(g.kind[shape], g.size[shape], origin, directions, rays.cull)
-    return offer(g, rays, slot, t, t, shape, 0, reach)
+    spans = triage_closed_forms(g.kind[shape], g.size[shape], origin, directions, rays.cull)
+    return offer(g, rays, slot, spans.near, spans.far, shape, 0, reach)
 
 
 @wp.func
