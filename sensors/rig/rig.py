@@ -9,9 +9,11 @@ from typing import Any, Literal, NamedTuple
 import mujoco
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects.infrared import infrared
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
@@ -26,6 +28,7 @@ from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
 from .frame import CameraFrame, Frame, LidarFrame
+from .motion import History, Knot, Track
 from .mounted import Mounted, Sensor, WorldRays
 from .schedule import Schedule
 
@@ -77,13 +80,16 @@ class Rig:
         self._data = mujoco.MjData(model)
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
         self._schedules = {s.name: _schedule(s, model.opt.timestep, self.seed) for s in self.sensors}
+        self._moving = [m for m in self._mounted.values() if m.spec.moves]
+        self._history = History()
+        self._under_way: list[_Begun] = []
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
 
     def sense(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Frame]:
         """One frame of each of these sensors (None: of all), of the world at `data.time`.
 
-        Kinematics are worked out on a private copy; `data` is only read.
+        The world stands still for it, with `motion` and rolling shutters too: only `step` knows how it moves. Kinematics are worked out on a private copy; `data` is only read.
         """
         mounted = self._select(names)
         self._look(data)
@@ -95,22 +101,49 @@ class Rig:
         A sensor with `rate_hz` falls due at phase + k / rate_hz for every k on the clock `data.time`, one without it
         at every call; the frame comes in `latency` later. Each is given out once, however many come in in one step,
         and is whole whatever the timestep. It shows the world at the step that reached `frame.time`, less than a
-        timestep after it. When the clock goes backwards the schedule starts over, and frames that have not come in
-        are discarded.
+        timestep after it. One of a sensor with `motion` or a rolling shutter shows the world as it moves between the
+        steps that it spans, and comes in once its last ray is fired. When the clock goes backwards the schedule starts
+        over, and frames that are under way or have not come in are discarded.
         """
         self._require_own(data)
         if not data.time >= self._clock:
-            self._undelivered.clear()
+            self._start_over()
         self._clock = data.time
         due = [(time, m) for m in self._mounted.values() for time in self._schedules[m.spec.name].due(data.time)]
-        if due:
+        if due or self._moving:
             self._look(data)
         for time, m in due:
-            rounding = self._schedules[m.spec.name].rounding
-            self._undelivered.append(_Delivery(time + m.spec.latency, rounding, self._frame(m, time)))
-        arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
-        self._undelivered = [each for each in self._undelivered if each.time > data.time + each.rounding]
+            if m.spec.moves:
+                self._under_way.append(_Begun(time, m.at(time)))
+            else:
+                self._deliver(m, time, self._frame(m, time))
+        if self._moving:
+            self._take_moving(data.time)
+        rounding = {name: schedule.rounding for name, schedule in self._schedules.items()}
+        arrived = [each for each in self._undelivered if each.time <= data.time + rounding[each.frame.sensor]]
+        self._undelivered = [each for each in self._undelivered if each not in arrived]
         return iter([each.frame for each in sorted(arrived, key=lambda each: each.time)])
+
+    def _start_over(self) -> None:
+        self._undelivered.clear()
+        self._under_way.clear()
+        self._history.clear()
+
+    def _take_moving(self, now: float) -> None:
+        """Add the world as it is now to the history, and take the readings whose last ray has been fired."""
+        self._history.add(Knot(now, self.scene.poses, {m.spec.name: m.pose(self._data) for m in self._moving}))
+        rounding = {m.spec.name: self._schedules[m.spec.name].rounding for m in self._moving}
+        over = [each for each in self._under_way if each.end <= now + rounding[each.mounted.spec.name]]
+        self._under_way = [each for each in self._under_way if each not in over]
+        for each in over:
+            self._deliver(each.mounted, each.end, self._moving_frame(each))
+        if over:
+            self.scene.update(self._data)  # which was swept
+        self._history.forget_before(min([now, *(each.time for each in self._under_way)]))
+
+    def _deliver(self, mounted: Mounted, taken: float, frame: Frame) -> None:
+        """Keep a frame, the last ray of which was fired at `taken` [s], for when it comes in."""
+        self._undelivered.append(_Delivery(max(frame.time + mounted.spec.latency, taken), frame))
 
     def rays(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, WorldRays]:
         """The rays that each of these sensors would cast now."""
@@ -159,18 +192,32 @@ class Rig:
             raise InputError("Rig: data belongs to another model than the rig")
 
     def _frame(self, mounted: Mounted, time: float) -> Frame:
-        spec, fired = mounted.spec, mounted.at(time)
-        if isinstance(spec, Lidar):
-            return self._lidar_frame(fired, spec, time)
-        if isinstance(spec, DepthCamera):
-            return self._camera_frame(fired, spec, time)
-        rays = fired.rays(self._data)
-        hits = self.scene.cast_rays(rays, fired.visible(), spec.max_range)
-        read(hits, rays, spec.min_range)
-        return Frame(**self._common(fired, time, hits, rays))
+        """What a sensor reads in the world as it stands."""
+        fired = mounted.at(time)
+        return self._read(fired, _Aim(time, fired.pose(self._data), fired.rays(self._data)))
 
-    def _lidar_frame(self, mounted: Mounted, spec: Lidar, time: float) -> LidarFrame:
-        rays, visible = mounted.rays(self._data), mounted.visible()
+    def _moving_frame(self, begun: "_Begun") -> Frame:
+        """What a sensor reads in the world as it moves."""
+        knots = self._history.over(begun.time, begun.end)
+        self.scene.sweep([knot.shapes for knot in knots])
+        name, firings = begun.mounted.spec.name, begun.mounted.firings
+        assert firings is not None
+        pose = Track.along(knots, name, np.array([begun.time])).pose()
+        rays = begun.mounted.rays_along(Track.along(knots, name, begun.time + firings.times))
+        return self._read(begun.mounted, _Aim(begun.time, pose, rays))
+
+    def _read(self, mounted: Mounted, aim: "_Aim") -> Frame:
+        spec, rays = mounted.spec, aim.rays
+        if isinstance(spec, Lidar):
+            return self._read_lidar(mounted, spec, aim)
+        if isinstance(spec, DepthCamera):
+            return self._read_camera(mounted, spec, aim)
+        hits = self.scene.cast_rays(rays, mounted.visible(), spec.max_range)
+        read(hits, rays, spec.min_range)
+        return Frame(**self._common(mounted, aim, hits))
+
+    def _read_lidar(self, mounted: Mounted, spec: Lidar, aim: "_Aim") -> LidarFrame:
+        rays, visible = aim.rays, mounted.visible()
         if mounted.physics is None:
             hits = self.scene.cast_rays(rays, visible, spec.max_range)
             read(hits, rays, spec.min_range)
@@ -178,11 +225,11 @@ class Rig:
         else:
             reading = mounted.physics.read(rays, visible, self.seed, next(mounted.frames))
             hits, bright = reading.hits, partial(wp.array.flatten, reading.intensity)
-        common = self._common(mounted, time, hits, rays)
+        common = self._common(mounted, aim, hits)
         return LidarFrame(**common, ring=mounted.ring, column=mounted.column, _intensity=bright)
 
-    def _camera_frame(self, mounted: Mounted, spec: DepthCamera, time: float) -> CameraFrame:
-        pattern, rays, visible = mounted.pattern, mounted.rays(self._data), mounted.visible()
+    def _read_camera(self, mounted: Mounted, spec: DepthCamera, aim: "_Aim") -> CameraFrame:
+        pattern, rays, visible = mounted.pattern, aim.rays, mounted.visible()
         if mounted.depth_physics is None:
             hits = seen = self.scene.cast_rays(rays, visible, spec.max_range)
             read(hits, rays, spec.min_range)
@@ -192,22 +239,22 @@ class Rig:
         bright = partial(infrared, seen, rays.directions, self.scene.looks().reflectivity)
         assert pattern.intrinsics is not None
         return CameraFrame(
-            **self._common(mounted, time, hits, rays),
+            **self._common(mounted, aim, hits),
             intrinsics=pattern.intrinsics,
             lens=pattern.lens,
             depth_scale=spec.depth_scale,
             _intensity=bright,
         )
 
-    def _common(self, mounted: Mounted, time: float, hits: HitArrays, rays: Rays) -> dict[str, Any]:
+    def _common(self, mounted: Mounted, aim: "_Aim", hits: HitArrays) -> dict[str, Any]:
         """What every frame is made with."""
         return {
             "sensor": mounted.spec.name,
-            "time": time,
-            "pose": mounted.pose(self._data),
+            "time": aim.time,
+            "pose": aim.pose,
             "shape": mounted.frame_shape,
             "_hits": hits,
-            "_rays": rays,
+            "_rays": aim.rays,
             "_ids_of_shape": self.scene.ids_in_use,
             "_body_of_shape": self.scene.body_of_shape,
             "_firing_times": mounted.firing_times,
@@ -215,11 +262,31 @@ class Rig:
         }
 
 
-class _Delivery(NamedTuple):
-    """A frame that comes in at `time` [s], or when the clock is `rounding` short of it."""
+class _Aim(NamedTuple):
+    """The rays of a reading that begins at `time` [s], and the pose (4, 4) in which the sensor is then."""
 
     time: float
-    rounding: float
+    pose: NDArray[np.float64]
+    rays: Rays
+
+
+class _Begun(NamedTuple):
+    """A reading that began at `time` [s] and is under way."""
+
+    time: float
+    mounted: Mounted
+
+    @property
+    def end(self) -> float:
+        """When its last ray is fired [s]."""
+        assert self.mounted.firings is not None
+        return self.time + self.mounted.firings.end
+
+
+class _Delivery(NamedTuple):
+    """A frame that comes in at `time` [s]."""
+
+    time: float
     frame: Frame
 
 

@@ -26,7 +26,7 @@ from .geoms import Geoms
 from .hits import Hits
 from .looks import Looks, LooksTable
 from .model_geometry import unsupported_parts
-from .part import OWNERS, Owner, Part
+from .part import OWNERS, Owner, Part, ShapePoses
 from .props import Props
 from .skins import Skins
 
@@ -91,6 +91,7 @@ class Scene:
         bodies = np.concatenate([part.bodies for part in self._parts])
         self._looks_table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
+        self.poses = ShapePoses(np.empty((0, 3)), np.empty((0, 9)))  # as of the last update
         self._stale = "no poses yet"
         self._looks_read: list[bytes] = []
         self._visible: dict[Filter, wp.array] = {}
@@ -126,11 +127,20 @@ class Scene:
             first_tree += len(part.trees)
         if any(snapshot.shapes is not None for snapshot in snapshots):
             self._world.set_shapes(self._shapes())
-        self._world.update(
+        self.poses = ShapePoses(
             np.concatenate([snapshot.position for snapshot in snapshots]),
             np.concatenate([snapshot.rotation for snapshot in snapshots]),
         )
+        self._world.update(*self.poses)
         self._stale = ""
+
+    def sweep(self, poses: Sequence[ShapePoses]) -> None:
+        """Take the world as it moves through these `poses` of an `update` each, in as many spans less one.
+
+        Until the next `update`, rays are cast at what stands there at their `span` and `fraction`. Sizes, flexes and skins
+        are those of the last `update`.
+        """
+        self._world.sweep(np.array([each.position for each in poses]), np.array([each.rotation for each in poses]))
 
     def refresh(self, name: str) -> None:
         """Say that a mesh (`mesh_vert`, `mesh_face`) or height field of this name has been edited in the model.
