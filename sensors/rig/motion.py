@@ -22,8 +22,8 @@ Doubles = NDArray[np.float64]
 class Firings:
     """What of a reading leaves at one time, from one pose of the sensor.
 
-    of_ray: (n,) int32, the firing of each ray. times: (firings,) [s] after the reading's begin, ascending, the middle of
-    those of its rays. end: when the last ray is fired [s].
+    of_ray: (n,) int32, the firing of each ray. times: (firings,) [s] after the reading's begin, ascending, the middle
+    of those of its rays. end: when the last ray is fired [s].
     """
 
     of_ray: NDArray[np.int32]

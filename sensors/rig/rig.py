@@ -89,7 +89,8 @@ class Rig:
     def sense(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Frame]:
         """One frame of each of these sensors (None: of all), of the world at `data.time`.
 
-        The world stands still for it, with `motion` and rolling shutters too: only `step` knows how it moves. Kinematics are worked out on a private copy; `data` is only read.
+        The world stands still for it, with `motion` and rolling shutters too: only `step` knows how it moves.
+        Kinematics are worked out on a private copy; `data` is only read.
         """
         mounted = self._select(names)
         self._look(data)

@@ -137,8 +137,8 @@ class Scene:
     def sweep(self, poses: Sequence[ShapePoses]) -> None:
         """Take the world as it moves through these `poses` of an `update` each, in as many spans less one.
 
-        Until the next `update`, rays are cast at what stands there at their `span` and `fraction`. Sizes, flexes and skins
-        are those of the last `update`.
+        Until the next `update`, rays are cast at what stands there at their `span` and `fraction`. Sizes, flexes and
+        skins are those of the last `update`.
         """
         self._world.sweep(np.array([each.position for each in poses]), np.array([each.rotation for each in poses]))
 
