@@ -33,6 +33,14 @@ class WorldRays(NamedTuple):
     directions: NDArray[np.float64]
 
 
+class Aim(NamedTuple):
+    """The rays of a reading that begins at `time` [s], and the pose (4, 4) in which the sensor is then."""
+
+    time: float
+    pose: NDArray[np.float64]
+    rays: Rays
+
+
 @dataclass(frozen=True, eq=False)
 class Mounted:
     """A sensor on a scene, with the rays of one reading on the device.

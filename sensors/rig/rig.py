@@ -9,11 +9,9 @@ from typing import Any, Literal, NamedTuple
 import mujoco
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects.infrared import infrared
-from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
@@ -28,9 +26,9 @@ from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
 from .frame import CameraFrame, Frame, LidarFrame
-from .motion import History, Knot, Track
-from .mounted import Mounted, Sensor, WorldRays
+from .mounted import Aim, Mounted, Sensor, WorldRays
 from .schedule import Schedule
+from .under_way import UnderWay
 
 
 class Rig:
@@ -80,9 +78,8 @@ class Rig:
         self._data = mujoco.MjData(model)
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
         self._schedules = {s.name: _schedule(s, model.opt.timestep, self.seed) for s in self.sensors}
-        self._moving = [m for m in self._mounted.values() if m.spec.moves]
-        self._history = History()
-        self._under_way: list[_Begun] = []
+        rounding = {name: schedule.rounding for name, schedule in self._schedules.items()}
+        self._under_way = UnderWay(self.scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
 
@@ -108,43 +105,35 @@ class Rig:
         """
         self._require_own(data)
         if not data.time >= self._clock:
-            self._start_over()
+            self._undelivered.clear()
+            self._under_way.start_over()
         self._clock = data.time
         due = [(time, m) for m in self._mounted.values() for time in self._schedules[m.spec.name].due(data.time)]
-        if due or self._moving:
+        if due or self._under_way.moving:
             self._look(data)
         for time, m in due:
             if m.spec.moves:
-                self._under_way.append(_Begun(time, m.at(time)))
+                self._under_way.begin(time, m.at(time))
             else:
                 self._deliver(m, time, self._frame(m, time))
-        if self._moving:
-            self._take_moving(data.time)
-        rounding = {name: schedule.rounding for name, schedule in self._schedules.items()}
-        arrived = [each for each in self._undelivered if each.time <= data.time + rounding[each.frame.sensor]]
+        if self._under_way.moving:
+            self._end_readings()
+        arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
         self._undelivered = [each for each in self._undelivered if each not in arrived]
         return iter([each.frame for each in sorted(arrived, key=lambda each: each.time)])
 
-    def _start_over(self) -> None:
-        self._undelivered.clear()
-        self._under_way.clear()
-        self._history.clear()
-
-    def _take_moving(self, now: float) -> None:
-        """Add the world as it is now to the history, and take the readings whose last ray has been fired."""
-        self._history.add(Knot(now, self.scene.poses, {m.spec.name: m.pose(self._data) for m in self._moving}))
-        rounding = {m.spec.name: self._schedules[m.spec.name].rounding for m in self._moving}
-        over = [each for each in self._under_way if each.end <= now + rounding[each.mounted.spec.name]]
-        self._under_way = [each for each in self._under_way if each not in over]
-        for each in over:
-            self._deliver(each.mounted, each.end, self._moving_frame(each))
+    def _end_readings(self) -> None:
+        """Take those readings of sensors that move whose last ray has been fired."""
+        over = self._under_way.step(self._data)
+        for begun in over:
+            self._deliver(begun.mounted, begun.end, self._read(begun.mounted, self._under_way.aim(begun)))
         if over:
             self.scene.update(self._data)  # which was swept
-        self._history.forget_before(min([now, *(each.time for each in self._under_way)]))
 
     def _deliver(self, mounted: Mounted, taken: float, frame: Frame) -> None:
         """Keep a frame, the last ray of which was fired at `taken` [s], for when it comes in."""
-        self._undelivered.append(_Delivery(max(frame.time + mounted.spec.latency, taken), frame))
+        rounding = self._schedules[mounted.spec.name].rounding
+        self._undelivered.append(_Delivery(max(frame.time + mounted.spec.latency, taken), rounding, frame))
 
     def rays(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, WorldRays]:
         """The rays that each of these sensors would cast now."""
@@ -195,19 +184,9 @@ class Rig:
     def _frame(self, mounted: Mounted, time: float) -> Frame:
         """What a sensor reads in the world as it stands."""
         fired = mounted.at(time)
-        return self._read(fired, _Aim(time, fired.pose(self._data), fired.rays(self._data)))
+        return self._read(fired, Aim(time, fired.pose(self._data), fired.rays(self._data)))
 
-    def _moving_frame(self, begun: "_Begun") -> Frame:
-        """What a sensor reads in the world as it moves."""
-        knots = self._history.over(begun.time, begun.end)
-        self.scene.sweep([knot.shapes for knot in knots])
-        name, firings = begun.mounted.spec.name, begun.mounted.firings
-        assert firings is not None
-        pose = Track.along(knots, name, np.array([begun.time])).pose()
-        rays = begun.mounted.rays_along(Track.along(knots, name, begun.time + firings.times))
-        return self._read(begun.mounted, _Aim(begun.time, pose, rays))
-
-    def _read(self, mounted: Mounted, aim: "_Aim") -> Frame:
+    def _read(self, mounted: Mounted, aim: Aim) -> Frame:
         spec, rays = mounted.spec, aim.rays
         if isinstance(spec, Lidar):
             return self._read_lidar(mounted, spec, aim)
@@ -217,7 +196,7 @@ class Rig:
         read(hits, rays, spec.min_range)
         return Frame(**self._common(mounted, aim, hits))
 
-    def _read_lidar(self, mounted: Mounted, spec: Lidar, aim: "_Aim") -> LidarFrame:
+    def _read_lidar(self, mounted: Mounted, spec: Lidar, aim: Aim) -> LidarFrame:
         rays, visible = aim.rays, mounted.visible()
         if mounted.physics is None:
             hits = self.scene.cast_rays(rays, visible, spec.max_range)
@@ -229,7 +208,7 @@ class Rig:
         common = self._common(mounted, aim, hits)
         return LidarFrame(**common, ring=mounted.ring, column=mounted.column, _intensity=bright)
 
-    def _read_camera(self, mounted: Mounted, spec: DepthCamera, aim: "_Aim") -> CameraFrame:
+    def _read_camera(self, mounted: Mounted, spec: DepthCamera, aim: Aim) -> CameraFrame:
         pattern, rays, visible = mounted.pattern, aim.rays, mounted.visible()
         if mounted.depth_physics is None:
             hits = seen = self.scene.cast_rays(rays, visible, spec.max_range)
@@ -247,7 +226,7 @@ class Rig:
             _intensity=bright,
         )
 
-    def _common(self, mounted: Mounted, aim: "_Aim", hits: HitArrays) -> dict[str, Any]:
+    def _common(self, mounted: Mounted, aim: Aim, hits: HitArrays) -> dict[str, Any]:
         """What every frame is made with."""
         return {
             "sensor": mounted.spec.name,
@@ -263,31 +242,11 @@ class Rig:
         }
 
 
-class _Aim(NamedTuple):
-    """The rays of a reading that begins at `time` [s], and the pose (4, 4) in which the sensor is then."""
-
-    time: float
-    pose: NDArray[np.float64]
-    rays: Rays
-
-
-class _Begun(NamedTuple):
-    """A reading that began at `time` [s] and is under way."""
-
-    time: float
-    mounted: Mounted
-
-    @property
-    def end(self) -> float:
-        """When its last ray is fired [s]."""
-        assert self.mounted.firings is not None
-        return self.time + self.mounted.firings.end
-
-
 class _Delivery(NamedTuple):
-    """A frame that comes in at `time` [s]."""
+    """A frame that comes in at `time` [s], or when the clock is `rounding` short of it."""
 
     time: float
+    rounding: float
     frame: Frame
 
 
