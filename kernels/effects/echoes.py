@@ -22,8 +22,9 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.vectors import to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.rays import Rays
 
 from .infrared import cos_incidence
 from .random import RandomSource, random_normal
