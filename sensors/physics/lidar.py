@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.packets.firings import repeat_firing, sort_rays
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
 from rigcast.sensors.scene.scene import Scene
@@ -115,7 +116,7 @@ class LidarPhysics:
         surfaces.transmission = looks.surfaces.transmission if self.spec.max_surfaces > 1 else none
         surfaces.mirror = looks.surfaces.mirror if self.spec.mirrors else none
         lobe = math.radians(self.spec.mirror_lobe_deg)
-        return echoes.Setting(surfaces, rays.rotation, self.spec.max_range, self._extinction, lobe, self.sub_rays)
+        return echoes.Setting(surfaces, rays, self.spec.max_range, self._extinction, lobe, self.sub_rays)
 
 
 def _along(paths: echoes.Paths, rays: Rays) -> Rays:

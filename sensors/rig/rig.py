@@ -12,6 +12,7 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects.infrared import infrared
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of

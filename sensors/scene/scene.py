@@ -11,8 +11,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.cast import HitArrays, Rays, as_double, cast, unit_directions
+from rigcast.kernels.cast import HitArrays, as_double, cast, unit_directions
 from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 from rigcast.sensors.errors import InputError, require_type, warn_user
