@@ -12,7 +12,6 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects.infrared import infrared
-from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
@@ -110,22 +109,21 @@ class Rig:
             self._under_way.start_over()
         self._clock = data.time
         due = [(time, m) for m in self._mounted.values() for time in self._schedules[m.spec.name].due(data.time)]
-        if due or self._under_way.moving:
+        still = [(time, m) for time, m in due if not m.spec.moves]
+        if still:
             self._look(data)
-        for time, m in due:
-            if m.spec.moves:
-                self._under_way.begin(time, m.at(time))
-            else:
-                self._deliver(m, time, self._frame(m, time))
+        for time, m in still:
+            self._deliver(m, time, self._frame(m, time))
         if self._under_way.moving:
-            self._end_readings()
+            self._move_on(data, [(time, m) for time, m in due if m.spec.moves])
         arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
         self._undelivered = [each for each in self._undelivered if each not in arrived]
         return iter([each.frame for each in sorted(arrived, key=lambda each: each.time)])
 
-    def _end_readings(self) -> None:
-        """Take those readings of sensors that move whose last ray has been fired."""
-        over = self._under_way.step(self._data)
+    def _move_on(self, data: mujoco.MjData, due: list[tuple[float, Mounted]]) -> None:
+        """Begin readings of sensors that move; take those whose last ray has been fired."""
+        self._work_out_poses(data)
+        over = self._under_way.step(self._data, [(time, m.at(time)) for time, m in due])
         for begun in over:
             self._deliver(begun.mounted, begun.end, self._read(begun.mounted, self._under_way.aim(begun)))
         if over:
@@ -165,8 +163,13 @@ class Rig:
         return [self._mounted[name] for name in names]
 
     def _look(self, data: mujoco.MjData) -> None:
-        """Bring the scene to the world at data.time, whose poses mj_step has not worked out yet."""
+        """Bring the scene to the world at data.time."""
         self._require_own(data)
+        self._work_out_poses(data)
+        self.scene.update(self._data)
+
+    def _work_out_poses(self, data: mujoco.MjData) -> None:
+        """Those at data.time, into the private copy: mj_step has not done so yet."""
         self._data.time = data.time
         self._data.qpos[:] = data.qpos
         self._data.mocap_pos[:] = data.mocap_pos
@@ -175,7 +178,6 @@ class Rig:
         mujoco.mj_comPos(self.model, self._data)
         mujoco.mj_flex(self.model, self._data)
         mujoco.mj_camlight(self.model, self._data)
-        self.scene.update(self._data)
 
     def _require_own(self, data: mujoco.MjData) -> None:
         require_type("Rig: data", data, mujoco.MjData)

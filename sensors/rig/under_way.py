@@ -1,6 +1,6 @@
 """Readings of sensors that move: begun at one step, over at a later one."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -42,14 +42,12 @@ class UnderWay:
         self._begun.clear()
         self._history.clear()
 
-    def begin(self, time: float, mounted: Mounted) -> None:
-        self._begun.append(Begun(time, mounted))
-
-    def step(self, data: mujoco.MjData) -> list[Begun]:
-        """Take the world as the scene has it, that of `data`; the readings whose last ray has been fired."""
+    def step(self, data: mujoco.MjData, due: Iterable[tuple[float, Mounted]]) -> list[Begun]:
+        """Go on to the world of `data`, and begin what falls due; the readings whose last ray has been fired."""
+        self._begun += [Begun(time, mounted) for time, mounted in due]
         self._history.forget_before(min([data.time, *(each.time for each in self._begun)]))
         poses = {m.spec.name: m.pose(data) for m in self.moving}
-        self._history.add(Knot(data.time, self._scene.poses, poses))
+        self._history.add(Knot(data.time, self._scene.read(data), poses))
         over = [each for each in self._begun if each.end <= data.time + self._rounding[each.mounted.spec.name]]
         self._begun = [each for each in self._begun if each not in over]
         return over

@@ -92,7 +92,6 @@ class Scene:
         bodies = np.concatenate([part.bodies for part in self._parts])
         self._looks_table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
-        self.poses = ShapePoses(np.empty((0, 3)), np.empty((0, 9)))  # as of the last update
         self._stale = "no poses yet"
         self._looks_read: list[bytes] = []
         self._visible: dict[Filter, wp.array] = {}
@@ -112,6 +111,11 @@ class Scene:
             InputError: `data` belongs to another model, a size or an elevation that is not finite, or a geom that
                 has got another type, mesh or height field.
         """
+        self._world.update(*self.read(data))
+        self._stale = ""
+
+    def read(self, data: mujoco.MjData) -> ShapePoses:
+        """Where everything stands in `data`, for a `sweep`; rays are cast at it after the next `update` or `sweep`."""
         require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
             raise InputError(
@@ -128,18 +132,16 @@ class Scene:
             first_tree += len(part.trees)
         if any(snapshot.shapes is not None for snapshot in snapshots):
             self._world.set_shapes(self._shapes())
-        self.poses = ShapePoses(
+        return ShapePoses(
             np.concatenate([snapshot.position for snapshot in snapshots]),
             np.concatenate([snapshot.rotation for snapshot in snapshots]),
         )
-        self._world.update(*self.poses)
-        self._stale = ""
 
     def sweep(self, poses: Sequence[ShapePoses]) -> None:
-        """Take the world as it moves through these `poses` of an `update` each, in as many spans less one.
+        """Take the world as it moves through these poses, of a `read` each, in as many spans less one.
 
         Until the next `update`, rays are cast at what stands there at their `span` and `fraction`. Sizes, flexes and
-        skins are those of the last `update`.
+        skins are those of the last `read`.
         """
         self._world.sweep(np.array([each.position for each in poses]), np.array([each.rotation for each in poses]))
 

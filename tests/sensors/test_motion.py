@@ -47,7 +47,7 @@ XML = """
 TURNING = (1.0, 2.0, -1.5, 3.0, 2.0, -2.0)  # [m/s] and [rad/s] of the joints
 SPINNING: dict[str, Any] = {
     "mount": Mount(site="eye"),
-    "elevation_deg": [-20, -8, -1, 4, 13],
+    "elevation_deg": [-20, -8, -3, 4, 13],
     "columns": 512,
     "rate_hz": 10.0,
 }
@@ -62,12 +62,12 @@ def moving(timestep: float, velocity: tuple[float, ...] = TURNING) -> tuple[mujo
     return model, data
 
 
-def frames_of(
-    *specs: Lidar | DepthCamera, timestep: float = TIMESTEP, until: float = 0.25, seed: int = 0
-) -> list[Frame]:
+def frames_of(*specs: Lidar | DepthCamera, timestep: float = TIMESTEP, until: float = 0.25) -> list[Frame]:
+    """What begins after time 0, which the rig has seen."""
     model, data = moving(timestep)
-    rig = Rig(model, specs, "cpu", seed)
-    return [frame for _, frame in drive(rig, data, until)]
+    rig = Rig(model, specs, "cpu")
+    list(rig.step(data))
+    return [frame for _, frame in drive(rig, data, until) if frame.time > 0]
 
 
 def drive(rig: Rig, data: mujoco.MjData, until: float) -> Iterator[tuple[float, Frame]]:
@@ -113,14 +113,15 @@ def expected_ranges(frame: Frame, spec: Lidar | DepthCamera, jolt: float = 0.0) 
 
 
 def assert_ranges(frame: Frame, spec: Lidar | DepthCamera, within: float = 1e-3) -> None:
-    """Outside of the edge band, where a ray turned by a milliradian meets something else, or finds it elsewhere."""
+    """Outside of the edge band, where rays turned by half a milliradian to both sides do not find the same surface."""
     got, expected = frame.range.numpy(), expected_ranges(frame, spec)
-    aside = [expected_ranges(frame, spec, jolt) for jolt in (-1e-3, 1e-3)]
+    aside = [expected_ranges(frame, spec, jolt) for jolt in (-5e-4, 5e-4)]
     with np.errstate(invalid="ignore"):
-        at_edge = np.any([~(np.abs(other - expected) < 0.02 + 0.01 * expected) for other in aside], axis=0)
+        at_edge = ~(np.abs(sum(aside) / 2 - expected) < 0.01)
+        error = np.where(np.isinf(expected) & np.isinf(got), 0.0, np.abs(got - expected))
     at_edge &= np.isfinite(expected) | np.isfinite(aside).any(axis=0)
     assert at_edge.mean() < 0.05
-    error = np.where(np.isinf(expected) & np.isinf(got), 0.0, np.abs(got - expected))[~at_edge]
+    error = error[~at_edge]
     assert error.max() <= within, f"got {error.max()} m, at {(error > within).sum()} of {error.size} rays"
 
 
@@ -184,8 +185,8 @@ def test_readings_do_not_depend_on_the_timestep(timestep: float) -> None:
             assert a.shape == b.shape
             assert a.time == b.time
             np.testing.assert_array_equal(a.stamp.numpy(), b.stamp.numpy())
-            off = np.abs(a.range.numpy() - b.range.numpy()) > 2e-3 + 20 * timestep**2
-            assert off.mean() < 0.05
+            allowed = 2e-3 + 20 * timestep**2
+            assert np.isclose(a.range.numpy(), b.range.numpy(), rtol=0, atol=allowed).mean() > 0.95
 
 
 def test_a_reading_comes_in_when_its_last_ray_is_fired() -> None:
@@ -262,7 +263,7 @@ def test_effects_too_small_to_see_change_nothing_in_motion(name: str) -> None:
 def test_subrays_are_seen_when_their_pixel_is() -> None:
     one, nine = (rolling(time_of_flight=TimeOfFlight(subrays=subrays)) for subrays in (1, 3))
     a, b = (frames_of(spec, until=0.08)[0].range.numpy() for spec in (one, nine))
-    assert np.median(np.abs(a - b)) < 2e-3
+    assert np.isclose(a, b, rtol=0, atol=5e-3).mean() > 0.9
 
 
 def test_a_camera_cannot_read_longer_than_its_period() -> None:

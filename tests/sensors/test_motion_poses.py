@@ -36,7 +36,7 @@ def test_rays_of_a_firing_are_within_a_slot_of_each_other(period: float, rows: i
 
 
 def test_columns_that_are_a_slot_apart_have_their_own_exact_time() -> None:
-    times = np.repeat(1e-4 * np.arange(1000), 64)
+    times = np.repeat(SLOT * np.arange(1000), 64)
     firings = Firings.of(times)
     np.testing.assert_array_equal(firings.times[firings.of_ray], times)
 
