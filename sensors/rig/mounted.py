@@ -64,7 +64,7 @@ class Mounted:
     @staticmethod
     def on(scene: Scene, spec: Sensor) -> "Mounted":
         pattern = spec.pattern(scene.model)
-        firings = _firings(spec, pattern)
+        firings = _firings(spec, pattern, scene)
         rays = _upload_rays(pattern, firings, scene)
         return Mounted(
             scene,
@@ -86,7 +86,7 @@ class Mounted:
         if self.pattern.later is None:
             return self
         pattern, device = self.pattern.at(time), self.scene.device
-        firings = _firings(self.spec, pattern)
+        firings = _firings(self.spec, pattern, self.scene)
         rays = _upload_rays(pattern, firings, self.scene)
         return replace(
             self,
@@ -141,25 +141,28 @@ class Mounted:
         return WorldRays(np.broadcast_to(local @ pose[:3, :3].T + pose[:3, 3], directions.shape), directions)
 
 
-def _firings(spec: Sensor, pattern: Pattern) -> Firings | None:
+def _firings(spec: Sensor, pattern: Pattern, scene: Scene) -> Firings | None:
     if not spec.moves:
         return None
     times = np.zeros(pattern.shape) if pattern.firing_times is None else pattern.firing_times
-    return Firings.of(times.reshape(-1))
+    return Firings.of(times.reshape(-1), packed=_in_packets(pattern, scene))
 
 
-def _upload_rays(pattern: Pattern, firings: Firings | None, scene: Scene) -> Rays:
-    """The rays of a pattern on the device; on the CPU in packets, where they leave from one origin at one time.
+def _in_packets(pattern: Pattern, scene: Scene) -> bool:
+    """Whether rays are cast in packets: on the CPU, where they leave from one origin.
 
     Those of a pattern that is another one in each reading are cast alone: sorting them would take longer.
     """
+    return scene.device.is_cpu and pattern.origins is None and pattern.later is None
+
+
+def _upload_rays(pattern: Pattern, firings: Firings | None, scene: Scene) -> Rays:
+    """The rays of a pattern on the device."""
     origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
     rays = scene.rays_in_frame(pattern.directions, origins, np.eye(4))
     if firings is not None:
         rays = replace(rays, firing=wp.array(firings.of_ray, dtype=int, device=scene.device))
-    if pattern.origins is not None or pattern.later is not None or not scene.device.is_cpu:
-        return rays
-    return replace(rays, packets=sort_rays(rays.directions, rays.firing))
+    return replace(rays, packets=sort_rays(rays.directions, rays.firing)) if _in_packets(pattern, scene) else rays
 
 
 def _upload(values: NDArray[np.generic] | None, dtype: type, spec: Sensor, device: wp.Device) -> wp.array | None:

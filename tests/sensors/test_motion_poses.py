@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigcast.sensors.rig.motion import SLOT, Firings, History, Knot, Track, slerp
+from rigcast.sensors.rig.motion import PACKED_SLOT, SLOT, Firings, History, Knot, Track, slerp
 from rigcast.sensors.scene.part import ShapePoses
 
 NOTHING = ShapePoses(np.empty((0, 3)), np.empty((0, 9)))
@@ -23,22 +23,29 @@ def turned(axis: NDArray[np.float64], angle: float, position: tuple[float, float
     return pose
 
 
-# column period [s], rows and when each fires [s]
-@pytest.mark.parametrize(("period", "rows"), [(97.65625e-6, 64), (1 / 7200, 1), (55.296e-6, 16), (1e-6, 3)])
-def test_rays_of_a_firing_are_within_a_slot_of_each_other(period: float, rows: int) -> None:
-    times = (period * np.arange(1000) + 2.304e-6 * np.arange(rows)[:, None]).ravel()
-    firings = Firings.of(times)
+# column period [s], rows and when each fires after the one before [s], and the slot that is expected
+@pytest.mark.parametrize(
+    ("period", "rows", "delay", "packed", "slot"),
+    [
+        (97.65625e-6, 64, 0.0, True, SLOT),
+        (1e-6, 40, 0.0, True, SLOT),
+        (55.296e-6, 16, 2.304e-6, False, SLOT),
+        (55.296e-6, 16, 2.304e-6, True, PACKED_SLOT),
+        (1 / 7200, 1, 0.0, False, SLOT),
+    ],
+)
+def test_rays_of_a_firing_are_within_a_slot_of_each_other(
+    period: float, rows: int, delay: float, packed: bool, slot: float
+) -> None:
+    times = (period * np.arange(1000) + delay * np.arange(rows)[:, None]).ravel()
+    firings = Firings.of(times, packed=packed)
     error = times - firings.times[firings.of_ray]
-    assert np.abs(error).max() <= SLOT / 2 + 1e-12
+    assert np.abs(error).max() <= slot / 2 + 1e-12
+    if period > slot and not delay:
+        assert not error.any(), "columns that are farther apart have their exact time"
     assert (np.diff(firings.times) > 0).all()
     assert firings.end == times.max()
     assert set(firings.of_ray.tolist()) == set(range(len(firings.times)))
-
-
-def test_columns_that_are_a_slot_apart_have_their_own_exact_time() -> None:
-    times = np.repeat(SLOT * np.arange(1000), 64)
-    firings = Firings.of(times)
-    np.testing.assert_array_equal(firings.times[firings.of_ray], times)
 
 
 # begin, end, the steps wanted, of steps at 0, 1, 2, 3
