@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -81,13 +82,13 @@ def _read(path: Path) -> TriangleTree | None:
     return tree
 
 
-def _plain(array: NDArray[np.generic]) -> object:
+def _plain(array: NDArray[np.generic]) -> Any:
     return array if array.ndim else array.item()
 
 
 def _keep(tree: TriangleTree, path: Path) -> None:
     """Write a file that appears whole or not at all, whoever else writes it now."""
-    arrays = {field.name: np.asarray(getattr(tree, field.name)) for field in fields(TriangleTree)}
+    arrays: dict[str, Any] = {field.name: np.asarray(getattr(tree, field.name)) for field in fields(TriangleTree)}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _make_room(path.parent, sum(array.nbytes for array in arrays.values()))
