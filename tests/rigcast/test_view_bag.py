@@ -68,11 +68,11 @@ def hold_equal(read: list[Shot], seen: list[Shot], names: tuple[str, ...], toler
         about = f"{got.sensor} at {got.time}"
         np.testing.assert_allclose(got.pose, expected.pose, atol=1e-9, err_msg=about)
         order = [np.lexsort(np.round(shot.points, 2).T) for shot in (got, expected)]
-        points = [shot.points_world[k] for shot, k in zip((got, expected), order, strict=True)]
-        np.testing.assert_allclose(*points, atol=tolerance, err_msg=about)
+        a, b = (shot.points_world[k] for shot, k in zip((got, expected), order, strict=True))
+        np.testing.assert_allclose(a, b, atol=tolerance, err_msg=about)
         for name in {"range", *names} & set(expected.values):
-            values = [shot.values[name][k] for shot, k in zip((got, expected), order, strict=True)]
-            np.testing.assert_allclose(*values, rtol=1e-5, atol=tolerance, err_msg=f"{name} of {about}")
+            a, b = (shot.values[name][k] for shot, k in zip((got, expected), order, strict=True))
+            np.testing.assert_allclose(a, b, rtol=1e-5, atol=tolerance, err_msg=f"{name} of {about}")
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
