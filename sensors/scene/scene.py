@@ -21,6 +21,7 @@ from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
+from rigcast.sensors.threads import require_thread_count
 
 from .flexes import Flexes
 from .geoms import Geoms
@@ -72,6 +73,7 @@ class Scene:
         require_type("Scene: model", model, mujoco.MjModel)
         _report(unsupported_parts(model), on_unsupported)
         self.model = model
+        require_thread_count()
         self.device = _find_device(device)
         self._geoms = Geoms(model)
         self._parts: list[Part] = [
