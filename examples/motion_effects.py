@@ -18,7 +18,12 @@ from sensor_effects import CHECKOUT, OPTICS, SCENE, depth, sheet
 import rigcast
 
 Rgb = NDArray[np.uint8]
-RINGS = {"elevation_deg": np.linspace(-12, 4, 17).tolist(), "columns": 1800, "rate_hz": 10.0, "clockwise": True}
+RINGS: dict[str, Any] = {
+    "elevation_deg": np.linspace(-12, 4, 17).tolist(),
+    "columns": 1800,
+    "rate_hz": 10.0,
+    "clockwise": True,
+}
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,8 @@ def lidar(name: str, **options: Any) -> rigcast.Lidar:
 
 
 def camera(name: str, **options: Any) -> rigcast.DepthCamera:
-    return rigcast.DepthCamera(name=name, mount=rigcast.Mount(camera="eye"), **OPTICS, rate_hz=10.0, **options)
+    optics: dict[str, Any] = {**OPTICS, "rate_hz": 10.0, **options}
+    return rigcast.DepthCamera(name=name, mount=rigcast.Mount(camera="eye"), **optics)
 
 
 def fan(frame: rigcast.CameraFrame) -> Rgb:

@@ -144,7 +144,7 @@ def test_a_spinning_lidar_on_a_turning_body_agrees_to_a_millimetre() -> None:
 @pytest.mark.parametrize("origin_height", [None, (0.01, 0.005, 0, -0.005, -0.01)])
 def test_rows_that_fire_one_after_the_other_agree_too(origin_height: tuple[float, ...] | None) -> None:
     """As in a VLP-16, cast alone and, from one origin, in packets, where rays of up to 0.1 ms leave from one pose."""
-    table = {key: value for key, value in SPINNING.items() if key != "columns"}
+    table = {**{key: value for key, value in SPINNING.items() if key != "columns"}, "rate_hz": 20.0}
     times = (0, 9.2, 18.4, 27.6, 36.9)
     spec = Lidar(
         name="eye",
@@ -235,7 +235,7 @@ def test_a_reading_under_way_at_a_reset_is_discarded() -> None:
 def test_a_single_reading_is_of_a_world_that_stands_still() -> None:
     model, data = moving(TIMESTEP)
     specs = [spinning(), rolling(name="rolling")]
-    still = [spec.model_copy(update={"motion": False, "readout_time": 0.0}) for spec in specs]
+    still = [spinning(motion=False), rolling(name="rolling", readout_time=0.0)]
     moved, frozen = (Rig(model, each, "cpu").sense(data) for each in (specs, still))
     for name in ("eye", "rolling"):
         np.testing.assert_array_equal(moved[name].range.numpy(), frozen[name].range.numpy())
