@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 import scenes
 import trimesh
-from judged import Batch, Floats
+from judged import Batch
 
 import rigcast
+from rigcast.bench.casters import Floats
 
 RAYS = 2000  # of each batch
 STATES = 3

@@ -16,7 +16,8 @@ class Spread:
 
     @staticmethod
     def of(values: npt.ArrayLike) -> "Spread":
-        return Spread(float(np.median(values)), float(np.min(values)), float(np.max(values)))
+        array = np.asarray(values)
+        return Spread(float(np.median(array)), float(array.min()), float(array.max()))
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Measurements of the cast: patterns beside grids, outputs switched on, rays of unrelated origins."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,7 +24,7 @@ ROBOT = Filter(exclude_bodies=("dolly",), exclude_subtree=True)
 
 def patterns(rounds: int) -> Iterator[Figure]:
     """Rays per second of other patterns, over those of an even grid of as many rays in a view as wide."""
-    odd = {"name": "odd", "mount": MOUNT, "filter": ROBOT}
+    odd: dict[str, Any] = {"name": "odd", "mount": MOUNT, "filter": ROBOT}
     cases = {
         "rosette": ("Livox Avia, non-repetitive", Lidar(**odd, preset="livox_avia", rate_hz=10.0), 70.4, 77.2),
         "wide": ("Velodyne VLP-16, 360 deg", Lidar(**odd, preset="velodyne_vlp16", rate_hz=10.0), 360.0, 30.0),

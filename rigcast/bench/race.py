@@ -85,11 +85,11 @@ def _race(workload: Workload, view: View, casters: Sequence[Caster], rounds: int
         runners.append(_Runner(caster.name, len(some if is_slow else directions), on_sample if is_slow else frame))
     times = in_turns({runner.caster: runner.frame for runner in runners}, rounds)
     speed = {runner.caster: runner.rays / times[runner.caster] / 1e6 for runner in runners}
-    ratio = {runner.caster: speed[runners[0].caster] / speed[runner.caster] for runner in runners}
-    speeds = [
-        Speed(r.caster, r.rays, Spread.of(speed[r.caster][0]), *map(Spread.of, ratio[r.caster]), *right)
-        for r, right in zip(runners, rightness, strict=True)
-    ]
+    speeds = []
+    for runner, (agree, close) in zip(runners, rightness, strict=True):
+        mrays, ratio = speed[runner.caster], speed[runners[0].caster] / speed[runner.caster]
+        spreads = Spread.of(mrays[0]), Spread.of(ratio[0]), Spread.of(ratio[1])
+        speeds.append(Speed(runner.caster, runner.rays, *spreads, agree, close))
     shape = view.directions.shape[:-1]
     return Result(workload.name, view.sensor, shape, workload.model.ngeom, triangles_of(workload.model), tuple(speeds))
 

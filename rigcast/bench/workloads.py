@@ -155,7 +155,7 @@ def _workload(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     *views: View,
-    groups: tuple[int, ...] = tuple(g for g in EVERY_GROUP if g != HIDDEN_GROUP),
+    groups: tuple[int, ...] = EVERY_GROUP[:HIDDEN_GROUP],
 ) -> Workload:
     mujoco.mj_forward(model, data)
     return Workload(name, model, data, views, groups)
