@@ -134,10 +134,10 @@ class DepthCamera(SensorSpec):
         intrinsics = self._intrinsics(self.mount.bind(model), model, width, height)
         subrays = 1 if self.time_of_flight is None else self.time_of_flight.subrays
         return Pattern(
-            _directions(intrinsics, self.distortion, width, height, 1)[..., 0, :],
+            pixel_rays(intrinsics, self.distortion, width, height, 1)[..., 0, :],
             intrinsics=intrinsics,
             lens=self.distortion,
-            subrays=None if subrays == 1 else _directions(intrinsics, self.distortion, width, height, subrays),
+            subrays=None if subrays == 1 else pixel_rays(intrinsics, self.distortion, width, height, subrays),
         )
 
     def _resolution(self, mount: BoundMount, model: mujoco.MjModel) -> tuple[int, int]:
@@ -156,10 +156,10 @@ class DepthCamera(SensorSpec):
         return _from_fov(float(model.cam_fovy[mount.id]), width, height)
 
 
-def _directions(
+def pixel_rays(
     intrinsics: NDArray[np.float64], lens: Lens | None, width: int, height: int, subrays: int
 ) -> NDArray[np.float64]:
-    """(height, width, subrays^2, 3) unit: rays through the centres of the equal parts of each pixel."""
+    """(height, width, subrays^2, 3) unit: rays through the centres of the equal parts of each pixel, NaN for none."""
     parts = (np.arange(subrays) + 0.5) / subrays
     across = (np.add.outer(np.arange(width), parts) - intrinsics[0, 2]) / intrinsics[0, 0]
     down = (np.add.outer(np.arange(height), parts) - intrinsics[1, 2]) / intrinsics[1, 1]
