@@ -6,7 +6,7 @@ from rigcast.kernels.effects.echoes import SurfaceArrays
 
 from .cast import HitArrays, Rays
 from .launch import launch_over_rays
-from .vectors import to_double, to_float
+from .vectors import of_ray, pose_of, to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -27,7 +27,8 @@ def read_hits(
         shape[i] = -1
         normal[i] = wp.vec3(0.0, 0.0, 0.0)
     elif shape[i] >= 0:
-        normal[i] = to_float(wp.transpose(rotation[0]) * to_double(normal[i]))
+        own_rotation = rotation[pose_of(i, distance.shape[0], rotation.shape[0])]
+        normal[i] = to_float(wp.transpose(own_rotation) * to_double(normal[i]))
 
 
 def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
@@ -63,29 +64,30 @@ def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
 
 
 @wp.func
-def point_in_frame(distance: float, direction: wp.vec3d, origins: wp.array[wp.vec3d], i: int) -> wp.vec3d:
-    """Where a ray of this range ends, NaN where the range is not finite."""
+def point_in_frame(distance: float, directions: wp.array[wp.vec3d], origins: wp.array[wp.vec3d], i: int) -> wp.vec3d:
+    """Where ray i ends at this range, NaN where that is not finite."""
     if not wp.isfinite(distance):
         return wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
-    return origins[wp.min(i, origins.shape[0] - 1)] + wp.float64(distance) * direction
+    return of_ray(origins, i) + wp.float64(distance) * of_ray(directions, i)
 
 
 @wp.kernel
 def points_in_frame(
     first: int,
+    returns: int,
     distance: wp.array[float],
     directions: wp.array[wp.vec3d],
     origins: wp.array[wp.vec3d],
     points: wp.array[wp.vec3],
 ) -> None:
     k = first + wp.tid()
-    i = k / (distance.shape[0] / directions.shape[0])
-    points[k] = to_float(point_in_frame(distance[k], directions[i], origins, i))
+    points[k] = to_float(point_in_frame(distance[k], directions, origins, k / returns))
 
 
 @wp.kernel
 def points_in_world(
     first: int,
+    returns: int,
     distance: wp.array[float],
     directions: wp.array[wp.vec3d],
     origins: wp.array[wp.vec3d],
@@ -94,8 +96,8 @@ def points_in_world(
     points: wp.array[wp.vec3d],
 ) -> None:
     k = first + wp.tid()
-    i = k / (distance.shape[0] / directions.shape[0])
-    points[k] = position[0] + rotation[0] * point_in_frame(distance[k], directions[i], origins, i)
+    pose = pose_of(k, distance.shape[0], position.shape[0])
+    points[k] = position[pose] + rotation[pose] * point_in_frame(distance[k], directions, origins, k / returns)
 
 
 @wp.kernel
@@ -109,7 +111,7 @@ def depth_along_z(
     i = first + wp.tid()
     depth[i] = distance[i]
     if wp.isfinite(distance[i]):
-        depth[i] = float(wp.float64(distance[i]) * directions[i][2])
+        depth[i] = float(wp.float64(distance[i]) * of_ray(directions, i)[2])
 
 
 @wp.kernel
@@ -144,7 +146,7 @@ def reflected_share(
     i = first + wp.tid()
     intensity[i] = 0.0
     if wp.isfinite(distance[i]) and shape[i] >= 0:
-        cosine = wp.abs(float(wp.dot(to_double(normal[i]), directions[i])))
+        cosine = wp.abs(float(wp.dot(to_double(normal[i]), of_ray(directions, i))))
         intensity[i] = surfaces.reflectivity[shape[i]] * wp.min(cosine, 1.0)
 
 
@@ -156,18 +158,18 @@ def intensity(hits: HitArrays, rays: Rays, surfaces: SurfaceArrays) -> wp.array:
     return out
 
 
-def points(distance: wp.array, rays: Rays) -> wp.array:
-    """(n k,) vec3 [m] in the frame of n rays with k distances each, NaN where one is not finite."""
+def points(distance: wp.array, rays: Rays, returns: int) -> wp.array:
+    """(n,) vec3 [m] in the rays' frame, NaN where the distance (n,) is not finite; so many of each ray."""
     out = wp.empty(distance.size, dtype=wp.vec3, device=distance.device)
-    inputs = [distance, rays.directions, rays.origins]
+    inputs = [returns, distance, rays.directions, rays.origins]
     launch_over_rays(points_in_frame, distance.size, inputs, [out], distance.device)
     return out
 
 
-def world_points(distance: wp.array, rays: Rays) -> wp.array:
-    """(n k,) vec3d [m] in the world, of n rays with k distances each, NaN where one is not finite."""
+def world_points(distance: wp.array, rays: Rays, returns: int) -> wp.array:
+    """(n,) vec3d [m] in the world, NaN where the distance (n,) is not finite; so many of each ray."""
     out = wp.empty(distance.size, dtype=wp.vec3d, device=distance.device)
-    inputs = [distance, rays.directions, rays.origins, rays.position, rays.rotation]
+    inputs = [returns, distance, rays.directions, rays.origins, rays.position, rays.rotation]
     launch_over_rays(points_in_world, distance.size, inputs, [out], distance.device)
     return out
 

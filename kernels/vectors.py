@@ -18,6 +18,18 @@ def to_double(a: wp.vec3) -> wp.vec3d:
 
 
 @wp.func
+def of_ray(vectors: wp.array[wp.vec3d], i: int) -> wp.vec3d:
+    """That of ray i, counted through all worlds: there is one for all rays, one for each of a world, or one for each."""
+    return vectors[i % vectors.shape[0]]
+
+
+@wp.func
+def pose_of(i: int, count: int, poses: int) -> int:
+    """Which of the poses ray i of count has; each is that of as many consecutive rays, such as those of a world."""
+    return i / (count / poses)
+
+
+@wp.func
 def norm1(a: wp.vec3) -> float:
     return wp.abs(a[0]) + wp.abs(a[1]) + wp.abs(a[2])
 

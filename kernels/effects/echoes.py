@@ -24,7 +24,7 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays, Rays
 from rigcast.kernels.launch import launch_over_rays
-from rigcast.kernels.vectors import to_double
+from rigcast.kernels.vectors import of_ray, pose_of, to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -56,7 +56,8 @@ class Echoes:
 class Paths:
     """Light on its way, one per sub-ray, in the rays' frame. A direction of NaN is light that does not go on.
 
-    origin: one each, or one for all. travelled: from the sensor to the origin [m]. share: of the power that is left.
+    travelled: from the sensor to the origin [m]. share: of the power that is left. Any of these may be the same in all
+    worlds, as light leaves the sensor, and origin the same for all.
     """
 
     direction: wp.array[wp.vec3d]
@@ -69,7 +70,7 @@ class Paths:
 class Setting:
     """What the light of one reading meets.
 
-    rotation: (1,) mat33d of the rays' frame. limit: the farthest echo [m]. extinction: of the air [1/m]. lobe: half
+    rotation: (1,) or one per world, mat33d, of the rays' frame. limit: the farthest echo [m]. extinction: of the air [1/m]. lobe: half
     angle within which a mirror sends light back to the receiver [rad]. sub_rays: of each beam.
     """
 
@@ -103,11 +104,10 @@ def diffuse_share(surfaces: SurfaceArrays, shape: int, cosine: float) -> float:
 @wp.func
 def go_on(paths: Paths, j: int, direction: wp.vec3d, distance: float, share: float, out: Paths) -> None:
     """Light that goes on from this far along path j, a share of it each way."""
-    start = paths.origin[wp.min(j, paths.origin.shape[0] - 1)]
     out.direction[j] = direction
-    out.origin[j] = start + wp.float64(distance) * paths.direction[j]
-    out.travelled[j] = paths.travelled[j] + distance
-    out.share[j] = paths.share[j] * share * share
+    out.origin[j] = of_ray(paths.origin, j) + wp.float64(distance) * of_ray(paths.direction, j)
+    out.travelled[j] = paths.travelled[j % paths.travelled.shape[0]] + distance
+    out.share[j] = paths.share[j % paths.share.shape[0]] * share * share
 
 
 @wp.kernel
@@ -143,10 +143,12 @@ def reflect_paths(
         if first_slot == 0:
             echoes.distance[slot] = distance[j]  # +inf, or NaN
         return
-    travelled = paths.travelled[j] + distance[j]
+    travelled = paths.travelled[j % paths.travelled.shape[0]] + distance[j]
     if travelled > limit:
         return
-    d = rotation[0] * paths.direction[j]
+    own_rotation = rotation[pose_of(j, distance.shape[0], rotation.shape[0])]
+    direction = of_ray(paths.direction, j)
+    d = own_rotation * direction
     n = to_double(normal[j])
     along = wp.dot(d, n)
     cosine = wp.min(float(wp.abs(along)), 1.0)
@@ -156,7 +158,7 @@ def reflect_paths(
     if cosine >= lobe_cosine:
         reflected += mirrored
     echoes.distance[slot] = travelled
-    echoes.power[slot] = spread_power(paths.share[j] * reflected, travelled, extinction)
+    echoes.power[slot] = spread_power(paths.share[j % paths.share.shape[0]] * reflected, travelled, extinction)
     echoes.shape[slot] = hit
     echoes.face[slot] = face[j]
     echoes.normal[slot] = normal[j]
@@ -164,13 +166,13 @@ def reflect_paths(
     # a little on, so as not to hit the same surface again
     step = 1.0e-5 * (1.0 + distance[j]) / wp.max(cosine, SHALLOWEST)
     if beyond.direction.shape[0] > 0 and let_through > 0.0:
-        go_on(paths, j, paths.direction[j], distance[j] + step, let_through, beyond)
+        go_on(paths, j, direction, distance[j] + step, let_through, beyond)
     is_seen_aside = aside.direction.shape[0] > 0 and mirrored > 0.0 and cosine < lobe_cosine
     # one bounce: the first mirror on the way
     # nested, as older versions of Warp evaluate the whole of an `and`, and aside may be empty
     if is_seen_aside:  # noqa: SIM102
         if not wp.isfinite(aside.direction[j]):
-            reflected_direction = wp.transpose(rotation[0]) * (d - wp.float64(2.0) * along * n)
+            reflected_direction = wp.transpose(own_rotation) * (d - wp.float64(2.0) * along * n)
             go_on(paths, j, reflected_direction, distance[j] - step, mirrored, aside)
 
 

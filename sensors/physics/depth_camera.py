@@ -9,7 +9,7 @@ import warp as wp
 from rigcast.kernels.cast import HitArrays, Rays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.effects.infrared import Losses, lose
-from rigcast.kernels.effects.random import RandomSource, random_source
+from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.packets.sorting import Packets, sort_into_packets
 from rigcast.kernels.reading import bound, read
 from rigcast.sensors.scene.scene import Scene
@@ -62,10 +62,9 @@ class DepthPhysics:
         self._scene, self._spec = scene, spec
         self._read = _ReadStereo(spec.stereo, pattern) if spec.stereo else _ReadTimeOfFlight(scene, spec, pattern)
 
-    def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> DepthReading:
+    def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> DepthReading:
         """One reading of the scene, with rays through the pixels' centres."""
-        look = _Look(self._scene, rays, visible, random_source(seed, self._spec.name, frame))
-        reading = self._read(look)
+        reading = self._read(_Look(self._scene, rays, visible, source))
         bound(reading.hits, self._spec.min_range, self._spec.max_range)
         return reading
 

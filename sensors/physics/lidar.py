@@ -9,7 +9,7 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays, Rays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
-from rigcast.kernels.effects.random import RandomSource, random_source
+from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.packets.sorting import sort_into_packets
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
@@ -66,18 +66,18 @@ class LidarPhysics:
         if rays.packets is not None and self.sub_rays > 1:
             self._packets = sort_into_packets(self._directions.numpy())
 
-    def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> Reading:
+    def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
         """One reading of the scene. rays: those it was made with, in the sensor's pose now."""
-        spec, source = self.spec, random_source(seed, self.spec.name, frame)
+        spec, count = self.spec, self.count * rays.position.size
         sub_rays = replace(rays, directions=self._directions, origins=self._origins, packets=self._packets)
         if self._angle_std > 0:
-            directions = beams.aim(rays, self._angles, source, self._angle_std)
+            directions = beams.aim(rays, self._angles, source, self._angle_std, rays.position.size)
             sub_rays = replace(sub_rays, directions=directions, packets=None)
         found = self._echoes(sub_rays, visible, source)
         least_power = spec.detection.least_power if spec.detection else 0.0
         gap = 0.5 * weather.SPEED_OF_LIGHT * spec.pulse_length
-        hits, power = returns.choose(found, self.count, gap, least_power, _MODES[spec.returns])
-        per_beam = hits.distance.size // self.count
+        hits, power = returns.choose(found, count, gap, least_power, _MODES[spec.returns])
+        per_beam = hits.distance.size // count
         limits = (spec.min_range, spec.max_range)
         intensity = ranging.measure(hits, power, per_beam, self._noise, source, limits)
         read(hits, rays, spec.min_range)
@@ -85,11 +85,13 @@ class LidarPhysics:
 
     def _echoes(self, rays: Rays, visible: wp.array, source: RandomSource) -> echoes.Echoes:
         """All that comes back: of surface after surface, of what is seen in a mirror, of rain and fog."""
-        spec, looks, device, count = self.spec, self.scene.looks(), self.scene.device, rays.directions.size
+        spec, looks, device = self.spec, self.scene.looks(), self.scene.device
+        beams_cast = self.count * rays.position.size
+        count = beams_cast * self.sub_rays
         layers = spec.max_surfaces if looks.has_transparent else 1
         shows_mirrors = spec.mirrors and looks.has_mirrors
         slots = self.sub_rays * (layers + shows_mirrors)
-        found = echoes.new_echoes(slots + 2 * (spec.weather is not None), self.count, device)
+        found = echoes.new_echoes(slots + 2 * (spec.weather is not None), beams_cast, device)
         setting = self._setting(looks, rays)
         nowhere = echoes.new_paths(0, device)
         aside = echoes.new_paths(count, device) if shows_mirrors else nowhere
@@ -103,7 +105,7 @@ class LidarPhysics:
             hits = self.scene.cast_rays(_along(aside, rays), visible, spec.max_range)
             echoes.reflect(setting, hits, aside, layers * self.sub_rays, found, nowhere, nowhere)
         if spec.weather is not None:
-            weather.add_weather(self._rain, self._fog, source, self._extinction, found, self.count, slots)
+            weather.add_weather(self._rain, self._fog, source, self._extinction, found, beams_cast, slots)
         return found
 
     def _setting(self, looks: Looks, rays: Rays) -> echoes.Setting:

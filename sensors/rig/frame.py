@@ -85,12 +85,12 @@ class Frame:
     @cached_property
     def points(self) -> wp.array:
         """(..., 3) float32 [m], in the sensor's frame; NaN where the range is not finite."""
-        return self._vectors(reading.points(self._hits.distance, self._rays), wp.float32)
+        return self._vectors(reading.points(self._hits.distance, self._rays, self._returns), wp.float32)
 
     @cached_property
     def points_world(self) -> wp.array:
         """(..., 3) float64 [m], in the world; NaN where the range is not finite."""
-        return self._vectors(reading.world_points(self._hits.distance, self._rays), wp.float64)
+        return self._vectors(reading.world_points(self._hits.distance, self._rays, self._returns), wp.float64)
 
     @cached_property
     def stamp(self) -> wp.array:
@@ -128,6 +128,11 @@ class Frame:
     def _ids(self, owner: Owner) -> wp.array | None:
         table = self._ids_of_shape.get(owner)
         return None if table is None else reading.take(table, self._hits.shape).reshape(self.shape)
+
+    @property
+    def _returns(self) -> int:
+        """How many of each ray there are."""
+        return 1 if len(self.shape) == len(self._pattern.shape) else self.shape[-1]
 
     def _vectors(self, array: wp.array, scalar: type) -> wp.array:
         """n vectors as scalars of shape (..., 3), without a copy."""

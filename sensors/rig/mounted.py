@@ -54,7 +54,7 @@ class Mounted:
         return Mounted(
             scene,
             spec,
-            spec.mount.bind(scene.model),
+            spec.mount.bind(scene.model).turned(spec.frame_rotation),
             pattern,
             rays,
             _upload(pattern.firing_times, wp.float64, spec, scene.device),
@@ -91,10 +91,7 @@ class Mounted:
         """(4, 4) the sensor's frame in the world."""
         with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
             pose = self.mount.pose(data)
-        if self.spec.yaw_aligned:
-            pose = yaw_only(pose)
-        pose[:3, :3] = pose[:3, :3] @ self.spec.frame_rotation
-        return pose
+            return yaw_only(pose) if self.spec.yaw_aligned else pose
 
     def visible(self) -> wp.array:
         return self.scene.visible(self.spec.filter)

@@ -12,6 +12,7 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays, Rays
 from rigcast.kernels.effects.infrared import infrared
+from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
@@ -176,7 +177,7 @@ class Rig:
             read(hits, rays, spec.min_range)
             bright = partial(intensity, hits, rays, self.scene.looks().surfaces)
         else:
-            reading = mounted.physics.read(rays, visible, self.seed, next(mounted.frames))
+            reading = mounted.physics.read(rays, visible, self._random(mounted))
             hits, bright = reading.hits, partial(wp.array.flatten, reading.intensity)
         common = self._common(mounted, time, hits, rays)
         return LidarFrame(**common, ring=mounted.ring, column=mounted.column, _intensity=bright)
@@ -187,7 +188,7 @@ class Rig:
             hits = seen = self.scene.cast_rays(rays, visible, spec.max_range)
             read(hits, rays, spec.min_range)
         else:
-            reading = mounted.depth_physics.read(rays, visible, self.seed, next(mounted.frames))
+            reading = mounted.depth_physics.read(rays, visible, self._random(mounted))
             hits, seen = reading.hits, reading.seen
         bright = partial(infrared, seen, rays.directions, self.scene.looks().reflectivity)
         assert pattern.intrinsics is not None
@@ -198,6 +199,11 @@ class Rig:
             depth_scale=spec.depth_scale,
             _intensity=bright,
         )
+
+    def _random(self, mounted: Mounted) -> RandomSource:
+        """The random numbers of the next reading of a sensor."""
+        rays = mounted.fixed_rays.directions.size
+        return random_source(self.seed, mounted.spec.name, next(mounted.frames), rays=rays)
 
     def _common(self, mounted: Mounted, time: float, hits: HitArrays, rays: Rays) -> dict[str, Any]:
         """What every frame is made with."""

@@ -47,8 +47,8 @@ def test_hits_nearer_than_the_least_range_are_minus_inf_and_normals_turn_into_th
 
 @ORIGINS
 def test_points_are_where_the_ranges_end_and_nan_where_there_is_none(origins: Doubles) -> None:
-    in_frame = points(device(RANGES, wp.float32), rays(origins)).numpy()
-    in_world = world_points(device(RANGES, wp.float32), rays(origins)).numpy()
+    in_frame = points(device(RANGES, wp.float32), rays(origins), returns=1).numpy()
+    in_world = world_points(device(RANGES, wp.float32), rays(origins), returns=1).numpy()
     expected = (np.broadcast_to(origins, (6, 3)) + RANGES[:, None].astype(float) * DIRECTIONS)[:3]
     assert (in_frame.dtype, in_world.dtype) == (np.float32, np.float64)
     np.testing.assert_allclose(in_frame[:3], expected, rtol=1e-6)
