@@ -26,6 +26,20 @@ class Carriers:
 
 
 @wp.func
+def as_vec3d(v: Any) -> wp.vec3d:
+    return wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2]))
+
+
+@wp.func
+def as_mat33d(m: Any) -> wp.mat33d:
+    out = wp.mat33d()
+    for row in range(3):
+        for column in range(3):
+            out[row, column] = wp.float64(m[row, column])
+    return out
+
+
+@wp.func
 def upright(rotation: wp.mat33d) -> wp.mat33d:
     """Turned about z only, by the heading of the x axis; not at all where that is vertical."""
     zero = wp.float64(0.0)
@@ -51,18 +65,19 @@ def place_on_carrier(
     offset: wp.vec3d,
     turn: wp.mat33d,
     yaw_aligned: bool,
+    active: wp.array[wp.bool],  # empty for all
     # out, one per world:
-    placed_position: wp.array[wp.vec3d],
-    placed_rotation: wp.array[wp.mat33d],
+    placed_position: wp.array2d[wp.vec3d],
+    placed_rotation: wp.array2d[wp.mat33d],
+    slot: int,
 ) -> None:
-    w = wp.tid()
-    p = position[w % position.shape[0], which]
-    m = rotation[w % rotation.shape[0], which]
-    r = wp.mat33d()
-    for row in range(3):
-        for column in range(3):
-            r[row, column] = wp.float64(m[row, column])
-    placed_position[w] = r * offset + wp.vec3d(wp.float64(p[0]), wp.float64(p[1]), wp.float64(p[2]))
+    w, k = wp.tid()
+    r = as_mat33d(rotation[w % rotation.shape[0], which])
+    place = r * offset + as_vec3d(position[w % position.shape[0], which])
+    if active.shape[0] > 0:
+        if not active[w]:  # noqa: SIM102 - older versions of Warp evaluate the whole of an `and`
+            place = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
+    placed_position[w, slot + k] = place
     # column by column: the product of two matrices rounds otherwise
     own = wp.matrix_from_cols(
         r * wp.vec3d(turn[0, 0], turn[1, 0], turn[2, 0]),
@@ -71,26 +86,93 @@ def place_on_carrier(
     )
     if yaw_aligned:
         own = upright(own)
-    placed_rotation[w] = own
+    placed_rotation[w, slot + k] = own
 
 
+@wp.kernel
+def copy_frames(
+    position: wp.array2d[Any],
+    rotation: wp.array2d[Any],
+    # out:
+    copied_position: wp.array2d[wp.vec3d],
+    copied_rotation: wp.array2d[wp.mat33d],
+) -> None:
+    w, k = wp.tid()
+    copied_position[w, k] = as_vec3d(position[w, k])
+    copied_rotation[w, k] = as_mat33d(rotation[w, k])
+
+
+@wp.kernel
+def join_poses(
+    position: wp.array2d[wp.vec3d], rotation: wp.array2d[wp.mat33d], poses: wp.array3d[wp.float64]
+) -> None:
+    w = wp.tid()
+    for row in range(3):
+        for column in range(3):
+            poses[w, row, column] = rotation[w, 0][row, column]
+        poses[w, row, 3] = position[w, 0][row]
+        poses[w, 3, row] = wp.float64(0.0)
+    poses[w, 3, 3] = wp.float64(1.0)
+
+
+# every kind at once, so that the module is compiled once
 for _vector, _matrix in ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)):
-    wp.overload(place_on_carrier, {"position": wp.array2d[_vector], "rotation": wp.array2d[_matrix]})
+    for _kernel in (place_on_carrier, copy_frames):
+        wp.overload(_kernel, {"position": wp.array2d[_vector], "rotation": wp.array2d[_matrix]})
 
 
-def place_on(
-    carriers: Carriers,
-    which: int,
-    offset: npt.NDArray[np.float64],
-    worlds: int,
-    *,
-    yaw_aligned: bool = False,
-) -> tuple[wp.array, wp.array]:
-    """Positions (worlds,) vec3d [m] and rotations (worlds,) mat33d of a frame at `offset` (4, 4) in carrier `which`."""
-    device = carriers.position.device
-    position = wp.empty(worlds, dtype=wp.vec3d, device=device)
-    rotation = wp.empty(worlds, dtype=wp.mat33d, device=device)
-    frame = [which, wp.vec3d(*offset[:3, 3]), wp.mat33d(*offset[:3, :3].flatten()), yaw_aligned]
-    inputs = [carriers.position, carriers.rotation, *frame]
-    wp.launch(place_on_carrier, worlds, inputs=inputs, outputs=[position, rotation], device=device)
-    return position, rotation
+@dataclass(frozen=True)
+class Frames:
+    """Frames in many worlds: position (nworld, n) vec3d [m], rotation (nworld, n) mat33d."""
+
+    position: wp.array
+    rotation: wp.array
+
+    @staticmethod
+    def empty(worlds: int, count: int, device: wp.DeviceLike) -> "Frames":
+        return Frames(
+            wp.empty((worlds, count), dtype=wp.vec3d, device=device),
+            wp.empty((worlds, count), dtype=wp.mat33d, device=device),
+        )
+
+    def copy(self, carriers: Carriers) -> None:
+        """Make the first of these those of the carriers."""
+        outputs = [self.position, self.rotation]
+        inputs = [carriers.position, carriers.rotation]
+        wp.launch(copy_frames, carriers.position.shape, inputs=inputs, outputs=outputs, device=self.position.device)
+
+    def place(
+        self,
+        slot: int,
+        carriers: Carriers,
+        which: int,
+        offset: npt.NDArray[np.float64],
+        *,
+        yaw_aligned: bool = False,
+        active: wp.array | None = None,
+        times: int = 1,
+    ) -> None:
+        """Put frame `slot`, and so many times in all those after it, at `offset` (4, 4) in carrier `which`.
+
+        active: (nworld,) bool, where not the position is NaN; None or empty for all.
+        """
+        device = self.position.device
+        everywhere = wp.empty(0, dtype=wp.bool, device=device) if active is None else active
+        frame = [which, wp.vec3d(*offset[:3, 3]), wp.mat33d(*offset[:3, :3].flatten()), yaw_aligned]
+        inputs = [carriers.position, carriers.rotation, *frame, everywhere]
+        outputs = [self.position, self.rotation, slot]
+        size = (self.position.shape[0], times)
+        wp.launch(place_on_carrier, size, inputs=inputs, outputs=outputs, device=device)
+
+    def poses(self) -> wp.array:
+        """(nworld, 4, 4) float64, those of the first frame."""
+        worlds, device = self.position.shape[0], self.position.device
+        poses = wp.empty((worlds, 4, 4), dtype=wp.float64, device=device)
+        wp.launch(join_poses, worlds, inputs=[self.position, self.rotation], outputs=[poses], device=device)
+        return poses
+
+
+def origin(device: wp.DeviceLike) -> Carriers:
+    """The world's own frame, as carrier 0."""
+    zero = wp.zeros((1, 1), dtype=wp.vec3d, device=device)
+    return Carriers(zero, wp.array(np.eye(3)[None, None], dtype=wp.mat33d, device=device))

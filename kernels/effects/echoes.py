@@ -29,6 +29,8 @@ from rigcast.kernels.vectors import of_ray, pose_of, to_double
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 NEAREST = wp.constant(1.0e-3)  # [m], nearer echoes have the power of this range
+BYTES_PER_PATH = 56  # of Paths
+BYTES_PER_ECHO = 28  # of Echoes
 SHALLOWEST = wp.constant(0.05)  # least cosine by which the way past a surface is lengthened
 
 
@@ -70,8 +72,8 @@ class Paths:
 class Setting:
     """What the light of one reading meets.
 
-    rotation: (1,) or one per world, mat33d, of the rays' frame. limit: the farthest echo [m]. extinction: of the air [1/m]. lobe: half
-    angle within which a mirror sends light back to the receiver [rad]. sub_rays: of each beam.
+    rotation: mat33d of the rays' frame, one for each world. limit: the farthest echo [m]. extinction: of the air [1/m].
+    lobe: half angle within which a mirror sends light back to the receiver [rad]. sub_rays: of each beam.
     """
 
     surfaces: SurfaceArrays

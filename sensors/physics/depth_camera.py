@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays, Rays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.effects.infrared import Losses, lose
 from rigcast.kernels.effects.random import RandomSource
@@ -61,6 +61,13 @@ class DepthPhysics:
     def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern) -> None:
         self._scene, self._spec = scene, spec
         self._read = _ReadStereo(spec.stereo, pattern) if spec.stereo else _ReadTimeOfFlight(scene, spec, pattern)
+
+    @property
+    def bytes_per_ray(self) -> int:
+        """The most memory that a reading takes for each of its rays: of every cast, its hits and its directions."""
+        flight = self._spec.time_of_flight
+        casts = 4 if flight is None else 2 + flight.subrays**2
+        return casts * (BYTES_PER_HIT + 24)
 
     def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> DepthReading:
         """One reading of the scene, with rays through the pixels' centres."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays, Rays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.packets.sorting import sort_into_packets
@@ -51,6 +51,17 @@ class LidarPhysics:
         self._rain = weather.rain_of(spec.weather.rain_rate if spec.weather else 0.0, _divergence(spec))
         self._fog = weather.fog_of(_fog_response(spec, self._extinction), scene.device)
         self._noise = _range_noise(spec)
+
+    @property
+    def bytes_per_ray(self) -> int:
+        """The most memory that a reading takes for each of its rays: hits, sub-rays, light on its way, echoes."""
+        spec, returns_kept = self.spec, 2 if self.spec.returns == "dual" else 1
+        ways = self.sub_rays * (1 + (spec.max_surfaces > 1) + spec.mirrors)
+        slots = self.sub_rays * (spec.max_surfaces + spec.mirrors) + 2 * (spec.weather is not None)
+        aimed = self.sub_rays * 24 if self._angle_std > 0 else 0
+        return aimed + self.sub_rays * BYTES_PER_HIT + ways * echoes.BYTES_PER_PATH + (
+            slots + returns_kept
+        ) * echoes.BYTES_PER_ECHO
 
     def along(self, rays: Rays) -> "LidarPhysics":
         """The same effects on as many other rays."""

@@ -10,15 +10,15 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects.infrared import infrared
-from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.props import as_props
 from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.scene.worlds import Batch, as_worlds, is_batch
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lidar import Lidar
@@ -27,7 +27,8 @@ from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
 from .frame import CameraFrame, Frame, LidarFrame
-from .mounted import Mounted, Sensor, WorldRays
+from .mounted import Mounted, Sensor, Shot, WorldRays
+from .room import require_room
 from .schedule import Schedule
 
 
@@ -81,14 +82,26 @@ class Rig:
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
 
-    def sense(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Frame]:
-        """One frame of each of these sensors (None: of all), of the world at `data.time`.
+    def sense(self, data: mujoco.MjData | Batch, names: Sequence[str] | None = None) -> dict[str, Frame]:
+        """One frame of each of these sensors (None: of all).
 
-        Kinematics are worked out on a private copy; `data` is only read.
+        Of an MjData: of the world at `data.time`. Kinematics are worked out on a private copy; `data` is only read.
+
+        Of a batch of worlds, which is whatever `Worlds` takes, or a `Worlds`: frames of all of them, with a first axis
+        for the world. Poses are taken as they stand, as `mj_ray` does: after a step they lag `qpos` by that step.
+
+        Raises:
+            InputError: no sensor of this name, data of another model, or more than memory holds.
         """
         mounted = self._select(names)
-        self._look(data)
-        return {m.spec.name: self._frame(m, data.time) for m in mounted}
+        if is_batch(data):
+            worlds = as_worlds(data)
+            needs = {"scene": self.scene.bytes_per_world, **{m.spec.name: m.bytes_per_world for m in mounted}}
+            require_room(worlds.count, needs, self.scene.device)
+            standing = self.scene.update_worlds(worlds)
+            return {m.spec.name: self._frame(m.shot_in(standing)) for m in mounted}
+        self._look(data)  # type: ignore[arg-type]
+        return {m.spec.name: self._frame(m.shot(self._data, self._data.time)) for m in mounted}
 
     def step(self, data: mujoco.MjData) -> Iterator[Frame]:
         """The frames that came in since the last call, in the order in which they did; call it after each `mj_step`.
@@ -108,7 +121,7 @@ class Rig:
             self._look(data)
         for time, m in due:
             rounding = self._schedules[m.spec.name].rounding
-            self._undelivered.append(_Delivery(time + m.spec.latency, rounding, self._frame(m, time)))
+            self._undelivered.append(_Delivery(time + m.spec.latency, rounding, self._frame(m.shot(self._data, time))))
         arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
         self._undelivered = [each for each in self._undelivered if each.time > data.time + each.rounding]
         return iter([each.frame for each in sorted(arrived, key=lambda each: each.time)])
@@ -159,65 +172,58 @@ class Rig:
         if data.signature != self.model.signature:
             raise InputError("Rig: data belongs to another model than the rig")
 
-    def _frame(self, mounted: Mounted, time: float) -> Frame:
-        spec, fired = mounted.spec, mounted.at(time)
+    def _frame(self, shot: Shot) -> Frame:
+        spec = shot.sensor.spec
         if isinstance(spec, Lidar):
-            return self._lidar_frame(fired, spec, time)
+            return self._lidar_frame(shot, spec)
         if isinstance(spec, DepthCamera):
-            return self._camera_frame(fired, spec, time)
-        rays = fired.rays(self._data)
-        hits = self.scene.cast_rays(rays, fired.visible(), spec.max_range)
-        read(hits, rays, spec.min_range)
-        return Frame(**self._common(fired, time, hits, rays))
+            return self._camera_frame(shot, spec)
+        hits = self.scene.cast_rays(shot.rays, shot.sensor.visible(), spec.max_range)
+        read(hits, shot.rays, spec.min_range)
+        return Frame(**self._common(shot, hits))
 
-    def _lidar_frame(self, mounted: Mounted, spec: Lidar, time: float) -> LidarFrame:
-        rays, visible = mounted.rays(self._data), mounted.visible()
+    def _lidar_frame(self, shot: Shot, spec: Lidar) -> LidarFrame:
+        mounted, rays, visible = shot.sensor, shot.rays, shot.sensor.visible()
         if mounted.physics is None:
             hits = self.scene.cast_rays(rays, visible, spec.max_range)
             read(hits, rays, spec.min_range)
             bright = partial(intensity, hits, rays, self.scene.looks().surfaces)
         else:
-            reading = mounted.physics.read(rays, visible, self._random(mounted))
+            reading = mounted.physics.read(rays, visible, shot.random(self.seed))
             hits, bright = reading.hits, partial(wp.array.flatten, reading.intensity)
-        common = self._common(mounted, time, hits, rays)
-        return LidarFrame(**common, ring=mounted.ring, column=mounted.column, _intensity=bright)
+        ring, column = shot.of_each_world(mounted.ring), shot.of_each_world(mounted.column)
+        return LidarFrame(**self._common(shot, hits), ring=ring, column=column, _intensity=bright)
 
-    def _camera_frame(self, mounted: Mounted, spec: DepthCamera, time: float) -> CameraFrame:
-        pattern, rays, visible = mounted.pattern, mounted.rays(self._data), mounted.visible()
+    def _camera_frame(self, shot: Shot, spec: DepthCamera) -> CameraFrame:
+        mounted, rays, visible = shot.sensor, shot.rays, shot.sensor.visible()
         if mounted.depth_physics is None:
             hits = seen = self.scene.cast_rays(rays, visible, spec.max_range)
             read(hits, rays, spec.min_range)
         else:
-            reading = mounted.depth_physics.read(rays, visible, self._random(mounted))
+            reading = mounted.depth_physics.read(rays, visible, shot.random(self.seed))
             hits, seen = reading.hits, reading.seen
-        bright = partial(infrared, seen, rays.directions, self.scene.looks().reflectivity)
-        assert pattern.intrinsics is not None
+        assert mounted.pattern.intrinsics is not None
         return CameraFrame(
-            **self._common(mounted, time, hits, rays),
-            intrinsics=pattern.intrinsics,
-            lens=pattern.lens,
+            **self._common(shot, hits),
+            intrinsics=mounted.pattern.intrinsics,
+            lens=mounted.pattern.lens,
             depth_scale=spec.depth_scale,
-            _intensity=bright,
+            _intensity=partial(infrared, seen, rays.directions, self.scene.looks().reflectivity),
         )
 
-    def _random(self, mounted: Mounted) -> RandomSource:
-        """The random numbers of the next reading of a sensor."""
-        rays = mounted.fixed_rays.directions.size
-        return random_source(self.seed, mounted.spec.name, next(mounted.frames), rays=rays)
-
-    def _common(self, mounted: Mounted, time: float, hits: HitArrays, rays: Rays) -> dict[str, Any]:
+    def _common(self, shot: Shot, hits: HitArrays) -> dict[str, Any]:
         """What every frame is made with."""
         return {
-            "sensor": mounted.spec.name,
-            "time": time,
-            "pose": mounted.pose(self._data),
-            "shape": mounted.frame_shape,
+            "sensor": shot.sensor.spec.name,
+            "time": shot.time,
+            "pose": shot.pose,
+            "shape": shot.shape,
             "_hits": hits,
-            "_rays": rays,
+            "_rays": shot.rays,
             "_ids_of_shape": self.scene.ids_in_use,
             "_body_of_shape": self.scene.body_of_shape,
-            "_firing_times": mounted.firing_times,
-            "_pattern": mounted.pattern,
+            "_firing_times": shot.sensor.firing_times,
+            "_pattern": shot.sensor.pattern,
         }
 
 

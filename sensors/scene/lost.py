@@ -18,13 +18,14 @@ class Lost:
         self._name = name
         self._lost: set[int] = set()
 
-    def warn(self, time: float, is_finite: NDArray[np.bool_]) -> None:
-        """time [s]: of the data. is_finite: (n,) whose poses are. One warning names up to ten that are new."""
+    def warn(self, time: float | None, is_finite: NDArray[np.bool_]) -> None:
+        """time [s]: of the data, if it has one. is_finite: (n,) whose poses are. One warning names up to ten new ones."""
         lost = set(np.flatnonzero(~is_finite).tolist())
         new = sorted(lost - self._lost)
         self._lost = lost
         if new:
             names = ", ".join(self._name(k) for k in new[:10])
             more = f" and {len(new) - 10} more" if len(new) > 10 else ""
-            message = f"pose not finite at t = {time:g} s, not hit: {names}{more}"
+            when = "" if time is None else f" at t = {time:g} s"
+            message = f"pose not finite{when}, not hit: {names}{more}"
             warn_user(message, RuntimeWarning)

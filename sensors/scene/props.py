@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
+from rigcast.kernels.mounts import Frames
 from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.filter import Filter
@@ -16,6 +17,7 @@ from rigcast.sensors.specs.prop import Prop
 
 from .lost import Lost
 from .part import Owner, Snapshot
+from .worlds import Standing
 
 
 class Props:
@@ -44,6 +46,11 @@ class Props:
         self._lost.warn(data.time, is_finite)
         position = np.where(is_finite[:, None], poses[:, :3, 3], np.nan)
         return Snapshot(position, poses[:, :3, :3].reshape(-1, 9))
+
+    def place(self, frames: Frames, first: int, worlds: Standing) -> None:
+        """Make frames first, first + 1, ... those of the props in many worlds."""
+        for k, mount in enumerate(self._mounts):
+            frames.place(first + k, worlds.carriers(mount.parent), mount.id, mount.offset)
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         return ~filter.hidden_bodies(self.model)[self.bodies]

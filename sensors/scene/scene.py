@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import HitArrays, Rays, as_double, cast, unit_directions
 from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.kernels.mounts import Carriers, Frames
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 from rigcast.sensors.errors import InputError, require_type, warn_user
@@ -21,14 +22,17 @@ from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
 
+from .differences import Differences
 from .flexes import Flexes
 from .geoms import Geoms
 from .hits import Hits
 from .looks import Looks, LooksTable
+from .lost import Lost
 from .model_geometry import unsupported_parts
 from .part import OWNERS, Owner, Part
 from .props import Props
 from .skins import Skins
+from .worlds import Batch, Standing, Worlds, as_worlds, is_batch
 
 Cull = Literal["none", "back", "front"]
 
@@ -41,6 +45,9 @@ _LOOKS = (
     *("skin_rgba", "skin_matid", "skin_group"),
     *("mat_reflectance", "mat_texid"),
 )
+
+
+_NO_DIFFERENCES = Differences()
 
 
 class Scene:
@@ -72,14 +79,14 @@ class Scene:
         _report(unsupported_parts(model), on_unsupported)
         self.model = model
         self.device = _find_device(device)
-        self._geoms = Geoms(model)
+        self._geoms, self._props = Geoms(model), Props(model, props)
         self._parts: list[Part] = [
             self._geoms,
             *([Flexes(model)] if model.nflex else []),
             *([Skins(model)] if model.nskin else []),
-            Props(model, props),
+            self._props,
         ]
-        self._world = World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
+        self._world = self._make_world()
         owners = np.concatenate([np.full(len(part.ids), part.owner) for part in self._parts])
         ids = np.concatenate([part.ids for part in self._parts])
         in_use = {"geom"} | {part.owner for part in self._parts if len(part.ids)}
@@ -95,9 +102,12 @@ class Scene:
         self._looks_read: list[bytes] = []
         self._visible: dict[Filter, wp.array] = {}
         self._looks: Looks | None = None
+        self._worlds: int | None = None  # how many there are, if it is a batch of them
+        self._differences = _NO_DIFFERENCES
+        self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
 
-    def update(self, data: mujoco.MjData) -> None:
-        """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
+    def update(self, data: "mujoco.MjData | Batch") -> None:
+        """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does; or many, as `Worlds` does.
 
         After `mj_step` these lag `qpos` by one step; run `mj_kinematics` first to see the world at `data.time`, and
         for flexes (`flexvert_xpos`) `mj_comPos` and `mj_flex` too.
@@ -110,13 +120,16 @@ class Scene:
             InputError: `data` belongs to another model, a size or an elevation that is not finite, or a geom that
                 has got another type, mesh or height field.
         """
+        if is_batch(data):
+            self.update_worlds(as_worlds(data))
+            return
         require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
             raise InputError(
                 f"Scene.update: data belongs to another model: got signature {data.signature:#x} with "
                 f"{len(data.geom_xpos)} geoms, expected {self.model.signature:#x} with {self.model.ngeom}"
             )
-        snapshots = [part.update(data) for part in self._parts]
+        snapshots = [part.update(data) for part in self._parts]  # type: ignore[arg-type]
         first_tree = 0
         for part, snapshot in zip(self._parts, snapshots, strict=True):
             for index, tree in snapshot.trees.items():
@@ -124,13 +137,63 @@ class Scene:
             if snapshot.shapes is not None:
                 part.shapes = snapshot.shapes
             first_tree += len(part.trees)
-        if any(snapshot.shapes is not None for snapshot in snapshots):
+        if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
             self._world.set_shapes(self._shapes())
+            self._differences, self._visible = _NO_DIFFERENCES, {}
         self._world.update(
             np.concatenate([snapshot.position for snapshot in snapshots]),
             np.concatenate([snapshot.rotation for snapshot in snapshots]),
         )
-        self._stale = ""
+        self._stale, self._worlds = "", None
+
+    def update_worlds(self, worlds: Worlds) -> Standing:
+        """Take many worlds as they stand, and give them on the device.
+
+        Raises:
+            InputError: worlds of another model, or a model with flexes or skins, or too little memory.
+        """
+        worlds.require_model(self.model)
+        deforming = [part.owner for part in self._parts if part.owner in ("flex", "skin")]
+        if deforming:
+            raise InputError(f"Scene: many worlds of a model with a {deforming[0]}, expected a model without one")
+        standing = worlds.at(self.model, self.device)
+        self._take_differences(worlds)
+        poses = self._poses(standing)
+        if standing.geom_is_finite is not None:
+            self._lost_in_worlds.warn(None, standing.geom_is_finite.reshape(-1))
+        self._world.update(poses.position, poses.rotation)
+        self._stale, self._worlds = "", worlds.count
+        return standing
+
+    def _take_differences(self, worlds: Worlds) -> None:
+        """Take what has changed in the model, and the sizes and meshes in which worlds differ."""
+        differences = worlds.differences
+        if differences.dataid is not None and self._geoms.add_assets(differences.dataid):
+            self._world, self._differences = self._make_world(), _NO_DIFFERENCES
+        renewed = self._geoms.renew()
+        for index, tree in (renewed or {}).items():
+            self._world.set_tree(index, tree)
+        if renewed is None and differences.same_as(self._differences):
+            return
+        self._world.set_shapes(
+            self._shapes()
+            if differences.same_as(_NO_DIFFERENCES)
+            else differences.shapes(self._geoms, self._props.shapes, worlds.count)
+        )
+        self._differences, self._visible = differences, {}
+
+    def _poses(self, worlds: Standing) -> Carriers:
+        """(nworld, nshape) poses of all shapes: those of the geoms where they are, if there are no props."""
+        geoms, props = worlds.carriers("geom"), len(self._props.ids)
+        if not props:
+            return geoms
+        frames = Frames.empty(worlds.count, self.model.ngeom + props, self.device)
+        frames.copy(geoms)
+        self._props.place(frames, self.model.ngeom, worlds)
+        return Carriers(frames.position, frames.rotation)
+
+    def _make_world(self) -> World:
+        return World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
 
     def refresh(self, name: str) -> None:
         """Say that a mesh (`mesh_vert`, `mesh_face`) or height field of this name has been edited in the model.
@@ -190,12 +253,15 @@ class Scene:
         return self.hits(self.cast_rays(rays, self.visible(filter), max_distance, cull), shape)
 
     def visible(self, filter: Filter | None) -> wp.array:
-        """(shapes,) bool on the device: which shapes a filter lets rays hit, as the model looks now."""
+        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit, as the model looks now."""
         self._forget_old_looks()
         wanted = filter or Filter()
         if wanted not in self._visible:
             seen = np.concatenate([part.visible(wanted) for part in self._parts])
-            self._visible[wanted] = wp.array(seen, dtype=wp.bool, device=self.device)
+            if self._differences.dataid is not None:
+                seen = np.tile(seen, (len(self._differences.dataid), 1))
+                seen[:, : self.model.ngeom] &= self._geoms.is_present(self._differences.dataid)
+            self._visible[wanted] = wp.array(seen.reshape(-1), dtype=wp.bool, device=self.device)
         return self._visible[wanted]
 
     def looks(self) -> Looks:
