@@ -16,7 +16,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @dataclass(frozen=True)
 class Carriers:
-    """Frames in many worlds, on one device: position (nworld, n) vec3 or vec3d [m], rotation (nworld, n) mat33 or mat33d.
+    """Frames in many worlds, on one device: position (nworld, n) vec3 or vec3d [m], rotation likewise mat33 or mat33d.
 
     The first axis may have one entry instead, which holds in all worlds.
     """
@@ -74,8 +74,9 @@ def place_on_carrier(
     w, k = wp.tid()
     r = as_mat33d(rotation[w % rotation.shape[0], which])
     place = r * offset + as_vec3d(position[w % position.shape[0], which])
-    if active.shape[0] > 0:
-        if not active[w]:  # noqa: SIM102 - older versions of Warp evaluate the whole of an `and`
+    # nested, as older versions of Warp evaluate the whole of an `and`
+    if active.shape[0] > 0:  # noqa: SIM102
+        if not active[w]:
             place = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
     placed_position[w, slot + k] = place
     # column by column: the product of two matrices rounds otherwise
@@ -103,9 +104,7 @@ def copy_frames(
 
 
 @wp.kernel
-def join_poses(
-    position: wp.array2d[wp.vec3d], rotation: wp.array2d[wp.mat33d], poses: wp.array3d[wp.float64]
-) -> None:
+def join_poses(position: wp.array2d[wp.vec3d], rotation: wp.array2d[wp.mat33d], poses: wp.array3d[wp.float64]) -> None:
     w = wp.tid()
     for row in range(3):
         for column in range(3):

@@ -19,14 +19,8 @@ def to_double(a: wp.vec3) -> wp.vec3d:
 
 @wp.func
 def of_ray(vectors: wp.array[wp.vec3d], i: int) -> wp.vec3d:
-    """That of ray i, counted through all worlds: there is one for all rays, one for each of a world, or one for each."""
+    """That of ray i of all worlds: there is one for all rays, one for each of a world, or one for each of all."""
     return vectors[i % vectors.shape[0]]
-
-
-@wp.func
-def pose_of(i: int, count: int, poses: int) -> int:
-    """Which of the poses ray i of count has; each is that of as many consecutive rays, such as those of a world."""
-    return i / (count / poses)
 
 
 @wp.func

@@ -22,9 +22,10 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
-from rigcast.kernels.vectors import of_ray, pose_of, to_double
+from rigcast.kernels.rays import RayArrays, Rays, firing_of
+from rigcast.kernels.vectors import of_ray, to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -72,12 +73,12 @@ class Paths:
 class Setting:
     """What the light of one reading meets.
 
-    rotation: mat33d of the rays' frame, one for each world. limit: the farthest echo [m]. extinction: of the air [1/m].
+    rays: whose light it is. limit: the farthest echo [m]. extinction: of the air [1/m].
     lobe: half angle within which a mirror sends light back to the receiver [rad]. sub_rays: of each beam.
     """
 
     surfaces: SurfaceArrays
-    rotation: wp.array
+    rays: Rays
     limit: float
     extinction: float
     lobe: float
@@ -123,7 +124,7 @@ def reflect_paths(
     normal: wp.array[wp.vec3],
     # the light:
     paths: Paths,
-    rotation: wp.array[wp.mat33d],
+    rays: RayArrays,
     limit: float,
     extinction: float,
     lobe_cosine: float,
@@ -148,9 +149,9 @@ def reflect_paths(
     travelled = paths.travelled[j % paths.travelled.shape[0]] + distance[j]
     if travelled > limit:
         return
-    own_rotation = rotation[pose_of(j, distance.shape[0], rotation.shape[0])]
+    rotation = rays.rotation[firing_of(rays, j)]
     direction = of_ray(paths.direction, j)
-    d = own_rotation * direction
+    d = rotation * direction
     n = to_double(normal[j])
     along = wp.dot(d, n)
     cosine = wp.min(float(wp.abs(along)), 1.0)
@@ -174,7 +175,7 @@ def reflect_paths(
     # nested, as older versions of Warp evaluate the whole of an `and`, and aside may be empty
     if is_seen_aside:  # noqa: SIM102
         if not wp.isfinite(aside.direction[j]):
-            reflected_direction = wp.transpose(own_rotation) * (d - wp.float64(2.0) * along * n)
+            reflected_direction = wp.transpose(rotation) * (d - wp.float64(2.0) * along * n)
             go_on(paths, j, reflected_direction, distance[j] - step, mirrored, aside)
 
 
@@ -193,7 +194,8 @@ def new_echoes(slots: int, beams: int, device: wp.DeviceLike) -> Echoes:
 def started(rays: Rays, travelled: wp.array, share: wp.array) -> Paths:
     """The light of rays as it leaves the sensor."""
     paths = Paths()
-    paths.direction, paths.origin, paths.travelled, paths.share = rays.directions, rays.origins, travelled, share
+    paths.direction, paths.origin = rays.directions.flatten(), rays.origins.flatten()
+    paths.travelled, paths.share = travelled, share
     return paths
 
 
@@ -214,6 +216,6 @@ def reflect(
 
     beyond: what goes through a surface. aside: what the first mirror throws elsewhere.
     """
-    inputs = [setting.surfaces, hits.distance, hits.shape, hits.face, hits.normal, paths, setting.rotation]
+    inputs = [setting.surfaces, hits.distance, hits.shape, hits.face, hits.normal, paths, setting.rays.arrays]
     inputs += [setting.limit, setting.extinction, math.cos(setting.lobe), setting.sub_rays, first_slot]
     launch_over_rays(reflect_paths, hits.distance.size, inputs, [echoes, beyond, aside], hits.distance.device)

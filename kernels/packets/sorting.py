@@ -31,12 +31,13 @@ Doubles = npt.NDArray[np.float64]
 class Packets:
     """Rays sorted into tiles of packets, on the CPU.
 
-    singles: the rays that go alone.
+    singles: the rays that go alone. firing: (tiles,) int32, to which of several firings the rays of each tile belong.
     """
 
     tiles: wp.array
     packets: wp.array
     singles: wp.array
+    firing: wp.array | None = None
 
 
 def sort_into_packets(directions: Doubles) -> Packets:

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays, Rays
+from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.effects.infrared import Losses, lose
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.packets.sorting import Packets, sort_into_packets
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import bound, read
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays, Rays
+from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
 from rigcast.sensors.scene.scene import Scene
@@ -59,9 +60,12 @@ class LidarPhysics:
         ways = self.sub_rays * (1 + (spec.max_surfaces > 1) + spec.mirrors)
         slots = self.sub_rays * (spec.max_surfaces + spec.mirrors) + 2 * (spec.weather is not None)
         aimed = self.sub_rays * 24 if self._angle_std > 0 else 0
-        return aimed + self.sub_rays * BYTES_PER_HIT + ways * echoes.BYTES_PER_PATH + (
-            slots + returns_kept
-        ) * echoes.BYTES_PER_ECHO
+        return (
+            aimed
+            + self.sub_rays * BYTES_PER_HIT
+            + ways * echoes.BYTES_PER_PATH
+            + (slots + returns_kept) * echoes.BYTES_PER_ECHO
+        )
 
     def along(self, rays: Rays) -> "LidarPhysics":
         """The same effects on as many other rays."""
@@ -79,11 +83,11 @@ class LidarPhysics:
 
     def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
         """One reading of the scene. rays: those it was made with, in the sensor's pose now."""
-        spec, count = self.spec, self.count * rays.position.size
+        spec, count = self.spec, self.count * rays.worlds
         sub_rays = replace(rays, directions=self._directions, origins=self._origins, packets=self._packets)
         if self._angle_std > 0:
-            directions = beams.aim(rays, self._angles, source, self._angle_std, rays.position.size)
-            sub_rays = replace(sub_rays, directions=directions, packets=None)
+            directions = beams.aim(rays, self._angles, source, self._angle_std, rays.worlds)
+            sub_rays = replace(sub_rays, directions=directions.reshape((rays.worlds, -1)), packets=None)
         found = self._echoes(sub_rays, visible, source)
         least_power = spec.detection.least_power if spec.detection else 0.0
         gap = 0.5 * weather.SPEED_OF_LIGHT * spec.pulse_length
@@ -97,7 +101,7 @@ class LidarPhysics:
     def _echoes(self, rays: Rays, visible: wp.array, source: RandomSource) -> echoes.Echoes:
         """All that comes back: of surface after surface, of what is seen in a mirror, of rain and fog."""
         spec, looks, device = self.spec, self.scene.looks(), self.scene.device
-        beams_cast = self.count * rays.position.size
+        beams_cast = self.count * rays.worlds
         count = beams_cast * self.sub_rays
         layers = spec.max_surfaces if looks.has_transparent else 1
         shows_mirrors = spec.mirrors and looks.has_mirrors
@@ -126,12 +130,13 @@ class LidarPhysics:
         surfaces.transmission = looks.surfaces.transmission if self.spec.max_surfaces > 1 else none
         surfaces.mirror = looks.surfaces.mirror if self.spec.mirrors else none
         lobe = math.radians(self.spec.mirror_lobe_deg)
-        return echoes.Setting(surfaces, rays.rotation, self.spec.max_range, self._extinction, lobe, self.sub_rays)
+        return echoes.Setting(surfaces, rays, self.spec.max_range, self._extinction, lobe, self.sub_rays)
 
 
 def _along(paths: echoes.Paths, rays: Rays) -> Rays:
     """The rays of light on its way, in the frame of these rays."""
-    return replace(rays, directions=paths.direction, origins=paths.origin, packets=None)
+    each = (rays.worlds, -1)
+    return replace(rays, directions=paths.direction.reshape(each), origins=paths.origin.reshape(each), packets=None)
 
 
 def _sub_rays(spec: Lidar) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rigcast.kernels import reading
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.stamps import stamps
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.scene.part import Owner
@@ -36,6 +37,8 @@ class Frame:
 
     Of a batch of worlds every field of each ray has a first axis for the world, and time (nworld,) and pose (nworld, 4,
     4) are Warp arrays of float64; `world(k)` is the frame of one of them. Frames of worlds that are not active are NaN.
+    With two returns as well, vectors are vec3 and vec3d, as Warp's arrays have at most four axes: only `numpy()` and
+    DLPack show the fifth.
 
     Where `range` is not finite: points are NaN, ids -1, normals 0. A hit on a flex, skin or prop has `geom_id` -1.
     """
@@ -89,12 +92,12 @@ class Frame:
     @cached_property
     def points(self) -> wp.array:
         """(..., 3) float32 [m], in the sensor's frame; NaN where the range is not finite."""
-        return self._vectors(reading.points(self._hits.distance, self._rays, self._returns), wp.float32)
+        return self._vectors(reading.points(self._hits.distance, self._rays), wp.float32)
 
     @cached_property
     def points_world(self) -> wp.array:
         """(..., 3) float64 [m], in the world; NaN where the range is not finite."""
-        return self._vectors(reading.world_points(self._hits.distance, self._rays, self._returns), wp.float64)
+        return self._vectors(reading.world_points(self._hits.distance, self._rays), wp.float64)
 
     @cached_property
     def stamp(self) -> wp.array:
@@ -152,13 +155,10 @@ class Frame:
         table = self._ids_of_shape.get(owner)
         return None if table is None else reading.take(table, self._hits.shape).reshape(self.shape)
 
-    @property
-    def _returns(self) -> int:
-        """How many of each ray there are."""
-        return self._hits.distance.size // self._rays.total
-
     def _vectors(self, array: wp.array, scalar: type) -> wp.array:
-        """n vectors as scalars of shape (..., 3), without a copy."""
+        """n vectors as scalars of shape (..., 3), without a copy; as vectors where Warp has no array of so many axes."""
+        if len(self.shape) == wp.types.ARRAY_MAX_DIMS:
+            return array.reshape(self.shape)
         return array.view(scalar).reshape((*self.shape, 3))
 
 

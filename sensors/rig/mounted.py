@@ -11,10 +11,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.cast import BYTES_PER_HIT, Rays
+from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.mounts import Frames
 from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
 from rigcast.sensors.scene.scene import Scene
@@ -151,8 +152,8 @@ class Mounted:
 class Shot:
     """One reading of a sensor, before its rays are cast, in one world or in many.
 
-    sensor: with the pattern of this reading. rays: where it stands. pose, time, shape: as in its frame. number: how many
-    it has made before. ids: (nworld,) of which worlds draw their random numbers, None for one world.
+    sensor: with the pattern of this reading. rays: where it stands. pose, time, shape: as in its frame. number: how
+    many it has made before. ids: (nworld,) of which the worlds draw their random numbers, None for one world.
     """
 
     sensor: Mounted

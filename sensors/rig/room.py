@@ -1,5 +1,6 @@
 """Whether many worlds fit into memory, before anything is allocated."""
 
+import math
 import os
 from collections.abc import Mapping
 
@@ -9,7 +10,7 @@ from rigcast.sensors.errors import InputError
 
 
 def require_room(worlds: int, needs: Mapping[str, int], device: wp.Device) -> None:
-    """Raise InputError where so many worlds, each of which needs these bytes for what they are named after, do not fit."""
+    """Raise InputError where so many worlds do not fit; each needs these bytes for what they are named after."""
     each = sum(needs.values())
     free = free_memory(device)
     if worlds * each > free:
@@ -34,10 +35,5 @@ def free_memory(device: wp.Device) -> int:
 
 def _bytes(count: float) -> str:
     """A number of bytes with three figures."""
-    for unit in ("B", "kB", "MB", "GB"):
-        if count < 1000:
-            break
-        count /= 1000
-    else:
-        unit = "TB"
-    return f"{count:.3g} {unit}"
+    power = min(int(math.log10(max(count, 1)) / 3), 4)
+    return f"{count / 1000**power:.3g} {('B', 'kB', 'MB', 'GB', 'TB')[power]}"

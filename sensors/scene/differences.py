@@ -44,7 +44,7 @@ class Differences:
         )
 
     def shapes(self, geoms: Geoms, props: Shapes, worlds: int) -> Shapes:
-        """The shapes of so many worlds, world by world: geoms, then props, whose trees come after those of the geoms."""
+        """The shapes of so many worlds, world by world: geoms, then props, whose trees come after the geoms'."""
         model = geoms.model
         size = model.geom_size if self.size is None else self.size
         dataid = model.geom_dataid if self.dataid is None else self.dataid

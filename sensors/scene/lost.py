@@ -19,7 +19,7 @@ class Lost:
         self._lost: set[int] = set()
 
     def warn(self, time: float | None, is_finite: NDArray[np.bool_]) -> None:
-        """time [s]: of the data, if it has one. is_finite: (n,) whose poses are. One warning names up to ten new ones."""
+        """time [s]: of the data. is_finite: (n,) whose poses are. One warning names up to ten that are new."""
         lost = set(np.flatnonzero(~is_finite).tolist())
         new = sorted(lost - self._lost)
         self._lost = lost

@@ -75,7 +75,7 @@ def read_shapes(
     size: NDArray[np.float64],
     dataid: NDArray[np.int32],
 ) -> Shapes:
-    """The geoms with these sizes (..., ngeom, 3) and meshes or height fields (..., ngeom), given the tree of each asset.
+    """Geoms with these sizes (..., ngeom, 3) and meshes or height fields (..., ngeom), given the tree of each asset.
 
     Those of several worlds follow each other.
     """

@@ -11,9 +11,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.cast import HitArrays, Rays, as_double, cast, unit_directions
+from rigcast.kernels.cast import HitArrays, as_double, cast, unit_directions
 from rigcast.kernels.geometry import FARTHEST, Shapes
 from rigcast.kernels.mounts import Carriers, Frames
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 from rigcast.sensors.errors import InputError, require_type, warn_user
@@ -48,6 +49,8 @@ _LOOKS = (
 
 
 _NO_DIFFERENCES = Differences()
+_BYTES_PER_POSE = 96  # of float64
+_BYTES_PER_SIZE = 44  # of a shape, with its tree, its box and its reach
 
 
 class Scene:
@@ -107,7 +110,9 @@ class Scene:
         self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
 
     def update(self, data: "mujoco.MjData | Batch") -> None:
-        """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does; or many, as `Worlds` does.
+        """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
+
+        `data` may be a batch of worlds, whatever `Worlds` takes: they are cast against together.
 
         After `mj_step` these lag `qpos` by one step; run `mj_kinematics` first to see the world at `data.time`, and
         for flexes (`flexvert_xpos`) `mj_comPos` and `mj_flex` too.
@@ -191,6 +196,11 @@ class Scene:
         frames.copy(geoms)
         self._props.place(frames, self.model.ngeom, worlds)
         return Carriers(frames.position, frames.rotation)
+
+    @property
+    def bytes_per_world(self) -> int:
+        """What each of many worlds takes, if its poses have to be copied and its sizes are its own."""
+        return self._world.bytes_per_world + len(self._shapes().kind) * (_BYTES_PER_POSE + _BYTES_PER_SIZE)
 
     def _make_world(self) -> World:
         return World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)

@@ -25,8 +25,7 @@ Batch = object
 """A mujoco_warp `Data`, a list of MjData, a `mujoco.batch.Batch`, or a mapping of MuJoCo's names to arrays."""
 
 _POSES = {"geom": ("geom_xpos", "geom_xmat", "ngeom")} | {
-    kind: (*names, count)
-    for (kind, names), count in zip(CARRIERS.items(), ("nbody", "nsite", "ncam"), strict=True)
+    kind: (*names, count) for (kind, names), count in zip(CARRIERS.items(), ("nbody", "nsite", "ncam"), strict=True)
 }
 """Of each kind of thing that has a pose: the fields of its position and rotation, and how many a model has."""
 
@@ -40,10 +39,10 @@ class Worlds:
             - a mujoco_warp `Data` on the rig's device: its arrays are used where they are, and not checked;
             - a list of MjData of the rig's model;
             - a `mujoco.batch.Batch` of it;
-            - a mapping of MuJoCo's names to arrays whose first axis is the world: `geom_xpos` (nworld, ngeom, 3) [m] and
-              `geom_xmat` (nworld, ngeom, 9) or (nworld, ngeom, 3, 3); for sensors and props on bodies, sites and cameras
-              `xpos` and `xmat`, `site_xpos` and `site_xmat`, `cam_xpos` and `cam_xmat` as well; and `time` (nworld,) [s],
-              0 if not given. Arrays on the host keep float64; Warp arrays on the rig's device are used where they are.
+            - a mapping of MuJoCo's names to arrays whose first axis is the world: `geom_xpos` (nworld, ngeom, 3) [m]
+              and `geom_xmat` (nworld, ngeom, 9) or (..., 3, 3); for sensors and props on bodies, sites and cameras
+              `xpos` and `xmat`, `site_xpos` and `site_xmat`, `cam_xpos` and `cam_xmat` too; and `time` (nworld,) [s],
+              0 if not given. Arrays on the host keep float64; Warp arrays on the rig's device are used in place.
         geom_size: (nworld, ngeom, 3) [m], as `MjModel.geom_size`, where sizes differ.
         geom_dataid: (nworld, ngeom), the mesh or height field of each geom, as `MjModel.geom_dataid`, where these
             differ; -1 leaves the geom out.
@@ -119,7 +118,7 @@ class Worlds:
         if values.shape[:1] == (1,):
             values = np.broadcast_to(values, (self.count, *values.shape[1:]))
         if values.shape[:1] != (self.count,):
-            raise InputError(f"Worlds: {name}: got shape {values.shape}, expected ({self.count}, ...) for as many worlds")
+            raise InputError(f"Worlds: {name}: got shape {values.shape}, expected ({self.count}, ...): one per world")
         return values
 
     def _checked_ids(self, given: ArrayLike) -> NDArray[np.uint32]:
@@ -226,8 +225,8 @@ class _MujocoBatch:
             missing = np.flatnonzero(~values.reshape(self.count, -1).any(axis=1))
             if values.size and missing.size:
                 raise InputError(
-                    f"Worlds: batch: {name} of world {missing[0]} has not been worked out since it was first asked for, "
-                    f"expected batch.forward() or batch.step() now, before the next reading"
+                    f"Worlds: batch: {name} of world {missing[0]} has not been worked out since it was first asked "
+                    "for, expected batch.forward() or batch.step() now, before the next reading"
                 )
         return values
 
@@ -298,9 +297,7 @@ def _is_mujoco_batch(batch: object) -> bool:
     return module is not None and isinstance(batch, module.Batch)
 
 
-def _on_device(
-    name: str, given: Any, shape: tuple[int, int], dtypes: tuple[type, type], device: wp.Device
-) -> wp.array:
+def _on_device(name: str, given: Any, shape: tuple[int, int], dtypes: tuple[type, type], device: wp.Device) -> wp.array:
     """An array of vectors or matrices, in place where it is on the device already."""
     if isinstance(given, wp.array):
         _require_array(name, given, shape, dtypes, device)
@@ -316,10 +313,9 @@ def _require_array(
     name: str, array: wp.array, shape: tuple[int, ...], dtypes: Sequence[type], device: wp.Device
 ) -> None:
     if array.dtype not in dtypes or tuple(array.shape) != shape:
-        expected = " or ".join(dtype.__name__ for dtype in dtypes)
-        raise InputError(
-            f"Worlds: {name}: got an array {tuple(array.shape)} of {array.dtype.__name__}, expected {shape} of {expected}"
-        )
+        got = f"{tuple(array.shape)} of {array.dtype.__name__}"
+        expected = f"{shape} of {' or '.join(dtype.__name__ for dtype in dtypes)}"
+        raise InputError(f"Worlds: {name}: got an array {got}, expected {expected}")
     if array.device != device:
         raise InputError(f"Worlds: {name}: got an array on {array.device}, expected {device}")
 
