@@ -104,7 +104,7 @@ class _ReadStereo:
         assert self._spec.kinect_v1 is not None
         model, size = _KINECT_V1[self._spec.kinect_v1], (self._pair.width, self._pair.height)
         shifted = kinect_v1.shift(model, size, look.source, look.rays.directions, seen.normal)
-        hits = look.cast(shifted, None)
+        hits = look.cast(shifted.reshape((look.rays.worlds, -1)), None)
         kinect_v1.at_own_pixel(hits.distance, shifted, look.rays.directions)
         return hits
 

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+_MOST_AXES = 4  # of a Warp array
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One reading of one sensor.
@@ -157,7 +160,7 @@ class Frame:
 
     def _vectors(self, array: wp.array, scalar: type) -> wp.array:
         """n vectors as scalars of shape (..., 3), without a copy; as vectors where Warp has no array of so many axes."""
-        if len(self.shape) == wp.types.ARRAY_MAX_DIMS:
+        if len(self.shape) == _MOST_AXES:
             return array.reshape(self.shape)
         return array.view(scalar).reshape((*self.shape, 3))
 

@@ -234,7 +234,7 @@ class Scene:
 
         Args:
             origins: (3,), one for all rays, or like directions [m], in the world.
-            directions: (..., 3), of any length but 0, in the world.
+            directions: (..., 3), of any length but 0, in the world; (nworld, ..., 3) after an update with many worlds.
             max_distance: greatest distance at which something is hit, inclusive [m].
             cull: "back" drops hits on surfaces that face along the ray (d . n > 0), "front" those that face it.
             filter: which geoms may be hit; None: all that are not transparent.
@@ -260,7 +260,23 @@ class Scene:
             host_origins, host_directions = _checked_rays(origins, directions)
             shape = host_directions.shape[:-1]
             rays = self.rays_in_frame(host_directions, host_origins, np.eye(4))
+        if self._worlds is not None:
+            rays = self._in_each_world(rays, shape, self._worlds)
         return self.hits(self.cast_rays(rays, self.visible(filter), max_distance, cull), shape)
+
+    def _in_each_world(self, rays: Rays, shape: tuple[int, ...], worlds: int) -> Rays:
+        """The rays of this shape, the first axis of which is the world."""
+        if shape[:1] != (worlds,):
+            raise InputError(f"Scene.cast: directions: got shape {(*shape, 3)}, expected ({worlds}, ..., 3): {worlds} worlds")
+        each = (worlds, -1)
+        return replace(
+            rays,
+            directions=rays.directions.reshape(each),
+            origins=rays.origins if rays.origins.size == 1 else rays.origins.reshape(each),
+            position=wp.zeros(worlds, dtype=wp.vec3d, device=self.device),
+            rotation=wp.full(worlds, wp.mat33d(np.eye(3)), dtype=wp.mat33d, device=self.device),
+            worlds=worlds,
+        )
 
     def visible(self, filter: Filter | None) -> wp.array:
         """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit, as the model looks now."""
