@@ -120,9 +120,11 @@ class Frame:
 
     def _of_world(self, k: int, count: int) -> dict[str, Any]:
         """The fields of the frame of world k of so many."""
+        time: wp.array = self.time
+        pose: wp.array = self.pose
         return {
-            "time": float(self.time[k : k + 1].numpy()[0]),
-            "pose": self.pose[k : k + 1].numpy()[0],
+            "time": float(time[k : k + 1].numpy()[0]),
+            "pose": pose[k : k + 1].numpy()[0],
             "shape": self.shape[1:],
             "_hits": self._hits.of_world(k, count),
             "_rays": self._rays.of_world(k),
@@ -159,7 +161,7 @@ class Frame:
         return None if table is None else reading.take(table, self._hits.shape).reshape(self.shape)
 
     def _vectors(self, array: wp.array, scalar: type) -> wp.array:
-        """n vectors as scalars of shape (..., 3), without a copy; as vectors where Warp has no array of so many axes."""
+        """n vectors as scalars of shape (..., 3), without a copy; as vectors where that is one axis too many."""
         if len(self.shape) == _MOST_AXES:
             return array.reshape(self.shape)
         return array.view(scalar).reshape((*self.shape, 3))

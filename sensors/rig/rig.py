@@ -100,7 +100,7 @@ class Rig:
             require_room(worlds.count, needs, self.scene.device)
             standing = self.scene.update_worlds(worlds)
             return {m.spec.name: self._frame(m.shot_in(standing)) for m in mounted}
-        self._look(data)  # type: ignore[arg-type]
+        self._look(data)
         return {m.spec.name: self._frame(m.shot(self._data, self._data.time)) for m in mounted}
 
     def step(self, data: mujoco.MjData) -> Iterator[Frame]:

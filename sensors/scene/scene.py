@@ -109,7 +109,7 @@ class Scene:
         self._differences = _NO_DIFFERENCES
         self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
 
-    def update(self, data: "mujoco.MjData | Batch") -> None:
+    def update(self, data: mujoco.MjData | Batch) -> None:
         """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
 
         `data` may be a batch of worlds, whatever `Worlds` takes: they are cast against together.
@@ -134,7 +134,7 @@ class Scene:
                 f"Scene.update: data belongs to another model: got signature {data.signature:#x} with "
                 f"{len(data.geom_xpos)} geoms, expected {self.model.signature:#x} with {self.model.ngeom}"
             )
-        snapshots = [part.update(data) for part in self._parts]  # type: ignore[arg-type]
+        snapshots = [part.update(data) for part in self._parts]
         first_tree = 0
         for part, snapshot in zip(self._parts, snapshots, strict=True):
             for index, tree in snapshot.trees.items():
@@ -267,7 +267,9 @@ class Scene:
     def _in_each_world(self, rays: Rays, shape: tuple[int, ...], worlds: int) -> Rays:
         """The rays of this shape, the first axis of which is the world."""
         if shape[:1] != (worlds,):
-            raise InputError(f"Scene.cast: directions: got shape {(*shape, 3)}, expected ({worlds}, ..., 3): {worlds} worlds")
+            raise InputError(
+                f"Scene.cast: directions: got shape {(*shape, 3)}, expected ({worlds}, ..., 3): {worlds} worlds"
+            )
         each = (worlds, -1)
         return replace(
             rays,

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeAlias
 
 import mujoco
 import numpy as np
@@ -21,7 +21,7 @@ from .geoms import has_finite_pose
 FIELDS = ("geom_xpos", "geom_xmat", "xpos", "xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat", "time")
 """What is asked of a batch: poses of geoms, and of the bodies, sites and cameras that carry sensors and props."""
 
-Batch = object
+Batch: TypeAlias = Any
 """A mujoco_warp `Data`, a list of MjData, a `mujoco.batch.Batch`, or a mapping of MuJoCo's names to arrays."""
 
 _POSES = {"geom": ("geom_xpos", "geom_xmat", "ngeom")} | {

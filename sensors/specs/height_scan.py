@@ -60,7 +60,7 @@ def yaw_only(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y = pose[0, 0], pose[1, 0]
     # of square roots alone, as in rigcast.kernels.mounts, so that both have the same bits
     length = np.sqrt(x * x + y * y)
-    cosine, sine = (x / length, y / length) if length != 0 else (1.0, 0.0)
+    cosine, sine = (x / length, y / length) if length != 0 else (np.float64(1.0), np.float64(0.0))
     upright = pose.copy()
-    upright[:3, :3] = [[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]
+    upright[:3, :3] = [[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]
     return upright

@@ -47,12 +47,14 @@ XML = f"""
   </worldbody>
 </mujoco>
 """
-FIELDS = ("range", "normal", "geom_id", "prop_id", "body_id", "points", "points_world", "stamp", "intensity", "depth")
-FIELDS += ("depth_16bit", "ring", "column")
+FIELDS = (
+    *("range", "normal", "geom_id", "prop_id", "body_id", "points", "points_world", "stamp", "intensity"),
+    *("depth", "depth_16bit", "ring", "column"),
+)
 _UNSEEN: dict[str, Any] = {"filter": Filter(exclude_bodies=["robot"])}
 _EYE: dict[str, Any] = {"mount": Mount(camera="eye"), "resolution": (12, 9), "fov_y_deg": 60.0, **_UNSEEN}
 _TOP: dict[str, Any] = {"elevation_deg": [-20, -5, 3], "columns": 24, "max_range": 30.0, **_UNSEEN}
-SENSORS = {
+SENSORS: dict[str, Lidar | DepthCamera | HeightScan] = {
     "lidar": Lidar(name="lidar", mount=Mount(body="robot", pos=(0, 0, 0.1), euler_deg=(3, 4, 5)), rate_hz=10, **_TOP),
     "fixed": Lidar(name="fixed", mount=Mount(pos=(0, 0, 3), euler_deg=(0, 30, 0)), **_TOP),
     "scan": HeightScan(name="scan", mount=Mount(body="robot"), size=(1.0, 0.6), spacing=0.2, **_UNSEEN),
