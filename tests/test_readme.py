@@ -17,7 +17,7 @@ COMMANDS = [
 ]
 OURS = [(page, line) for page, line in COMMANDS if line.startswith("rigcast")]
 # What a block needs that is not among what the tests install.
-NEEDS = {"python": "torch"}
+NEEDS = {"python": "torch", "worlds": "mujoco_warp"}
 
 
 @pytest.fixture(scope="module")

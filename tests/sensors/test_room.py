@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 import warp as wp
-from many_worlds import SENSORS, model, rig_of, states
+from world_states import SENSORS, model, rig_of, states
 
 from rigcast import InputError, Lidar, Mount, Rig
 
@@ -37,7 +37,8 @@ def poses(model: mujoco.MjModel, worlds: int) -> dict[str, wp.array]:
 def test_each_world_takes_at_most_100_bytes_per_geom_beside_its_frames(worldbody: str) -> None:
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{worldbody}</worldbody></mujoco>")
     rig = Rig(model, [Lidar(name="one", mount=Mount(), elevation_deg=[0, 10], columns=50)], device="cpu")
-    kept, taken = {}, {}
+    kept: dict[int, int] = {}
+    taken: dict[int, int] = {}
     for worlds in (10, 1010):
         batch = poses(model, worlds)
         before = allocated() - kept.get(10, 0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from many_worlds import SENSORS, alone, arrays_of, assert_same, fields_of, model, rig_of, states
+from world_states import SENSORS, alone, arrays_of, assert_same, fields_of, model, rig_of, states
 
 from rigcast import InputError, Lidar, Mount, Prop, Rig, Scene, Worlds
 
