@@ -91,7 +91,7 @@ class Rays:
 @wp.func
 def firing_of(rays: RayArrays, k: int) -> int:
     """The firing, among those of all worlds, of ray k, among those of all worlds."""
-    world = k / rays.count
+    world = int(k / rays.count)
     if rays.firing.shape[0] == 0:
         return world
     return world * rays.firings + rays.firing[k % rays.count]
@@ -112,7 +112,7 @@ def origin_of(rays: RayArrays, k: int) -> wp.vec3d:
 @wp.func
 def span_of(rays: RayArrays, firing: int) -> int:
     if rays.span.shape[0] == 0:
-        return firing / rays.firings
+        return int(firing / rays.firings)
     return rays.span[firing]
 
 

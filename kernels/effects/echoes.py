@@ -73,7 +73,7 @@ class Paths:
 class Setting:
     """What the light of one reading meets.
 
-    rays: whose light it is. limit: the farthest echo [m]. extinction: of the air [1/m].
+    rays: whose light it is, before it meets anything. limit: the farthest echo [m]. extinction: of the air [1/m].
     lobe: half angle within which a mirror sends light back to the receiver [rad]. sub_rays: of each beam.
     """
 

@@ -39,8 +39,8 @@ _COMMANDS = {
         ("rigcast watch rig.yaml --out out/watch",),
     ),
     "view": _About(
-        "Look at a rig, or at what a run has written.",
-        ("rigcast view rig.yaml", "rigcast view out/rig --save view.html", "rigcast view out/rig --save view.rrd"),
+        "Look at a rig, at what a run has written, or at a ROS 2 bag.",
+        ("rigcast view rig.yaml", "rigcast view out/rig --save view.html", "rigcast view a.mcap --save view.rrd"),
     ),
     "publish": _About(
         "Run a rig and publish what its sensors see to ROS 2.",

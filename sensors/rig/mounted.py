@@ -12,9 +12,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
-from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.mounts import Frames
-from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.kernels.packets.firings import sort_rays
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
@@ -26,6 +25,8 @@ from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 
+from .motion import Firings, Track
+
 Sensor = Lidar | DepthCamera | HeightScan
 
 
@@ -36,14 +37,31 @@ class WorldRays(NamedTuple):
     directions: NDArray[np.float64]
 
 
+class Aim(NamedTuple):
+    """The rays of a reading that begins at `time` [s], and the pose (4, 4) in which the sensor is then.
+
+    Of many worlds these are (nworld,) and (nworld, 4, 4), and `worlds` is (nworld,) uint32, their ids.
+    """
+
+    time: float | wp.array
+    pose: NDArray[np.float64] | wp.array
+    rays: Rays
+    worlds: wp.array | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Mounted:
-    """A sensor on a scene, with the rays of one reading on the device."""
+    """A sensor on a scene, with the rays of one reading on the device.
+
+    firings: of a sensor that moves during a reading, None of others. frames: numbers readings whose errors are drawn,
+    batches: those of many worlds.
+    """
 
     scene: Scene
     spec: Sensor
     mount: BoundMount
     pattern: Pattern
+    firings: Firings | None
     fixed_rays: Rays
     firing_times: wp.array | None
     ring: wp.array | None
@@ -51,22 +69,26 @@ class Mounted:
     physics: LidarPhysics | None
     depth_physics: DepthPhysics | None
     frames: Iterator[int]
+    batches: Iterator[int]
 
     @staticmethod
     def on(scene: Scene, spec: Sensor) -> "Mounted":
         pattern = spec.pattern(scene.model)
-        rays = _upload_rays(pattern, scene)
+        firings = _firings(spec, pattern, scene)
+        rays = _upload_rays(pattern, firings, scene)
         return Mounted(
             scene,
             spec,
             spec.mount.bind(scene.model).turned(spec.frame_rotation),
             pattern,
+            firings,
             rays,
             _upload(pattern.firing_times, wp.float64, spec, scene.device),
             _upload(pattern.ring, wp.int32, spec, scene.device),
             _upload(pattern.column, wp.int32, spec, scene.device),
             LidarPhysics(scene, spec, rays) if isinstance(spec, Lidar) and spec.has_effects else None,
-            DepthPhysics(scene, spec, pattern) if isinstance(spec, DepthCamera) and spec.has_effects else None,
+            DepthPhysics(scene, spec, pattern, rays) if isinstance(spec, DepthCamera) and spec.has_effects else None,
+            count(),
             count(),
         )
 
@@ -75,10 +97,12 @@ class Mounted:
         if self.pattern.later is None:
             return self
         pattern, device = self.pattern.at(time), self.scene.device
-        rays = _upload_rays(pattern, self.scene)
+        firings = _firings(self.spec, pattern, self.scene)
+        rays = _upload_rays(pattern, firings, self.scene)
         return replace(
             self,
             pattern=pattern,
+            firings=firings,
             fixed_rays=rays,
             firing_times=_upload(pattern.firing_times, wp.float64, self.spec, device),
             ring=_upload(pattern.ring, wp.int32, self.spec, device),
@@ -97,11 +121,6 @@ class Mounted:
         return rays * BYTES_PER_HIT
 
     @property
-    def _draws(self) -> bool:
-        """Whether the sensor needs random numbers."""
-        return self.physics is not None or self.depth_physics is not None
-
-    @property
     def frame_shape(self) -> tuple[int, ...]:
         """That of a frame's fields: the pattern's, with a last axis for several returns."""
         copies = _returns(self.spec)
@@ -117,29 +136,38 @@ class Mounted:
         return self.scene.visible(self.spec.filter)
 
     def rays(self, data: mujoco.MjData) -> Rays:
-        return self.scene.in_pose(self.fixed_rays, self.pose(data))
+        """Its rays, all fired now."""
+        if self.firings is None:
+            return self.scene.in_pose(self.fixed_rays, self.pose(data))
+        return self.rays_along(Track.still(self.pose(data), len(self.firings.times)))
 
-    def shot(self, data: mujoco.MjData, time: float) -> "Shot":
-        """The next reading of the world that `data` shows, which begins at `time` [s]."""
-        fired = self.at(time)
-        number = next(self.frames) if self._draws else 0
-        return Shot(fired, fired.rays(data), fired.pose(data), time, fired.frame_shape, number, None)
+    def rays_along(self, track: Track) -> Rays:
+        """The rays of a sensor that moves, which is on this track at the times of its firings."""
+        device = self.scene.device
+        return replace(
+            self.fixed_rays,
+            position=wp.array(track.position, dtype=wp.vec3d, device=device),
+            rotation=wp.array(track.rotation, dtype=wp.mat33d, device=device),
+            span=wp.array(track.span, dtype=int, device=device),
+            fraction=wp.array(track.fraction, dtype=wp.float64, device=device),
+        )
 
-    def shot_in(self, worlds: Standing) -> "Shot":
-        """The next reading of many worlds.
+    def in_worlds(self, worlds: Standing) -> "tuple[Mounted, Aim]":
+        """The sensor with the pattern of its next reading of many worlds, and its rays in them.
 
-        Reading k of a sensor whose pattern is another one in each reading has that of time k / rate_hz, in all worlds.
+        Where a pattern is another one in each reading, that of reading k is the one of time k / rate_hz, in all worlds.
         """
-        number = next(self.frames)
+        number = next(self.batches)
         fired = self.at(number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.duration)
-        frames = Frames.empty(worlds.count, 1, self.scene.device)
-        carriers = worlds.carriers(self.mount.parent)
-        aligned, active = self.spec.yaw_aligned, worlds.active
-        frames.place(0, carriers, self.mount.id, self.mount.offset, yaw_aligned=aligned, active=active)
+        count = worlds.count
+        own = {name: _same_in_each(getattr(fired, name), count) for name in ("ring", "column")}
+        firings = 1 if fired.firings is None else len(fired.firings.times)
+        frames = Frames.empty(count, firings, self.scene.device)
+        where = (worlds.carriers(self.mount.parent), self.mount.id, self.mount.offset)
+        frames.place(0, *where, yaw_aligned=self.spec.yaw_aligned, active=worlds.active, times=firings)
         position, rotation = frames.position.flatten(), frames.rotation.flatten()
-        rays = replace(fired.fixed_rays, position=position, rotation=rotation, worlds=worlds.count)
-        shape = (worlds.count, *fired.frame_shape)
-        return Shot(fired, rays, frames.poses(), worlds.times(), shape, number, worlds.ids)
+        rays = replace(fired.fixed_rays, position=position, rotation=rotation, worlds=count)
+        return replace(fired, **own), Aim(worlds.times(), frames.poses(), rays, worlds.ids)
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)
@@ -148,54 +176,38 @@ class Mounted:
         return WorldRays(np.broadcast_to(local @ pose[:3, :3].T + pose[:3, 3], directions.shape), directions)
 
 
-@dataclass(frozen=True, eq=False)
-class Shot:
-    """One reading of a sensor, before its rays are cast, in one world or in many.
-
-    sensor: with the pattern of this reading. rays: where it stands. pose, time, shape: as in its frame. number: how
-    many it has made before. ids: (nworld,) of which the worlds draw their random numbers, None for one world.
-    """
-
-    sensor: Mounted
-    rays: Rays
-    pose: NDArray[np.float64] | wp.array
-    time: float | wp.array
-    shape: tuple[int, ...]
-    number: int
-    ids: wp.array | None
-
-    def random(self, seed: int) -> RandomSource:
-        """The random numbers of this reading."""
-        count = math.prod(self.sensor.pattern.shape)
-        return random_source(seed, self.sensor.spec.name, self.number, self.ids, count)
-
-    def of_each_world(self, values: wp.array | None) -> wp.array | None:
-        """What is the same in all worlds, with a first axis for them: no copy is made."""
-        if values is None or self.ids is None:
-            return values
-        return same_in_each(values, self.ids.size)
-
-
-def same_in_each(values: wp.array, worlds: int) -> wp.array:
+def _same_in_each(values: wp.array | None, worlds: int) -> wp.array | None:
     """(worlds, ...) of an array (...), which is there only once."""
-    strides = (0, *values.strides)
-    repeated = wp.array(
-        ptr=values.ptr, dtype=values.dtype, shape=(worlds, *values.shape), strides=strides, device=values.device
-    )
+    if values is None:
+        return None
+    shape, strides = (worlds, *values.shape), (0, *values.strides)
+    repeated = wp.array(ptr=values.ptr, dtype=values.dtype, shape=shape, strides=strides, device=values.device)
     repeated._ref = values  # which keeps the memory
     return repeated
 
 
-def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
-    """The rays of a pattern on the device; on the CPU in packets, where they leave from one origin.
+def _firings(spec: Sensor, pattern: Pattern, scene: Scene) -> Firings | None:
+    if not spec.moves:
+        return None
+    times = np.zeros(pattern.shape) if pattern.firing_times is None else pattern.firing_times
+    return Firings.of(times.reshape(-1), packed=_in_packets(pattern, scene))
+
+
+def _in_packets(pattern: Pattern, scene: Scene) -> bool:
+    """Whether rays are cast in packets: on the CPU, where they leave from one origin.
 
     Those of a pattern that is another one in each reading are cast alone: sorting them would take longer.
     """
+    return scene.device.is_cpu and pattern.origins is None and pattern.later is None
+
+
+def _upload_rays(pattern: Pattern, firings: Firings | None, scene: Scene) -> Rays:
+    """The rays of a pattern on the device."""
     origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
     rays = scene.rays_in_frame(pattern.directions, origins, np.eye(4))
-    if pattern.origins is not None or pattern.later is not None or not scene.device.is_cpu:
-        return rays
-    return replace(rays, packets=sort_into_packets(pattern.directions.reshape(-1, 3)))
+    if firings is not None:
+        rays = replace(rays, firing=wp.array(firings.of_ray, dtype=int, device=scene.device))
+    return replace(rays, packets=sort_rays(rays.directions, rays.firing)) if _in_packets(pattern, scene) else rays
 
 
 def _upload(values: NDArray[np.generic] | None, dtype: type, spec: Sensor, device: wp.Device) -> wp.array | None:

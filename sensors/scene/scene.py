@@ -22,6 +22,7 @@ from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
+from rigcast.sensors.threads import require_thread_count
 
 from .differences import Differences
 from .flexes import Flexes
@@ -30,7 +31,7 @@ from .hits import Hits
 from .looks import Looks, LooksTable
 from .lost import Lost
 from .model_geometry import unsupported_parts
-from .part import OWNERS, Owner, Part
+from .part import OWNERS, Owner, Part, ShapePoses
 from .props import Props
 from .skins import Skins
 from .worlds import Batch, Standing, Worlds, as_worlds, is_batch
@@ -81,6 +82,7 @@ class Scene:
         require_type("Scene: model", model, mujoco.MjModel)
         _report(unsupported_parts(model), on_unsupported)
         self.model = model
+        require_thread_count()
         self.device = _find_device(device)
         self._geoms, self._props = Geoms(model), Props(model, props)
         self._parts: list[Part] = [
@@ -128,6 +130,11 @@ class Scene:
         if is_batch(data):
             self.update_worlds(as_worlds(data))
             return
+        self._world.update(*self.read(data))
+        self._stale, self._worlds = "", None
+
+    def read(self, data: mujoco.MjData) -> ShapePoses:
+        """Where everything stands in `data`, for a `sweep`; rays are cast at it after the next `update` or `sweep`."""
         require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
             raise InputError(
@@ -145,11 +152,18 @@ class Scene:
         if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
             self._world.set_shapes(self._shapes())
             self._differences, self._visible = _NO_DIFFERENCES, {}
-        self._world.update(
+        return ShapePoses(
             np.concatenate([snapshot.position for snapshot in snapshots]),
             np.concatenate([snapshot.rotation for snapshot in snapshots]),
         )
-        self._stale, self._worlds = "", None
+
+    def sweep(self, poses: Sequence[ShapePoses]) -> None:
+        """Take the world as it moves through these poses, of a `read` each, in as many spans less one.
+
+        Until the next `update`, rays are cast at what stands there at their `span` and `fraction`. Sizes, flexes and
+        skins are those of the last `read`.
+        """
+        self._world.sweep(np.array([each.position for each in poses]), np.array([each.rotation for each in poses]))
 
     def update_worlds(self, worlds: Worlds) -> Standing:
         """Take many worlds as they stand, and give them on the device.
