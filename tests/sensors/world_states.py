@@ -23,6 +23,7 @@ from rigcast import (
     Weather,
     Worlds,
 )
+from rigcast.sensors.specs.rosette import Rosette, Wedge
 
 XML = f"""
 <mujoco>
@@ -57,8 +58,24 @@ _TOP: dict[str, Any] = {"elevation_deg": [-20, -5, 3], "columns": 24, "max_range
 SENSORS: dict[str, Lidar | DepthCamera | HeightScan] = {
     "lidar": Lidar(name="lidar", mount=Mount(body="robot", pos=(0, 0, 0.1), euler_deg=(3, 4, 5)), rate_hz=10, **_TOP),
     "fixed": Lidar(name="fixed", mount=Mount(pos=(0, 0, 3), euler_deg=(0, 30, 0)), **_TOP),
+    "moving": Lidar(name="moving", mount=Mount(body="robot"), rate_hz=10, motion=True, **_TOP),
+    "ring": Lidar(name="ring", mount=Mount(body="robot"), origin_radius=0.05, **_TOP),
+    "rosette": Lidar(
+        name="rosette",
+        mount=Mount(body="robot"),
+        rate_hz=100,
+        rosette=Rosette(
+            wedges=[
+                Wedge(rpm=7294, tilt_deg=-18, index=1.5089, tilted_first=False),
+                Wedge(rpm=-4664, tilt_deg=18, index=1.5089, tilted_first=True),
+            ],
+            sample_rate_hz=5000,
+        ),
+        **_UNSEEN,
+    ),
     "scan": HeightScan(name="scan", mount=Mount(body="robot"), size=(1.0, 0.6), spacing=0.2, **_UNSEEN),
     "camera": DepthCamera(name="camera", **_EYE),
+    "rolling": DepthCamera(name="rolling", readout_time=0.01, **_EYE),
     "noisy": Lidar(
         name="noisy",
         mount=Mount(site="nose"),
