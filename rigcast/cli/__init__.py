@@ -51,7 +51,10 @@ _COMMANDS = {
         ("rigcast presets velodyne_vlp16", "rigcast presets livox_avia --picture avia.png --json -"),
     ),
     "schema": _About("Print the JSON schema of rig files.", ("rigcast schema > rig.schema.json",)),
-    "bench": _About("Measure rays per second, beside MuJoCo's.", ("rigcast bench --json bench.json",)),
+    "bench": _About(
+        "Measure rays per second, beside other ray casters.",
+        ("rigcast bench", "rigcast bench warehouse room --caster mj_multiRay --rounds 3 --json bench.json"),
+    ),
 }
 _EXIT_CODES = "Exit codes: 0 done, 1 a ray is wrong (check), 2 a mistake in what was given, 130 interrupted."
 
