@@ -234,9 +234,8 @@ def test_a_reading_under_way_at_a_reset_is_discarded() -> None:
 
 def test_a_single_reading_is_of_a_world_that_stands_still() -> None:
     model, data = moving(TIMESTEP)
-    specs = [spinning(), rolling(name="rolling")]
-    still = [spinning(motion=False), rolling(name="rolling", readout_time=0.0)]
-    moved, frozen = (Rig(model, each, "cpu").sense(data) for each in (specs, still))
+    moved = Rig(model, [spinning(), rolling(name="rolling")], "cpu").sense(data)
+    frozen = Rig(model, [spinning(motion=False), rolling(name="rolling", readout_time=0.0)], "cpu").sense(data)
     for name in ("eye", "rolling"):
         np.testing.assert_array_equal(moved[name].range.numpy(), frozen[name].range.numpy())
         np.testing.assert_array_equal(moved[name].normal.numpy(), frozen[name].normal.numpy())
