@@ -118,6 +118,14 @@ class Frame:
             raise InputError(f"Frame.world: sensor {self.sensor!r}: no world {k}, expected 0 to {count - 1}")
         return replace(self, **self._of_world(k, count))
 
+    def require_one_world(self) -> None:
+        """Raise InputError for a frame of many worlds."""
+        if np.shape(self.pose) != (4, 4):
+            raise InputError(
+                f"sensor {self.sensor!r}: got a frame of {len(self.pose)} worlds, expected one of one world, such as "
+                "frame.world(0)"
+            )
+
     def _of_world(self, k: int, count: int) -> dict[str, Any]:
         """The fields of the frame of world k of so many."""
         time: wp.array = self.time
@@ -137,6 +145,7 @@ class Frame:
         """
         from rigcast.sensors.preview import draw_preview  # which knows frames
 
+        self.require_one_world()
         return draw_preview(self._pattern, self)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
@@ -148,10 +157,13 @@ class Frame:
         """
         from rigcast.sensors.preview.plot import plot_frame
 
+        self.require_one_world()
         return plot_frame(self._pattern, self, ax)
 
-    def _repr_png_(self) -> bytes:
-        """What Jupyter shows."""
+    def _repr_png_(self) -> bytes | None:
+        """What Jupyter shows; None of many worlds, which have no picture."""
+        if np.shape(self.pose) != (4, 4):
+            return None
         png = io.BytesIO()
         self.picture().save(png, format="png")
         return png.getvalue()

@@ -315,6 +315,15 @@ def test_a_scene_of_many_worlds_is_cast_with_rays_for_each(robot: mujoco.MjModel
             np.testing.assert_array_equal(getattr(on_device, field)[world], getattr(alone.numpy(), field), where)
 
 
+def test_pictures_are_of_one_world(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    frame = rig_of(robot, "noisy").sense(datas)["noisy"]
+    with pytest.raises(InputError, match=r"got a frame of 4 worlds, expected one of one world, such as frame\.world"):
+        frame.picture()
+    assert frame._repr_png_() is None
+    alone = rig_of(robot, "noisy").sense(datas[0])["noisy"]
+    assert frame.world(0)._repr_png_() == alone._repr_png_()
+
+
 CLOTH = """
 <mujoco><worldbody><geom size="1"/>
   <flexcomp name="cloth" type="grid" dim="2" count="3 3 1" spacing="1 1 1" radius="0.05"/>
