@@ -17,8 +17,8 @@ from rigcast.kernels.packets.firings import sort_rays
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
+from rigcast.sensors.scene.batch.worlds import Standing
 from rigcast.sensors.scene.scene import Scene
-from rigcast.sensors.scene.worlds import Standing
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
 from rigcast.sensors.specs.lidar import Lidar
@@ -160,14 +160,14 @@ class Mounted:
         number = next(self.batches)
         fired = self.at(number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.duration)
         count = worlds.count
-        own = {name: _same_in_each(getattr(fired, name), count) for name in ("ring", "column")}
         firings = 1 if fired.firings is None else len(fired.firings.times)
         frames = Frames.empty(count, firings, self.scene.device)
         where = (worlds.carriers(self.mount.parent), self.mount.id, self.mount.offset)
         frames.place(0, *where, yaw_aligned=self.spec.yaw_aligned, active=worlds.active, times=firings)
         position, rotation = frames.position.flatten(), frames.rotation.flatten()
         rays = replace(fired.fixed_rays, position=position, rotation=rotation, worlds=count)
-        return replace(fired, **own), Aim(worlds.times(), frames.poses(), rays, worlds.ids)
+        ring, column = _same_in_each(fired.ring, count), _same_in_each(fired.column, count)
+        return replace(fired, ring=ring, column=column), Aim(worlds.times(), frames.poses(), rays, worlds.ids)
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)

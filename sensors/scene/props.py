@@ -15,10 +15,10 @@ from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 
+from .batch.worlds import Standing
 from .lost import Lost
 from .part import Owner, Snapshot
 from .tree_cache import cached_triangle_tree
-from .worlds import Standing
 
 
 class Props:

@@ -11,8 +11,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.cast import HitArrays, as_double, cast, unit_directions
-from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.kernels.cast import HitArrays, cast
+from rigcast.kernels.geometry import Shapes
 from rigcast.kernels.mounts import Carriers, Frames
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
@@ -24,9 +24,11 @@ from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
 from rigcast.sensors.threads import require_thread_count
 
-from .differences import Differences
+from .batch.differences import Differences
+from .batch.worlds import Batch, Standing, Worlds, as_worlds, is_batch
 from .flexes import Flexes
 from .geoms import Geoms
+from .given_rays import GivenRays, take_rays, upload
 from .hits import Hits
 from .looks import Looks, LooksTable
 from .lost import Lost
@@ -34,7 +36,6 @@ from .model_geometry import unsupported_parts
 from .part import OWNERS, Owner, Part, ShapePoses
 from .props import Props
 from .skins import Skins
-from .worlds import Batch, Standing, Worlds, as_worlds, is_batch
 
 Cull = Literal["none", "back", "front"]
 
@@ -267,28 +268,20 @@ class Scene:
         require_type("Scene.cast: max_distance", max_distance, Real)
         if not max_distance >= 0:
             raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
-        if isinstance(directions, wp.array):
-            shape = tuple(directions.shape)
-            rays = self._device_rays(origins, directions)
-        else:
-            host_origins, host_directions = _checked_rays(origins, directions)
-            shape = host_directions.shape[:-1]
-            rays = self.rays_in_frame(host_directions, host_origins, np.eye(4))
-        if self._worlds is not None:
-            rays = self._in_each_world(rays, shape, self._worlds)
-        return self.hits(self.cast_rays(rays, self.visible(filter), max_distance, cull), shape)
+        given = take_rays(origins, directions, self.device)
+        return self.hits(self.cast_rays(self._placed(given), self.visible(filter), max_distance, cull), given.shape)
 
-    def _in_each_world(self, rays: Rays, shape: tuple[int, ...], worlds: int) -> Rays:
-        """The rays of this shape, the first axis of which is the world."""
-        if shape[:1] != (worlds,):
-            raise InputError(
-                f"Scene.cast: directions: got shape {(*shape, 3)}, expected ({worlds}, ..., 3): {worlds} worlds"
-            )
+    def _placed(self, given: GivenRays) -> Rays:
+        """Rays as they are given, in the world or, by their first axis, in each of many worlds."""
+        if self._worlds is None:
+            return self.in_pose(Rays(given.directions, given.origins, position=None, rotation=None), np.eye(4))
+        worlds = self._worlds
+        if given.shape[:1] != (worlds,):
+            raise InputError(f"Scene.cast: directions: got shape {(*given.shape, 3)}, expected ({worlds}, ..., 3)")
         each = (worlds, -1)
-        return replace(
-            rays,
-            directions=rays.directions.reshape(each),
-            origins=rays.origins if rays.origins.size == 1 else rays.origins.reshape(each),
+        return Rays(
+            given.directions.reshape(each),
+            given.origins if given.origins.size == 1 else given.origins.reshape(each),
             position=wp.zeros(worlds, dtype=wp.vec3d, device=self.device),
             rotation=wp.full(worlds, wp.mat33d(np.eye(3)), dtype=wp.mat33d, device=self.device),
             worlds=worlds,
@@ -330,31 +323,14 @@ class Scene:
         self, directions: NDArray[np.float64], origins: NDArray[np.float64], pose: NDArray[np.float64]
     ) -> Rays:
         """Rays on the device: unit directions (..., 3) and origins (..., 3) or (3,) in a frame with this pose."""
-        return self.in_pose(Rays(self._upload(directions), self._upload(origins), position=None, rotation=None), pose)
+        return self.in_pose(
+            Rays(upload(directions, self.device), upload(origins, self.device), position=None, rotation=None), pose
+        )
 
     def in_pose(self, rays: Rays, pose: NDArray[np.float64]) -> Rays:
         """The same rays in a frame with another pose (4, 4)."""
         rotation = wp.array(pose[None, :3, :3], dtype=wp.mat33d, device=self.device)
-        return replace(rays, position=self._upload(pose[:3, 3]), rotation=rotation)
-
-    def _upload(self, vectors: NDArray[np.float64]) -> wp.array:
-        return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=self.device)
-
-    def _device_rays(self, origins: ArrayLike | wp.array, directions: wp.array) -> Rays:
-        if not isinstance(origins, wp.array):
-            origins = self._upload(_checked_origins(origins))
-        for name, array in (("origins", origins), ("directions", directions)):
-            self._require_vectors(name, array)
-        if origins.size not in (1, directions.size):
-            raise InputError(f"Scene.cast: origins: got {origins.size}, expected 1 or {directions.size}")
-        rays = Rays(unit_directions(directions.flatten()), as_double(origins.flatten()), position=None, rotation=None)
-        return self.in_pose(rays, np.eye(4))
-
-    def _require_vectors(self, name: str, array: wp.array) -> None:
-        if array.dtype not in (wp.vec3, wp.vec3d):
-            raise InputError(f"Scene.cast: {name}: got an array of {array.dtype.__name__}, expected vec3 or vec3d")
-        if array.device != self.device:
-            raise InputError(f"Scene.cast: {name}: got an array on {array.device}, expected {self.device}")
+        return replace(rays, position=upload(pose[:3, 3], self.device), rotation=rotation)
 
 
 def _find_device(device: wp.DeviceLike) -> wp.Device:
@@ -380,43 +356,3 @@ def _report(parts: list[str], on_unsupported: str) -> None:
         warn_user(f"{message}; left out", UserWarning)
     else:
         raise InputError(f'Scene: {message}; remove them, or leave them out with on_unsupported="warn"')
-
-
-def _checked_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Origins and unit directions, float64."""
-    d, o = _vectors("directions", directions), _checked_origins(origins)
-    if o.shape not in ((3,), d.shape):
-        raise InputError(f"Scene.cast: origins: got shape {o.shape}, expected (3,) or {d.shape}")
-    # scaled by the largest component first: squares of 1e-200 would vanish
-    largest = np.abs(d).max(axis=-1, keepdims=True, initial=0.0)
-    _refuse_rays("directions", d, ~np.isfinite(d).all(axis=-1), "finite numbers")
-    _refuse_rays("directions", d, largest[..., 0] == 0.0, "a direction of any length but 0")
-    scaled = d / largest
-    return o, scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
-
-
-def _checked_origins(origins: ArrayLike) -> NDArray[np.float64]:
-    o = _vectors("origins", origins)
-    _refuse_rays("origins", o, ~(np.abs(o) <= FARTHEST).all(axis=-1), f"finite numbers up to {FARTHEST:g} m")
-    return o
-
-
-def _refuse_rays(name: str, values: NDArray[np.float64], bad: NDArray[np.bool_] | np.bool_, expected: str) -> None:
-    """Raise InputError for the first of the rays that are bad."""
-    if bad.any():
-        ray = tuple(int(i) for i in np.argwhere(bad)[0])
-        index = ray[0] if len(ray) == 1 else ray
-        where = f"ray {index}: " if ray else ""
-        raise InputError(f"Scene.cast: {where}{name}: got {values[ray].tolist()}, expected {expected}")
-
-
-def _vectors(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    try:
-        array = np.asarray(values)
-    except ValueError as error:
-        raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3): {error}") from None
-    if array.dtype.kind not in "fiu":
-        raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3), got {array.dtype} {values!r:.80}")
-    if array.ndim == 0 or array.shape[-1] != 3:
-        raise InputError(f"Scene.cast: {name}: got shape {array.shape}, expected (..., 3)")
-    return array.astype(np.float64, copy=False)

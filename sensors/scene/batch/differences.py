@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.geometry import FARTHEST, Shapes
 from rigcast.sensors.errors import InputError
-
-from .geoms import Geoms
-from .model_geometry import needs_asset
+from rigcast.sensors.scene.geoms import Geoms
+from rigcast.sensors.scene.model_geometry import needs_asset
 
 
 @dataclass(frozen=True, eq=False)
