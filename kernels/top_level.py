@@ -12,7 +12,8 @@ whose second derivative is a^2 r. What runs on chords stays within the box of bo
 import warp as wp
 
 from .geometry import FARTHEST, Geometry
-from .poses import Pose, kept_pose, moment_of, turn_between
+from .moving import turn_between
+from .poses import Pose, first_instant_of, first_of_world, pose_at, world_of
 from .tree import NO_CHILD, OUTWARDS, WIDTH, Box, Node, empty_box, half_area, join, set_child
 from .vectors import to_float
 
@@ -75,15 +76,15 @@ def is_empty(box: Box) -> bool:
 @wp.func
 def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
     """The box of a shape during a span, relative to the anchor; empty where it has none at either end."""
-    start = moment_of(g, span, wp.float64(0.0))
-    at = start.first_pose + shape
-    center = g.center[start.first_shape + shape]
-    half = g.half[start.first_shape + shape]
-    box = shape_box(kept_pose(g, at), center, half, anchor)
+    shapes = g.kind.shape[0]
+    entry = first_instant_of(g, span) + shape
+    sized = first_of_world(g.size.shape[0], shapes, world_of(g, span)) + shape
+    center = g.center[sized]
+    half = g.half[sized]
+    box = shape_box(pose_at(g, entry), center, half, anchor)
     if g.instants == 1 or is_empty(box):
         return box
-    shapes = g.kind.shape[0]
-    end = shape_box(kept_pose(g, at + shapes), center, half, anchor)
+    end = shape_box(pose_at(g, entry + shapes), center, half, anchor)
     if is_empty(end):
         return end
     bulge = float(0.0)
@@ -98,7 +99,7 @@ def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
 def anchor_of(g: Geometry, span: int, shape: int) -> wp.vec3d:
     """Where this shape stands when the span begins; where it was if it stands nowhere now."""
     if shape < g.kind.shape[0]:
-        position = kept_pose(g, moment_of(g, span, wp.float64(0.0)).first_pose + shape).position
+        position = pose_at(g, first_instant_of(g, span) + shape).position
         if wp.max(wp.abs(position)) <= wp.float64(FARTHEST):
             return position
     return g.anchor[span]
@@ -160,7 +161,7 @@ def refit(
     """
     span = (first + wp.tid()) / threads
     anchor = anchor_of(g, span, anchor_shape)
-    root = span * (g.top.shape[0] / g.anchor.shape[0])
+    root = span * g.top_count
     node = end - 1 - (first + wp.tid()) % threads
     while node >= begin:
         fit_node(g, span, root + node, anchor, fits)
@@ -201,5 +202,5 @@ def turn_shapes(first: int, g: Geometry) -> None:
     """The turn of each shape during each span."""
     i = first + wp.tid()
     shapes = g.kind.shape[0]
-    at = moment_of(g, i / shapes, wp.float64(0.0)).first_pose + i % shapes
-    g.turn[i] = turn_between(kept_pose(g, at).rotation, kept_pose(g, at + shapes).rotation)
+    entry = first_instant_of(g, i / shapes) + i % shapes
+    g.turn[i] = turn_between(pose_at(g, entry).rotation, pose_at(g, entry + shapes).rotation)

@@ -69,7 +69,7 @@ class TopTrees:
         """Make room for the trees of so many spans."""
         g, device = self._geometry, self._device
         count = spans * self._nodes.size
-        g.instants = instants
+        g.instants, g.top_count = instants, self._nodes.size
         g.turn = wp.empty(spans * g.kind.size if instants > 1 else 0, dtype=wp.vec3d, device=device)
         g.top = wp.empty(count, dtype=Node, device=device)
         launch_over_rays(plant, count, [self._nodes], [g.top], device)
