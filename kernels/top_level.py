@@ -11,34 +11,14 @@ whose second derivative is a^2 r. What runs on chords stays within the box of bo
 
 import warp as wp
 
+from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
 from .geometry import FARTHEST, Geometry
 from .moving import turn_between
 from .poses import Pose, first_instant_of, first_of_world, pose_at, world_of
-from .tree import NO_CHILD, OUTWARDS, WIDTH, Box, Node, empty_box, half_area, join, set_child
+from .tree import NO_CHILD, OUTWARDS, WIDTH, Box, Node, empty_box, join, set_child
 from .vectors import to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
-
-REBUILD_RATIO = 1.5
-"""The trees are built anew when the area of their boxes has grown this much by refitting."""
-
-
-@wp.struct
-class Fits:
-    """What has been fitted around all that is beneath each node of each tree."""
-
-    lower: wp.array[wp.vec3]
-    upper: wp.array[wp.vec3]
-    area: wp.array[float]  # sum over all finite boxes
-    reach: wp.array[float]  # largest |coordinate| of a finite box
-
-
-@wp.func
-def make_box(lower: wp.vec3, upper: wp.vec3) -> Box:
-    box = Box()
-    box.lower = lower
-    box.upper = upper
-    return box
 
 
 @wp.func
@@ -106,40 +86,22 @@ def anchor_of(g: Geometry, span: int, shape: int) -> wp.vec3d:
 
 
 @wp.func
-def largest_coordinate(box: Box) -> float:
-    """0 for a box that is empty or infinite."""
-    if not (wp.isfinite(box.lower) and wp.isfinite(box.upper)):
-        return 0.0
-    return wp.max(wp.max(wp.abs(box.lower)), wp.max(wp.abs(box.upper)))
-
-
-@wp.func
-def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: Fits) -> None:
+def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: wp.array[Fit]) -> None:
     """Fit the boxes of a node to its children, which have been fitted before."""
     node = g.top[at]
-    whole = empty_box()
-    area = float(0.0)
-    reach = float(0.0)
+    whole = no_fit()
     for j in range(WIDTH):
         child = node.child[j]
         if child != NO_CHILD:
-            box = empty_box()
-            if child >= 0:
-                box = make_box(fits.lower[child], fits.upper[child])
-                area += fits.area[child]
-                reach = wp.max(reach, fits.reach[child])
+            fit = Fit()
+            if child >= 0:  # noqa: SIM108
+                fit = fits[child]
             else:
-                box = span_box(g, span, -1 - child, anchor)
-            node = set_child(node, j, box, child)
-            whole = join(whole, box.lower, box.upper)
-            reach = wp.max(reach, largest_coordinate(box))
-            if largest_coordinate(box) > 0.0:
-                area += half_area(box)
+                fit = fit_of_leaf(span_box(g, span, -1 - child, anchor))
+            node = set_child(node, j, fit.box, child)
+            whole = with_child(whole, fit)
     g.top[at] = node
-    fits.lower[at] = whole.lower
-    fits.upper[at] = whole.upper
-    fits.area[at] = area
-    fits.reach[at] = reach
+    fits[at] = with_own_box(whole)
 
 
 @wp.kernel
@@ -151,7 +113,7 @@ def refit(
     anchor_shape: int,
     # in and out:
     g: Geometry,
-    fits: Fits,
+    fits: wp.array[Fit],
     # out:
     area: wp.array[float],
 ) -> None:
@@ -168,8 +130,8 @@ def refit(
         node -= threads
     if begin == 0:
         g.anchor[span] = anchor
-        g.top_reach[span] = fits.reach[root]
-        area[span] = fits.area[root]
+        g.top_reach[span] = fits[root].reach
+        area[span] = fits[root].area
 
 
 @wp.kernel

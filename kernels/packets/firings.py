@@ -29,6 +29,7 @@ def _numbered(packets: npt.NDArray[np.void], rays: npt.NDArray[np.intp]) -> npt.
 
 
 def _joined(dtype: type, parts: list[npt.NDArray[np.generic]]) -> wp.array:
-    if not parts:
-        return wp.empty(0, dtype=dtype, device="cpu")
-    return wp.array(np.concatenate(parts), dtype=dtype, device="cpu")
+    joined = wp.empty(sum(len(part) for part in parts), dtype=dtype, device="cpu")
+    if parts:
+        joined.numpy()[...] = np.concatenate(parts)
+    return joined
