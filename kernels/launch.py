@@ -40,7 +40,7 @@ def launch_over_rays(
         _launched.add(kernel)
         begun = slice_size
     rest = range(begun, count, slice_size)
-    list(_threads().map(lambda first: launch(first, min(slice_size, count - first)), rest))
+    list(_threads(thread_count()).map(lambda first: launch(first, min(slice_size, count - first)), rest))
 
 
 def launch_over_tiles(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
@@ -56,7 +56,7 @@ def launch_over_tiles(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outp
     if kernel not in _launched:
         wp.load_module(kernel.module, device="cpu")
         _launched.add(kernel)
-    others = [_threads().submit(launch, thread) for thread in range(1, threads)]
+    others = [_threads(thread_count()).submit(launch, thread) for thread in range(1, threads)]
     if count:
         launch(0)
     for other in others:
@@ -65,9 +65,12 @@ def launch_over_tiles(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outp
 
 def thread_count() -> int:
     """CPU threads to cast with: RIGCAST_THREADS, or as many as this process may use."""
-    return int(os.environ.get("RIGCAST_THREADS", 0)) or len(os.sched_getaffinity(0))
+    wanted = os.environ.get("RIGCAST_THREADS")
+    if wanted:
+        return int(wanted)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @cache
-def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(thread_count(), thread_name_prefix="rigcast")
+def _threads(count: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(count, thread_name_prefix="rigcast")

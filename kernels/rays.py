@@ -74,7 +74,7 @@ def firing_of(rays: RayArrays, k: int) -> int:
     """The firing, among those of all worlds, of ray k, among those of all worlds."""
     world = int(0)
     if k >= rays.count:
-        world = k / rays.count
+        world = int(k / rays.count)
     if rays.firings == 1:
         return world
     return world * rays.firings + rays.firing[k - world * rays.count]
@@ -107,7 +107,7 @@ def span_of(rays: RayArrays, firing: int) -> int:
     if rays.span.shape[0] == 0:
         if rays.firings == 1:
             return firing
-        return firing / rays.firings
+        return int(firing / rays.firings)
     return rays.span[firing]
 
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .sensors.specs.ranging import Stereo as Stereo
     from .sensors.specs.ranging import TimeOfFlight as TimeOfFlight
     from .sensors.specs.surface import Surface as Surface
+    from .sensors.threads import set_threads as set_threads
 
     __version__: str
 
@@ -64,6 +65,7 @@ _HOME = {
     "from_model": "sensors.specs.imported",
     "load_rig": "config",
     "overlay": "overlay",
+    "set_threads": "sensors.threads",
 }
 
 __all__ = list(_HOME)

@@ -79,7 +79,7 @@ def _arc(azimuth_deg: NDArray[np.float64]) -> float:
 
 def _shown(value: Any) -> str:
     if hasattr(value, "model_dump"):
-        return ", ".join(f"{key}: {_shown(item)}" for key, item in value.model_dump().items())
+        return ", ".join(f"{key}: {_shown(item)}" for key, item in value.model_dump(exclude_unset=True).items())
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {_shown(item)}" for key, item in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):

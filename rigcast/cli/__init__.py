@@ -39,8 +39,8 @@ _COMMANDS = {
         ("rigcast watch rig.yaml --out out/watch",),
     ),
     "view": _About(
-        "Look at a rig, or at what a run has written.",
-        ("rigcast view rig.yaml", "rigcast view out/rig --save view.html", "rigcast view out/rig --save view.rrd"),
+        "Look at a rig, at what a run has written, or at a ROS 2 bag.",
+        ("rigcast view rig.yaml", "rigcast view out/rig --save view.html", "rigcast view a.mcap --save view.rrd"),
     ),
     "publish": _About(
         "Run a rig and publish what its sensors see to ROS 2.",
@@ -51,7 +51,10 @@ _COMMANDS = {
         ("rigcast presets velodyne_vlp16", "rigcast presets livox_avia --picture avia.png --json -"),
     ),
     "schema": _About("Print the JSON schema of rig files.", ("rigcast schema > rig.schema.json",)),
-    "bench": _About("Measure rays per second, beside MuJoCo's.", ("rigcast bench --json bench.json",)),
+    "bench": _About(
+        "Measure rays per second, beside other ray casters.",
+        ("rigcast bench", "rigcast bench warehouse room --caster mj_multiRay --rounds 3 --json bench.json"),
+    ),
 }
 _EXIT_CODES = "Exit codes: 0 done, 1 a ray is wrong (check), 2 a mistake in what was given, 130 interrupted."
 

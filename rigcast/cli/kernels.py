@@ -23,14 +23,19 @@ def ready_rig(
     seed: int | None = None,
 ) -> Rig:
     """The rig of a file with its kernels compiled: it has cast once, into the state of `data`."""
-    if hasattr(wp.config, "log_level"):
-        wp.config.log_level = wp.LOG_WARNING
-    else:
-        wp.config.quiet = True
+    quiet_warp()
     with _word_if_slow(console, "compiling kernels, on first use only: about 20 s"):
         rig = config.build(model, device, seed)
         rig.sense(data)
     return rig
+
+
+def quiet_warp() -> None:
+    """Let Warp say only what is wrong."""
+    if hasattr(wp.config, "log_level"):
+        wp.config.log_level = wp.LOG_WARNING
+    else:
+        wp.config.quiet = True
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""`rigcast view`: look at a rig, or at what a run has written."""
+"""`rigcast view`: look at a rig, at what a run has written, or at a bag."""
 
 import webbrowser
 from importlib.util import find_spec
@@ -16,9 +16,11 @@ from rigcast.cli.run import initial_data, progress, step_count
 from rigcast.config import open_rig
 from rigcast.export.files import make_writable, replacing
 from rigcast.sensors.errors import InputError
+from rigcast.view.bag import is_bag, read_bag
 from rigcast.view.in_rerun import Moment, show_in_rerun
-from rigcast.view.page import write_page
-from rigcast.view.shots import Shot, read_run, shot_of
+from rigcast.view.page import MOST_SHOTS, write_page
+from rigcast.view.run_folder import read_run
+from rigcast.view.shots import Shot, shot_of
 
 
 class _Seen(NamedTuple):
@@ -28,7 +30,7 @@ class _Seen(NamedTuple):
 
 
 def view(
-    target: Annotated[Path, typer.Argument(help="a rig, or a folder of `rigcast run`", show_default=False)],
+    target: Annotated[Path, typer.Argument(help="a rig, a folder of `rigcast run` or a ROS bag", show_default=False)],
     save: Annotated[
         Path | None, typer.Option(help="write a page (.html) or a rerun recording (.rrd) in place of showing it")
     ] = None,
@@ -39,18 +41,17 @@ def view(
 ) -> None:
     """Show clouds and depth images over time: in rerun where that is installed, else as a page in the browser.
 
-    Of a folder, frames written as npz, exr or ply are shown.
+    Of a folder, frames written as npz, exr or ply are shown, else its bag; of any ROS 2 bag, point clouds, scans and
+    depth images.
     """
     console = Console(highlight=False)
     suffix = _suffix(save)
     if save is not None:
         make_writable(save.parent)
-    if target.is_dir():
-        seen = _Seen(list(read_run(target)), None, [])
+    if target.is_dir() or is_bag(target):
+        seen = _recorded(target, MOST_SHOTS if suffix == ".html" else None)
     else:
         seen = _simulated(console, target, model, duration, device, overrides or [])
-    if not seen.shots:
-        raise InputError(f"{target}: no frame fell due in {duration:g} s")
     if suffix == ".rrd":
         _show_in_rerun(console, target.stem, seen, save)
     else:
@@ -64,6 +65,13 @@ def _suffix(save: Path | None) -> str:
     if save.suffix not in (".rrd", ".html"):
         raise InputError(f"--save: got {str(save)!r}, expected a name that ends in .html or .rrd")
     return save.suffix
+
+
+def _recorded(target: Path, most: int | None) -> _Seen:
+    shots = list(read_bag(target, most) if is_bag(target) else read_run(target, most))
+    if not shots:
+        raise InputError(f"{target}: no frame to show")
+    return _Seen(shots, None, [])
 
 
 def _simulated(
@@ -82,6 +90,8 @@ def _simulated(
                 mujoco.mj_kinematics(compiled, data)  # the poses of now, as the frames have them
                 seen.moments.append(Moment(data.time, data.xpos.copy(), data.xquat.copy()))
             report(step * compiled.opt.timestep, len(seen.shots))
+    if not seen.shots:
+        raise InputError(f"{rig}: no frame fell due in {duration:g} s")
     return seen
 
 

@@ -21,7 +21,7 @@ from rigcast.sensors.specs.sensor_spec import SensorSpec
 from .layouts import Points
 
 _SCAN = ("range", "stamp", "intensity")
-_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # of PointField
+DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # of PointField
 
 
 @cache
@@ -57,7 +57,7 @@ def point_cloud(time: float, frame_id: str, points: Points) -> Any:
     """sensor_msgs/PointCloud2 of a structured array (height, width)."""
     array, dense = points
     fields = [
-        make("sensor_msgs/msg/PointField", name, offset, _DATATYPES[kind.str[1:]], 1)
+        make("sensor_msgs/msg/PointField", name, offset, DATATYPES[kind.str[1:]], 1)
         for name, (kind, offset, *_) in (array.dtype.fields or {}).items()
     ]
     height, width = array.shape

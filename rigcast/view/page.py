@@ -15,9 +15,9 @@ from PIL import Image
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.preview.colour import Scale, id_colours, turbo
-from rigcast.view.shots import VALUES, Shot
+from rigcast.view.shots import VALUES, Shot, every
 
-_MOST_SHOTS = 200  # in a page; of more, every second, third, ... of each sensor
+MOST_SHOTS = 200  # in a page; of more, every second, third, ... of each sensor
 _MOST_POINTS = 20_000  # of a shot
 _WIDEST = 320  # pixels of an image
 _FARTHEST = 5.0
@@ -42,9 +42,9 @@ def write_page(path: Path, title: str, shots: Sequence[Shot]) -> None:
 
 def _thinned(shots: Sequence[Shot]) -> list[Shot]:
     """The same share of the shots of every sensor, the first among them, in the order of their times."""
-    every = -(-len(shots) // _MOST_SHOTS)
-    kept = [shot for name in {shot.sensor: None for shot in shots} for shot in _of(name, shots)[::every]]
-    return sorted(kept, key=lambda shot: shot.time)
+    by_sensor = [_of(name, shots) for name in {shot.sensor: None for shot in shots}]
+    step = every([len(own) for own in by_sensor], MOST_SHOTS)
+    return sorted((shot for own in by_sensor for shot in own[::step]), key=lambda shot: shot.time)
 
 
 def _of(sensor: str, shots: Sequence[Shot]) -> list[Shot]:

@@ -4,16 +4,19 @@ The functions of SDF geoms cannot run on the device: these geoms are cast by the
 lies within 0.13 mm of the torus plugin's surface (r 0.35 and 0.15 m); docs/sdf.md has what mj_ray finds instead.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
 from rigcast.sensors.errors import InputError
+
+from .tree_cache import cached_triangle_tree
 
 _GEOM = mujoco.mjtGeom
 
@@ -42,10 +45,12 @@ class Asset:
         objects = mujoco.mjtObj.mjOBJ_MESH if self.kind == "mesh" else mujoco.mjtObj.mjOBJ_HFIELD
         return f"{self.kind} {_name(model, objects, self.id)}"
 
-    def tree(self, model: mujoco.MjModel) -> TriangleTree:
+    def tree(
+        self, model: mujoco.MjModel, build: Callable[[ArrayLike, ArrayLike], TriangleTree] = build_triangle_tree
+    ) -> TriangleTree:
         """Its triangles, in the frame of its geoms. Raises InputError for what is not finite or out of range."""
         try:
-            return build_triangle_tree(*_triangles(model, self))
+            return build(*_triangles(model, self))
         except ValueError as error:
             raise InputError(f"{self.name(model)}: {error}") from None
 
@@ -64,7 +69,7 @@ def read_model(model: mujoco.MjModel) -> ModelGeometry:
     """The geometry of a model: one triangle tree for each mesh and height field in use."""
     asset_of = _assets(model)
     assets = sorted({asset for asset in asset_of if asset}, key=lambda asset: (asset.kind, asset.id))
-    trees = [asset.tree(model) for asset in assets]
+    trees = [asset.tree(model, cached_triangle_tree) for asset in assets]
     return ModelGeometry(assets, trees, read_shapes(model, assets, trees), _is_supported(model))
 
 

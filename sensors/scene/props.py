@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels import solids
-from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
+from rigcast.kernels.geometry import Shapes, TriangleTree
 from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.filter import Filter
@@ -16,6 +16,7 @@ from rigcast.sensors.specs.prop import Prop
 
 from .lost import Lost
 from .part import Owner, Snapshot
+from .tree_cache import cached_triangle_tree
 
 
 class Props:
@@ -64,7 +65,7 @@ def as_props(given: object) -> tuple[Prop, ...]:
 
 def _build(prop: Prop) -> TriangleTree:
     try:
-        tree = build_triangle_tree(*prop.triangles())
+        tree = cached_triangle_tree(*prop.triangles())
     except InputError:
         raise
     except ValueError as error:

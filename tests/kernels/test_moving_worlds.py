@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from trimesh import transformations
 
 from rigcast.kernels.cast import cast
-from rigcast.kernels.packets.firings import sort_firings
+from rigcast.kernels.packets.sorting import sort_into_packets
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.solids import BOX, CAPSULE, SPHERE
 from rigcast.kernels.triangle import CULL_NONE
@@ -62,7 +62,7 @@ def fired(seed: int, spans: int, packets: bool, worlds: int = 1) -> Rays:
         wp.zeros(1, dtype=wp.vec3d, device="cpu"),
         wp.array(rng.uniform(-2, 2, (count, 3)), dtype=wp.vec3d, device="cpu"),
         wp.array(random_rotations(rng, count), dtype=wp.mat33d, device="cpu"),
-        packets=sort_firings(directions, firing) if packets else None,
+        packets=sort_into_packets(directions, firing) if packets else None,
         worlds=worlds,
         firing=wp.array(firing, dtype=int, device="cpu"),
         span=wp.array(span, dtype=int, device="cpu"),
@@ -187,7 +187,7 @@ def test_firings_are_sorted_into_tiles_of_their_own(seed: int) -> None:
     rng = np.random.default_rng(seed)
     directions = unit(rng.normal((5, 0, 0), size=(3000, 3)))
     firing: NDArray[np.int32] = rng.permutation(np.repeat(np.arange(4), 750)).astype(np.int32)
-    packets = sort_firings(directions, firing)
+    packets = sort_into_packets(directions, firing)
     numbers, tiles = packets.packets.numpy()["ray"].reshape(packets.tiles.size, -1), packets.firing.numpy()
     assert sorted([*numbers[numbers >= 0], *packets.singles.numpy()]) == list(range(3000))
     for rays, of_tile in zip(numbers, tiles, strict=True):

@@ -70,7 +70,7 @@ def test_a_users_preset_has_a_card(tmp_path: Path) -> None:
     ):
         assert line in output.splitlines()
     assert "assumed: max_range: guessed" in output
-    assert "100 m" not in output, "what is given anew is not assumed as before"
+    assert "assumed: max_range: 100 m" not in output, "what is given anew is not assumed as before"
     assert "source: VLP-16 user manual" in output
     assert "16 x 904 in a reading" in output
 

@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 import rigcast
 from rigcast.cli import app
 from rigcast.view.page import write_page
-from rigcast.view.shots import Shot, read_run, shot_of
+from rigcast.view.run_folder import read_run
+from rigcast.view.shots import Shot, shot_of
 
 MODEL = """
 <mujoco>

@@ -195,7 +195,7 @@ def test_readings_are_whole_and_stamped_whatever_the_timestep(timestep: float) -
 
 def test_a_rosette_looks_elsewhere_in_each_reading() -> None:
     model = mujoco.MjModel.from_xml_string(XML.format(0.01))
-    spec = Lidar(name="rosette", mount=Mount(pos=(0, 0, 2), euler_deg=(0, 90, 0)), preset="livox_mid40")
+    spec = Lidar(name="rosette", mount=Mount(pos=(0, 0, 2), euler_deg=(0, 90, 0)), preset="livox_mid40", noise=None)
     rig, data = Rig(model, [spec]), mujoco.MjData(model)
     data.qpos[2] = 5
     first, second = (rig.sense(data)["rosette"] for data.time in (0.3, 0.4))

@@ -1,0 +1,92 @@
+"""The readings in the folder that `rigcast run` has left."""
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import trimesh
+from numpy.typing import NDArray
+
+from rigcast.export.recorder import INDEX_NAME
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
+from rigcast.view.bag import is_bag, read_bag
+from rigcast.view.shots import VALUES, Shot, arrays_of_image, every
+
+_READABLE = ("npz", "exr", "ply")
+
+
+def read_run(folder: Path, most: int | None = None) -> Iterator[Shot]:
+    """The readings that were written as npz, exr or ply, else those in a bag, in the order of their times.
+
+    most: no more than that, the same share of every sensor's. One is read at a time.
+
+    Raises InputError for a folder without frames.npz, or without a frame in one of these formats.
+    """
+    index = _read_index(folder)
+    columns = [index[name] for name in _READABLE if name in index]
+    files = [next((column[i] for column in columns if column[i]), "") for i in range(len(index["sensor"]))]
+    if not any(files):
+        yield from read_bag(_bag_in(folder), most)
+        return
+    rows = [i for i in np.argsort(index["time"], kind="stable") if files[i]]
+    step = every(list(Counter(index["sensor"][rows]).values()), most)
+    seen = Counter[str]()
+    for i in rows:
+        sensor = str(index["sensor"][i])
+        if seen[sensor] % step == 0:
+            yield Shot.of(sensor, float(index["time"][i]), index["pose"][i], _read(folder / files[i]))
+        seen[sensor] += 1
+
+
+def _read_index(folder: Path) -> dict[str, NDArray[Any]]:
+    try:
+        with np.load(folder / INDEX_NAME) as archive:
+            return {name: archive[name] for name in archive.files}
+    except OSError as error:
+        reason = error.strerror or error
+        expected = "expected a folder of rigcast run, or a ROS bag"
+        raise InputError(f"{folder / INDEX_NAME}: cannot be read: {reason}; {expected}") from None
+
+
+def _bag_in(folder: Path) -> Path:
+    for path in sorted(folder.iterdir()):
+        if is_bag(path):
+            return path
+    raise InputError(f"{folder}: no frame in any of {', '.join(_READABLE)}, and no bag, of which a view is made")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if path.suffix == ".npz":
+            with np.load(path) as archive:
+                return {name: archive[name] for name in archive.files}
+        return _read_exr(path) if path.suffix == ".exr" else _read_ply(path)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+
+
+def _read_exr(path: Path) -> dict[str, Any]:
+    image = OpenEXR.File(str(path), separate_channels=True)
+    channels = {name: channel.pixels for name, channel in image.channels().items()}
+    header = image.header()
+    return {**arrays_of_image(channels["Z"], header["intrinsics"], _lens(header)), **channels}
+
+
+def _lens(header: dict[str, Any]) -> Lens | None:
+    kinds: dict[str, type[Lens]] = {"brown_conrady": BrownConrady, "kannala_brandt": KannalaBrandt}
+    kind = kinds.get(header.get("distortion_model", ""))
+    prefix = "distortion_k", "distortion_p"
+    named = {name.removeprefix("distortion_"): float(header[name][0]) for name in header if name.startswith(prefix)}
+    return None if kind is None else kind.model_validate(named)
+
+
+def _read_ply(path: Path) -> dict[str, Any]:
+    cloud = trimesh.load(path, process=False)
+    points = np.asarray(cloud.vertices, dtype=np.float32)
+    rows = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    arrays = {name: np.asarray(rows[name]).reshape(-1) for name in VALUES if name in (rows.dtype.names or ())}
+    return {"points": points, "range": np.linalg.norm(points, axis=-1), **arrays}

@@ -1,0 +1,36 @@
+"""How many CPU threads cast."""
+
+import os
+import re
+
+from rigcast.sensors.errors import InputError
+
+_VARIABLE = "RIGCAST_THREADS"
+
+
+def set_threads(count: int | None) -> None:
+    """Cast with so many CPU threads from now on, in this process and those that it starts.
+
+    None: with as many as the process may use, as is so from the start unless RIGCAST_THREADS is set. Frames do not
+    depend on it, bit for bit.
+
+    Raises:
+        InputError: not a whole number from 1 to 9999.
+    """
+    if count is None:
+        os.environ.pop(_VARIABLE, None)
+        return
+    _require_count("set_threads: count", count)
+    os.environ[_VARIABLE] = str(count)
+
+
+def require_thread_count() -> None:
+    """Raise InputError where RIGCAST_THREADS is set to anything but a whole number from 1 to 9999."""
+    wanted = os.environ.get(_VARIABLE)
+    if wanted:
+        _require_count(_VARIABLE, wanted)
+
+
+def _require_count(what: str, given: object) -> None:
+    if isinstance(given, bool) or not re.fullmatch("[1-9][0-9]{0,3}", str(given)):
+        raise InputError(f"{what}: got {given!r}, expected a whole number from 1 to 9999")

@@ -1,0 +1,162 @@
+"""Triangle trees on disk: read where they were built before, built where what lies there is not whole."""
+
+import multiprocessing
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rigcast import InputError, Scene
+from rigcast.kernels.geometry import TriangleTree, build_triangle_tree
+from rigcast.sensors.scene import tree_cache
+from rigcast.sensors.scene.model_geometry import hfield_triangles
+from rigcast.sensors.scene.tree_cache import cached_triangle_tree
+
+HILLS = np.random.default_rng(0).random((30, 30), dtype=np.float32)
+VERTICES, FACES = hfield_triangles(np.array([1.0, 1.0, 0.3, 0.1]), HILLS)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("RIGCAST_CACHE", str(tmp_path / "trees"))
+    return tmp_path / "trees"
+
+
+@pytest.fixture
+def builds(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The faces of each tree that was built and not read."""
+    built: list[int] = []
+
+    def build(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> TriangleTree:
+        built.append(len(faces))
+        return build_triangle_tree(vertices, faces)
+
+    monkeypatch.setattr(tree_cache, "build_triangle_tree", build)
+    return built
+
+
+def assert_same(got: TriangleTree, expected: TriangleTree) -> None:
+    for field in fields(TriangleTree):
+        a, b = (np.asarray(getattr(tree, field.name)) for tree in (got, expected))
+        assert a.dtype == b.dtype, field.name
+        assert a.tobytes() == b.tobytes(), field.name
+    assert type(got.dropped) is int
+
+
+def test_second_start_reads_the_same_tree(builds: list[int]) -> None:
+    first, second = cached_triangle_tree(VERTICES, FACES), cached_triangle_tree(VERTICES, FACES)
+    assert builds == [len(FACES)]
+    assert_same(second, first)
+    assert_same(second, build_triangle_tree(VERTICES, FACES))
+
+
+def test_any_other_input_is_another_tree(builds: list[int]) -> None:
+    moved = VERTICES.copy()
+    moved[0, 2] = np.nextafter(moved[0, 2], 1.0)
+    for vertices, faces in ((VERTICES, FACES), (moved, FACES), (VERTICES, FACES[::-1]), (VERTICES, FACES[:-1])):
+        cached_triangle_tree(vertices, faces)
+    assert len(builds) == 4
+
+
+def test_another_builder_is_another_tree(builds: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    cached_triangle_tree(VERTICES, FACES)
+    monkeypatch.setattr(tree_cache, "_builder", lambda: b"of another version")
+    cached_triangle_tree(VERTICES, FACES)
+    assert len(builds) == 2
+
+
+@pytest.mark.parametrize("spoil", [lambda b: b[:0], lambda b: b[: len(b) // 2], lambda b: bytes(len(b))], ids=range(3))
+def test_file_that_is_not_whole_is_built_anew(spoil: Callable[[bytes], bytes], builds: list[int], folder: Path) -> None:
+    cached_triangle_tree(VERTICES, FACES)
+    (file,) = folder.iterdir()
+    file.write_bytes(spoil(file.read_bytes()))
+    assert_same(cached_triangle_tree(VERTICES, FACES), build_triangle_tree(VERTICES, FACES))
+    cached_triangle_tree(VERTICES, FACES)  # it was written anew
+    assert len(builds) == 2
+
+
+def test_one_flipped_bit_is_noticed(builds: list[int], folder: Path) -> None:
+    cached_triangle_tree(VERTICES, FACES)
+    (file,) = folder.iterdir()
+    seed = 1
+    for at in np.random.default_rng(seed).integers(0, file.stat().st_size, 40):
+        whole = bytearray(file.read_bytes())
+        whole[at] ^= 16
+        file.write_bytes(whole)
+        assert_same(cached_triangle_tree(VERTICES, FACES), build_triangle_tree(VERTICES, FACES))
+    assert len(builds) > 30, f"seed {seed}"  # a few of a zip file's bytes say nothing, such as its dates
+
+
+def test_off_writes_nothing(builds: list[int], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIGCAST_CACHE", "off")
+    cached_triangle_tree(VERTICES, FACES)
+    cached_triangle_tree(VERTICES, FACES)
+    assert len(builds) == 2
+    assert not folder.exists()
+
+
+def test_small_trees_are_not_kept(folder: Path) -> None:
+    cached_triangle_tree(VERTICES, FACES[: tree_cache.FEWEST_FACES - 1])
+    assert not folder.exists()
+
+
+def test_faults_are_those_of_the_builder(folder: Path) -> None:
+    bad = FACES.copy()
+    bad[5, 1] = -7
+    with pytest.raises(ValueError, match="face 5: got vertex -7"):
+        cached_triangle_tree(VERTICES, bad)
+    assert not folder.exists()
+
+
+def test_folder_that_cannot_be_written_is_one_warning(folder: Path) -> None:
+    folder.write_text("a file where the folder should be")
+    with pytest.warns(RuntimeWarning, match="a tree cannot be kept"):
+        assert_same(cached_triangle_tree(VERTICES, FACES), build_triangle_tree(VERTICES, FACES))
+
+
+def test_trees_used_longest_ago_make_room(builds: list[int], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def kept(last: int) -> set[Path]:
+        before = set(folder.glob("*.npz"))
+        cached_triangle_tree(VERTICES, FACES[:-last])
+        return set(folder.glob("*.npz")) - before
+
+    (oldest,), (older,) = kept(1), kept(2)
+    cached_triangle_tree(VERTICES, FACES[:-1])  # used again, so the other is now the oldest
+    monkeypatch.setattr(tree_cache, "MAX_BYTES", int(2.5 * oldest.stat().st_size))
+    (newest,) = kept(3)
+    assert set(folder.glob("*.npz")) == {oldest, newest}
+    assert older not in (oldest, newest)
+    assert len(builds) == 3
+
+
+def _start(_: int) -> int:
+    return len(cached_triangle_tree(VERTICES, FACES).blocks)
+
+
+def test_several_processes_at_once(folder: Path) -> None:
+    with multiprocessing.get_context("spawn").Pool(3) as pool:
+        assert len(set(pool.map(_start, range(6)))) == 1
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_scene_reads_its_height_field_but_keeps_no_edited_one(builds: list[int], folder: Path) -> None:
+    model = mujoco.MjModel.from_xml_string("""<mujoco>
+      <asset><hfield name="hills" nrow="30" ncol="30" size="1 1 .3 .1"/></asset>
+      <worldbody><geom type="hfield" hfield="hills"/></worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for _ in range(2):
+        scene = Scene(model, "cpu")
+    assert len(builds) == 1
+    assert len(list(folder.iterdir())) == 1
+    model.hfield_data[:] = HILLS.ravel()
+    scene.update(data)
+    assert len(list(folder.iterdir())) == 1
+    assert float(scene.cast((0.0, 0.0, 5.0), (0.0, 0.0, -1.0)).numpy().distance) < 5.0
+    model.hfield_data[0] = np.nan
+    with pytest.raises(InputError, match="hfield 'hills'"):
+        scene.update(data)
