@@ -120,6 +120,10 @@ for _vector, _matrix in ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)):
         wp.overload(_kernel, {"position": wp.array2d[_vector], "rotation": wp.array2d[_matrix]})
 
 
+BYTES_PER_FRAME = 96
+"""Of one of Frames."""
+
+
 @dataclass(frozen=True)
 class Frames:
     """Frames in many worlds: position (nworld, n) vec3d [m], rotation (nworld, n) mat33d."""

@@ -12,7 +12,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
-from rigcast.kernels.mounts import Frames
+from rigcast.kernels.mounts import BYTES_PER_FRAME, Frames
 from rigcast.kernels.packets.firings import sort_rays
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
@@ -113,12 +113,9 @@ class Mounted:
     @property
     def bytes_per_world(self) -> int:
         """The most memory that one reading of one of many worlds takes, while it is made."""
-        rays = math.prod(self.pattern.shape)
-        if self.physics is not None:
-            return rays * self.physics.bytes_per_ray
-        if self.depth_physics is not None:
-            return rays * self.depth_physics.bytes_per_ray
-        return rays * BYTES_PER_HIT
+        poses = BYTES_PER_FRAME * (1 if self.firings is None else len(self.firings.times))
+        physics = self.physics or self.depth_physics
+        return poses + math.prod(self.pattern.shape) * (BYTES_PER_HIT if physics is None else physics.bytes_per_ray)
 
     @property
     def frame_shape(self) -> tuple[int, ...]:

@@ -16,7 +16,8 @@ from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
-from rigcast.sensors.scene.batch.worlds import Batch, as_worlds, is_batch
+from rigcast.sensors.scene.batch.sources import Batch
+from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.props import as_props
 from rigcast.sensors.scene.scene import Scene

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import HitArrays, cast
 from rigcast.kernels.geometry import Shapes
-from rigcast.kernels.mounts import Carriers, Frames
+from rigcast.kernels.mounts import BYTES_PER_FRAME, Carriers, Frames
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
@@ -25,7 +25,8 @@ from rigcast.sensors.specs.surface import Surface
 from rigcast.sensors.threads import require_thread_count
 
 from .batch.differences import Differences
-from .batch.worlds import Batch, Standing, Worlds, as_worlds, is_batch
+from .batch.sources import Batch
+from .batch.worlds import Standing, Worlds, as_worlds, is_batch
 from .flexes import Flexes
 from .geoms import Geoms
 from .given_rays import GivenRays, take_rays, upload
@@ -51,7 +52,6 @@ _LOOKS = (
 
 
 _NO_DIFFERENCES = Differences()
-_BYTES_PER_POSE = 96  # of float64
 _BYTES_PER_SIZE = 44  # of a shape, with its tree, its box and its reach
 
 
@@ -215,7 +215,7 @@ class Scene:
     @property
     def bytes_per_world(self) -> int:
         """What each of many worlds takes, if its poses have to be copied and its sizes are its own."""
-        return self._world.bytes_per_world + len(self._shapes().kind) * (_BYTES_PER_POSE + _BYTES_PER_SIZE)
+        return self._world.bytes_per_world + len(self._shapes().kind) * (BYTES_PER_FRAME + _BYTES_PER_SIZE)
 
     def _make_world(self) -> World:
         return World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)

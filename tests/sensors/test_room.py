@@ -74,7 +74,7 @@ def test_more_worlds_than_memory_holds_are_refused_before_anything_is_allocated(
     rig, datas = rig_of(robot, "lidar", "flight"), states(robot, 3)
     monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 50_000)
     before = allocated()
-    parts = r"scene [\d.]+ kB, lidar 1\.73 kB, flight [\d.]+ kB"
+    parts = r"scene [\d.]+ kB, lidar 1\.82 kB, flight [\d.]+ kB"
     expected = rf"3 worlds need [\d.]+ kB, [\d.]+ kB each \({parts}\), expected at most 1: 50 kB are free on cpu"
     with pytest.raises(InputError, match=expected):
         rig.sense(datas)
