@@ -12,7 +12,7 @@ import warp as wp
 
 import rigcast
 
-REPEATS = 7
+REPEATS = 5
 HOUSE = "".join(
     f'<geom type="box" size="0.3 0.3 0.5" pos="{x} {y} 0.5"/>' for x in (-6, -3, 3, 6) for y in (-6, -2, 2, 6)
 )
