@@ -9,7 +9,7 @@ shape, then the one that faces the ray, then that of the lower triangle.
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .poses import Moment, pose_of
+from .poses import Scope, pose_of
 from .solid_normals import closed_form_normal
 from .solids import SHEET, decide_closed_form, has_triangles
 from .tree import WIDTH
@@ -27,7 +27,7 @@ class WorldRay:
 
     origin: wp.vec3d
     direction: wp.vec3d
-    when: Moment
+    scope: Scope
     limit: float
     cull: int
 
@@ -73,7 +73,7 @@ def decide_lane(block: TriangleBlock, j: int, origin: wp.vec3d, direction: wp.ve
 @wp.func
 def distance_of(g: Geometry, shape: int, triangle: int, ray: WorldRay) -> wp.float64:
     """Distance to a closed form, or to one triangle of a shape, +inf on a miss."""
-    pose = pose_of(g, shape, ray.when)
+    pose = pose_of(g, shape, ray.scope)
     to_local = wp.transpose(pose.rotation)
     origin = to_local * (ray.origin - pose.position)
     direction = to_local * ray.direction
@@ -81,14 +81,14 @@ def distance_of(g: Geometry, shape: int, triangle: int, ray: WorldRay) -> wp.flo
     if has_triangles(kind):
         cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
         return decide_lane(g.blocks[triangle / WIDTH], triangle % WIDTH, origin, direction, cull)
-    return decide_closed_form(kind, g.size[ray.when.first_shape + shape], origin, direction, ray.cull)
+    return decide_closed_form(kind, g.size[ray.scope.first_shape + shape], origin, direction, ray.cull)
 
 
 @wp.func
 def follows(g: Geometry, hit: Hit, ray: WorldRay) -> int:
     """1 if the triangle is seen from behind, else 0."""
     n = lane_normal(g.blocks[hit.triangle / WIDTH], hit.triangle % WIDTH)
-    normal = pose_of(g, hit.shape, ray.when).rotation * to_double(n)
+    normal = pose_of(g, hit.shape, ray.scope).rotation * to_double(n)
     return wp.where(wp.dot(ray.direction, normal) > wp.float64(0.0), 1, 0)
 
 
@@ -144,7 +144,7 @@ class Place:
 @wp.func
 def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
     kind = g.kind[hit.shape]
-    pose = pose_of(g, hit.shape, ray.when)
+    pose = pose_of(g, hit.shape, ray.scope)
     offset = ray.origin - pose.position
     place = Place()
     if has_triangles(kind):
@@ -160,7 +160,7 @@ def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
         place.face = block.face[lane]
     else:
         place.distance = middle(hit.near, hit.far)
-        size = g.size[ray.when.first_shape + hit.shape]
+        size = g.size[ray.scope.first_shape + hit.shape]
         place.normal = normal_of_closed_form(kind, size, pose.rotation, offset, ray.direction, place.distance)
         place.face = -1
     return place
