@@ -72,27 +72,41 @@ class Rays:
 @wp.func
 def firing_of(rays: RayArrays, k: int) -> int:
     """The firing, among those of all worlds, of ray k, among those of all worlds."""
-    world = int(k / rays.count)
-    if rays.firing.shape[0] == 0:
+    world = int(0)
+    if k >= rays.count:
+        world = int(k / rays.count)
+    if rays.firings == 1:
         return world
-    return world * rays.firings + rays.firing[k % rays.count]
+    return world * rays.firings + rays.firing[k - world * rays.count]
 
 
 @wp.func
 def direction_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame."""
-    return rays.directions[k % rays.directions.shape[0]]
+    return rays.directions[within(k, rays.directions.shape[0])]
 
 
 @wp.func
 def origin_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame [m]."""
-    return rays.origins[k % rays.origins.shape[0]]
+    return rays.origins[within(k, rays.origins.shape[0])]
+
+
+@wp.func
+def within(k: int, size: int) -> int:
+    """k modulo size, without a division where none is needed."""
+    if k < size:
+        return k
+    if size == 1:
+        return 0
+    return k % size
 
 
 @wp.func
 def span_of(rays: RayArrays, firing: int) -> int:
     if rays.span.shape[0] == 0:
+        if rays.firings == 1:
+            return firing
         return int(firing / rays.firings)
     return rays.span[firing]
 
