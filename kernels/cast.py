@@ -23,6 +23,10 @@ RAYS_PER_THREAD = 32
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
+BYTES_PER_HIT = 24
+"""Of a ray in HitArrays."""
+
+
 @dataclass(frozen=True)
 class HitArrays:
     """What a cast writes, one entry per ray.
@@ -41,6 +45,12 @@ class HitArrays:
         out = Out()
         out.distance, out.shape, out.face, out.normal = self.distance, self.shape, self.face, self.normal
         return out
+
+    def of_world(self, world: int, worlds: int) -> "HitArrays":
+        """Those of one of so many worlds, without a copy."""
+        count = self.distance.size // worlds
+        rays = slice(world * count, (world + 1) * count)
+        return HitArrays(self.distance[rays], self.shape[rays], self.face[rays], self.normal[rays])
 
     @staticmethod
     def empty(count: int, device: wp.DeviceLike) -> "HitArrays":

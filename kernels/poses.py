@@ -40,7 +40,7 @@ def scope_of(g: Geometry, visible: wp.array[wp.bool], span: int, firing: int) ->
 def world_of(g: Geometry, span: int) -> int:
     if g.instants == 1:
         return span
-    return span / (g.instants - 1)
+    return int(span / (g.instants - 1))
 
 
 @wp.func

@@ -1,6 +1,6 @@
 """Rays of a sensor, in one world or in many, frozen or fired one after the other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import warp as wp
@@ -56,6 +56,25 @@ class Rays:
     def total(self) -> int:
         """W N, the rays of all worlds."""
         return int(self.directions.shape[-1]) * self.worlds
+
+    def of_world(self, world: int) -> "Rays":
+        """Those of one of the worlds, as if it were the only one."""
+        firings = self.position.size // self.worlds
+        own = slice(world * firings, (world + 1) * firings)
+        return replace(
+            self,
+            directions=self._own(self.directions, world),
+            origins=self._own(self.origins, world),
+            position=self.position[own],
+            rotation=self.rotation[own],
+            worlds=1,
+            span=None,
+            fraction=None,
+        )
+
+    @staticmethod
+    def _own(vectors: wp.array, world: int) -> wp.array:
+        return vectors if vectors.ndim == 1 else vectors[world]
 
     @cached_property
     def arrays(self) -> RayArrays:

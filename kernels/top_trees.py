@@ -30,6 +30,12 @@ class TopTrees:
         self._is_seen: wp.Event | None = None
         self._set_nodes(empty_nodes(1))
 
+    @property
+    def bytes_per_tree(self) -> int:
+        """With what is fitted around its nodes."""
+        fitted = 2 * wp.types.type_size_in_bytes(wp.vec3) + 2 * wp.types.type_size_in_bytes(float)
+        return self._nodes.size * (wp.types.type_size_in_bytes(Node) + fitted)
+
     def fit(self, worlds: int, instants: int) -> None:
         """Fit the trees to the poses of so many worlds at so many instants each."""
         g, device = self._geometry, self._device

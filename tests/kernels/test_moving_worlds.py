@@ -79,6 +79,9 @@ def all_hits(world: World, rays: Rays) -> Hits:
 def cast_one_by_one(plan: Plan, poses: list[Poses], rays: Rays) -> Hits:
     """Every firing in a scene that stands still where it is then."""
     world, found = World(plan.trees, plan.shapes, "cpu"), []
+    assert rays.firing is not None
+    assert rays.span is not None
+    assert rays.fraction is not None
     firing_of_ray, directions = rays.firing.numpy(), rays.directions.numpy()
     for w, own in enumerate(poses):
         spans = len(own[0]) - 1
@@ -144,7 +147,7 @@ def test_no_hit_is_lost_however_far_shapes_turn(angle: float) -> None:
     rng = np.random.default_rng(0)
     plan = Plan()
     for _ in range(12):
-        plan.add_mesh(cube()._replace(vertices=cube().vertices * np.float32((1.5, 0.05, 0.05)) + np.float32((2, 0, 0))))
+        plan.add_mesh(cube()._replace(vertices=np.array(cube().vertices * (1.5, 0.05, 0.05) + (2, 0, 0), np.float32)))
         plan.add(BOX, (2.0, 0.05, 0.05))
         plan.add(CAPSULE, (0.05, 1.5, 0))
     count = len(plan.kind)
@@ -188,6 +191,7 @@ def test_firings_are_sorted_into_tiles_of_their_own(seed: int) -> None:
     directions = unit(rng.normal((5, 0, 0), size=(3000, 3)))
     firing: NDArray[np.int32] = rng.permutation(np.repeat(np.arange(4), 750)).astype(np.int32)
     packets = sort_into_packets(directions, firing)
+    assert packets.firing is not None
     numbers, tiles = packets.packets.numpy()["ray"].reshape(packets.tiles.size, -1), packets.firing.numpy()
     assert sorted([*numbers[numbers >= 0], *packets.singles.numpy()]) == list(range(3000))
     for rays, of_tile in zip(numbers, tiles, strict=True):
