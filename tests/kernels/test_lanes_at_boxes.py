@@ -83,7 +83,7 @@ class Packets:
             half[:, None, k - 2] * np.abs(d[..., k - 1]) + half[:, None, k - 1] * np.abs(d[..., k - 2])
             for k in range(3)
         ]
-        return (off <= np.stack(room, axis=-1)).all(axis=-1).any(axis=-1)
+        return np.asarray((off <= np.stack(room, axis=-1)).all(axis=-1).any(axis=-1), bool)
 
 
 def box_around(points: Doubles, rng: np.random.Generator, scale: float) -> tuple[Doubles, Doubles]:
