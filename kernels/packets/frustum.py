@@ -1,14 +1,16 @@
-"""Boxes held against the side planes of many rays at once."""
+"""Boxes held against the side planes of many rays at once, and against the rays of a packet."""
 
 import warp as wp
 
+from rigcast.kernels.hits import APART
 from rigcast.kernels.traverse import Entered
 from rigcast.kernels.tree import WIDTH, Node, vec8
-from rigcast.kernels.vectors import larger
+from rigcast.kernels.vectors import larger, norm1
 
-from .packet import PACKETS, Tile, View
+from .packet import LANES, PACKETS, Tile, View, lanes
 
 TINY = wp.constant(1.0e-30)
+LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
 
 
 @wp.struct
@@ -99,6 +101,39 @@ def enter_frustum(node: Node, f: Frustum, limit: float) -> Entered:
     entered.children = children
     entered.distance = distance
     return entered
+
+
+@wp.func
+def some_lane_enters(
+    p: lanes, q: lanes, far: lanes, view: View, center: wp.vec3, half: wp.vec3, distance: float, widest: float
+) -> int:
+    """Whether any ray may enter a box at this distance before its best hit (at most `far` away): 1 or 0.
+
+    The line along d passes a box of centre c and half size h if it does so as seen along x, y and z:
+
+        |c_y d_z - c_z d_y| <= h_y |d_z| + h_z |d_y|   and so on
+
+    Rounding, u = eps / 2: c is within the view's margin, by which h is larger. d = a + p u + q v is within 5u w in each
+    component, w = 1 + |p| + |q| being larger than any of them, and the products and sums have 3u: 8u w (|c|_1 + |h|_1)
+    in all, of which twice as much is allowed for. widest: the largest w of the packet.
+    """
+    c = center - view.origin
+    h = half + wp.vec3(view.margin, view.margin, view.margin)
+    slack = LANE_ROUNDING * widest * (norm1(c) + norm1(h))
+    a = view.axis
+    u = view.u
+    v = view.v
+    some = int(0)
+    for i in range(LANES):
+        x = a[0] + p[i] * u[0] + q[i] * v[0]
+        y = a[1] + p[i] * u[1] + q[i] * v[1]
+        z = a[2] + p[i] * u[2] + q[i] * v[2]
+        off_x = wp.abs(c[1] * z - c[2] * y) - h[1] * wp.abs(z) - h[2] * wp.abs(y)
+        off_y = wp.abs(c[2] * x - c[0] * z) - h[2] * wp.abs(x) - h[0] * wp.abs(z)
+        off_z = wp.abs(c[0] * y - c[1] * x) - h[0] * wp.abs(y) - h[1] * wp.abs(x)
+        passes = wp.where(larger(off_x, larger(off_y, off_z)) > slack, 0, 1)
+        some = some | (passes & wp.where(distance <= far[i] * APART, 1, 0))
+    return some
 
 
 @wp.func

@@ -17,7 +17,7 @@ from rigcast.kernels.triangle import GRAZING
 from rigcast.kernels.triangle import ROUNDING as HEIGHT_ROUNDING
 from rigcast.kernels.vectors import larger, lowest_bit, norm1, smaller
 
-from .frustum import Frustum, enter_frustum, frustum_of
+from .frustum import Frustum, enter_frustum, frustum_of, some_lane_enters
 from .packet import LANES, PacketRays, TileRays, View, lanes, offer, packet_of
 
 SIDE_ROUNDING = wp.constant(12.0 * 2.0**-23)  # 24u
@@ -263,7 +263,27 @@ def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: flo
 
 @wp.func
 def enter_of_packet(node: Node, sought: Sought, reach: float) -> Entered:
-    return enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
+    """The boxes that some ray of the packet enters."""
+    entered = enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
+    at = sought.packet.packet
+    widest = 1.0 + wp.abs(sought.p) + sought.p_half + wp.abs(sought.q) + sought.q_half
+    todo = entered.children
+    while todo != 0:
+        j = lowest_bit(todo)
+        todo = todo & (todo - 1)
+        some = some_lane_enters(
+            sought.packet.packets[at].p,
+            sought.packet.packets[at].q,
+            sought.packet.best[sought.packet.slot].far,
+            sought.view,
+            wp.vec3(node.center_x[j], node.center_y[j], node.center_z[j]),
+            wp.vec3(node.half_x[j], node.half_y[j], node.half_z[j]),
+            entered.distance[j],
+            widest,
+        )
+        if some == 0:
+            entered.children = entered.children & ~(1 << j)
+    return entered
 
 
 @wp.func

@@ -1,0 +1,120 @@
+"""No box that a ray of a packet enters is refused, and hardly one that none enters is let through."""
+
+# mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
+
+import numpy as np
+import pytest
+import warp as wp
+from made_worlds import random_rotations
+from numpy.typing import NDArray
+
+from rigcast.kernels.packets.frustum import some_lane_enters
+from rigcast.kernels.packets.packet import LANES, View, lanes
+from rigcast.kernels.ray import box_margin
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
+
+Doubles = NDArray[np.float64]
+CASES = 20_000
+
+
+@wp.kernel
+def _some_lane_enters(
+    p: wp.array[lanes],
+    q: wp.array[lanes],
+    far: float,
+    basis: wp.array[wp.mat33],
+    origin: wp.array[wp.vec3],
+    center: wp.array[wp.vec3],
+    half: wp.array[wp.vec3],
+    distance: float,
+    out: wp.array[int],
+) -> None:
+    i = wp.tid()
+    view = View()
+    view.origin = origin[i]
+    view.axis = basis[i][0]
+    view.u = basis[i][1]
+    view.v = basis[i][2]
+    view.margin = box_margin(origin[i], wp.max(wp.abs(center[i]) + half[i]))
+    every = lanes()
+    for k in range(LANES):
+        every[k] = far
+    out[i] = some_lane_enters(p[i], q[i], every, view, center[i], half[i], distance, 2.0)
+
+
+class Packets:
+    """Packets of rays with |p|, |q| <= 0.5, from origins and in bases of their own, and a point on a ray of each."""
+
+    def __init__(self, seed: int, scale: float) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.p, self.q = self.rng.uniform(-0.5, 0.5, (2, CASES, LANES)).astype(np.float32)
+        self.basis = random_rotations(self.rng, CASES)
+        self.basis[: CASES // 4] = np.eye(3)  # along the axes, where products vanish
+        self.p[: CASES // 8], self.q[: CASES // 8] = 0, 0
+        self.origin = (scale * self.rng.normal(size=(CASES, 3))).astype(np.float32)
+        a, u, v = (self.basis[:, None, k] for k in range(3))
+        self.directions = a + self.p[..., None] * u + self.q[..., None] * v
+        t = scale * np.exp(self.rng.uniform(-3, 3, (CASES, 1)))
+        self.points = self.origin + t * self.directions[np.arange(CASES), self.rng.integers(0, LANES, CASES)]
+
+    def enter(self, center: Doubles, half: Doubles, far: float = np.inf, distance: float = 0.0) -> NDArray[np.bool_]:
+        out = wp.empty(CASES, dtype=int, device="cpu")
+        arrays = [
+            wp.array(np.ascontiguousarray(values, np.float32), dtype=kind, device="cpu")
+            for values, kind in (
+                (self.p, lanes),
+                (self.q, lanes),
+                (self.basis, wp.mat33),
+                (self.origin, wp.vec3),
+                (center, wp.vec3),
+                (half, wp.vec3),
+            )
+        ]
+        inputs = [*arrays[:2], far, *arrays[2:], distance]
+        wp.launch(_some_lane_enters, CASES, inputs=inputs, outputs=[out], device="cpu")
+        return out.numpy() == 1
+
+    def lines_pass(self, center: Doubles, half: Doubles) -> NDArray[np.bool_]:
+        """Whether any ray's line passes a box, in float64."""
+        c, d = (center - self.origin)[:, None], self.directions
+        off = np.abs(np.cross(c, d))
+        room = [
+            half[:, None, k - 2] * np.abs(d[..., k - 1]) + half[:, None, k - 1] * np.abs(d[..., k - 2])
+            for k in range(3)
+        ]
+        return np.asarray((off <= np.stack(room, axis=-1)).all(axis=-1).any(axis=-1), bool)
+
+
+def box_around(points: Doubles, rng: np.random.Generator, scale: float) -> tuple[Doubles, Doubles]:
+    """Boxes of all sizes, many without any, that hold the points."""
+    half = scale * np.exp(rng.uniform(-12, 0, points.shape)) * (rng.random(points.shape) < 0.5)
+    center = (points + rng.uniform(-1, 1, points.shape) * half).astype(np.float32).astype(np.float64)
+    return center, np.nextafter(np.maximum(half, np.abs(points - center)).astype(np.float32), np.float32(np.inf))
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_box_that_a_ray_enters_is_not_refused(seed: int, scale: float) -> None:
+    packets = Packets(seed, scale)
+    entered = packets.enter(*box_around(packets.points, packets.rng, scale))
+    assert entered.all(), f"seed {seed}, scale {scale}: refused {np.flatnonzero(~entered)[:5]}"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_box_that_no_ray_comes_near_is_refused(seed: int) -> None:
+    packets = Packets(seed, 1.0)
+    aside = np.exp(packets.rng.uniform(-6, 1, (CASES, 1))) * packets.rng.normal(size=(CASES, 3))
+    center, half = box_around(packets.points + aside, packets.rng, 0.3)
+    size = 1e-4 * (np.abs(packets.origin) + np.abs(center)).max(axis=1, keepdims=True)
+    is_near = packets.lines_pass(center, half + size)
+    entered = packets.enter(center, half)
+    assert 0.01 < is_near.mean() < 0.95
+    assert not (entered & ~is_near).any(), f"seed {seed}: let through {np.flatnonzero(entered & ~is_near)[:5]}"
+
+
+def test_a_box_beyond_all_hits_is_refused() -> None:
+    packets = Packets(0, 1.0)
+    box = box_around(packets.points, packets.rng, 1.0)
+    assert packets.enter(*box, far=2.0, distance=2.0).all()
+    assert not packets.enter(*box, far=2.0, distance=2.001).any()
