@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .config import load_rig as load_rig
+    from .dataset.reading import open_dataset as open_dataset
     from .export.options import Export as Export
     from .export.recorder import Recorder as Recorder
     from .overlay import overlay as overlay
@@ -64,6 +65,7 @@ _HOME = {
     "Weather": "sensors.specs.lidar_effects",
     "from_model": "sensors.specs.imported",
     "load_rig": "config",
+    "open_dataset": "dataset.reading",
     "overlay": "overlay",
     "set_threads": "sensors.threads",
 }

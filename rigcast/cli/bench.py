@@ -18,8 +18,8 @@ from rigcast.bench import Result
 from rigcast.bench import bench as bench_rig
 from rigcast.cli.kernels import ready_rig
 from rigcast.cli.options import JsonFile, console_beside, write_json
-from rigcast.cli.run import initial_data
 from rigcast.config import open_rig
+from rigcast.simulation import initial_data
 
 SENSORS = ("front", "lidar_top")  # of the demo: a depth camera of 640 x 480, a lidar of 64 x 1024
 

@@ -27,15 +27,16 @@ def ready_rig(
         wp.config.log_level = wp.LOG_WARNING
     else:
         wp.config.quiet = True
-    with _word_if_slow(console, "compiling kernels, on first use only: about 20 s"):
+    with word_if_compiling(console):
         rig = config.build(model, device, seed)
         rig.sense(data)
     return rig
 
 
 @contextmanager
-def _word_if_slow(console: Console, word: str) -> Iterator[None]:
-    timer = Timer(_PATIENCE, console.print, [word])
+def word_if_compiling(console: Console) -> Iterator[None]:
+    """Say that kernels are being compiled where the body takes longer than loading them."""
+    timer = Timer(_PATIENCE, console.print, ["compiling kernels, on first use only: about 20 s"])
     timer.start()
     try:
         yield
