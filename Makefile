@@ -24,6 +24,7 @@ pictures: .venv/installed
 	$(BIN)/python examples/sensor_effects.py docs/sensors
 	$(BIN)/python examples/lidar_effects.py docs/sensors
 	$(BIN)/python examples/lidar_weather.py docs/sensors
+	$(BIN)/python examples/motion_effects.py docs/sensors
 
 test: .venv/installed
 	$(BIN)/python -m pytest -n $(JOBS)
@@ -41,8 +42,8 @@ check: .venv/installed
 	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p rigcast
 	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml ../../tests ../../examples ../../benchmarks
 
-bench: .venv/installed
-	$(BIN)/rigcast bench
+bench: .venv/benchmark
+	$(BIN)/rigcast bench warehouse g1 aloha_pot room hills
 
 docs: .venv/docs
 	rm -rf build

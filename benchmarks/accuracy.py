@@ -10,22 +10,25 @@ import platform
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import warp as wp
-from judged import Batch, Floats, Row, judge, rows
-from peers import Caster, load_casters
+from judged import Batch, Row, judge, rows
 from pictures import picture, sheet, view
 
 import rigcast
+from rigcast.bench.casters import Caster, Floats, load_casters
+from rigcast.bench.casters.with_rigcast import RigcastCaster
 from rigcast.oracle import Verdict
+from rigcast.quiet import quiet_warp
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "tests" / "oracle"))
 import scenes  # noqa: E402  the random scenes and rays of the tests
-from other_kinds import other_batches, with_props  # noqa: E402
+from other_kinds import other_batches  # noqa: E402
 
 PAGE = ROOT / "docs" / "accuracy.md"
 FOLDER = ROOT / "docs" / "accuracy"
@@ -34,6 +37,7 @@ RAYS = 60  # of each kind in each scene
 PICTURED = 4  # the seed of the random scene in the pictures
 FAR = (1.0e4, 2.0e4)  # [m] from the origin
 WAREHOUSE_RAYS = 600  # of each sensor
+COMPARED = ("rigcast", "mj_multiRay", "MuJoCo-LiDAR", "mujoco_warp")
 
 
 def random_batches(far: bool) -> Iterator[Batch]:
@@ -129,17 +133,17 @@ def unit(vectors: Floats) -> Floats:
     return normalised
 
 
-def table(batches: list[Batch], casters: list[Caster]) -> str:
+def table(batches: list[Batch], casters: list[type[Caster]]) -> str:
     """Return one table: the types of geoms in turn, each with all casters."""
     return lines_of({c.name: list(rows(batches, [judge(c, batch) for batch in batches])) for c in casters})
 
 
-def table_of_other_kinds(rigcast_caster: Caster) -> str:
+def table_of_other_kinds() -> str:
     """Return the table of SDF geoms, flexes, skins and props."""
     with tempfile.TemporaryDirectory() as folder:
         batches = list(other_batches(Path(folder)))
-        found = [judge(with_props(rigcast_caster, batch), batch) for batch in batches]
-    return lines_of({rigcast_caster.name: list(rows(batches, found))})
+        found = [judge(partial(RigcastCaster, props=batch.props), batch) for batch in batches]
+    return lines_of({RigcastCaster.name: list(rows(batches, found))})
 
 
 def lines_of(by_caster: dict[str, list[Row]]) -> str:
@@ -163,7 +167,7 @@ def line(caster: str, row: Row) -> str:
     return f"| {row.geom_type} | {caster} | {row.rays} | {row.agree} | {row.edge} | {wrong} | {errors} |"
 
 
-def draw(casters: list[Caster]) -> str:
+def draw(casters: list[type[Caster]]) -> str:
     """Write the pictures, return the lines that show them."""
     FOLDER.mkdir(exist_ok=True)
     lines = []
@@ -216,9 +220,8 @@ then hides what is behind it, of whatever type.
 
 def main() -> None:
     """Judge all casters, write the page and its pictures."""
-    if hasattr(wp.config, "log_level"):
-        wp.config.log_level = wp.LOG_WARNING
-    casters, missing = load_casters()
+    quiet_warp()
+    casters, missing = load_casters(COMPARED)
     sets = {
         f"Random scenes of all geom types: {len(scenes.KINDS)} kinds of hard rays in {len(SEEDS)} scenes": list(
             random_batches(far=False)
@@ -231,7 +234,7 @@ def main() -> None:
     parts = [HEAD, f"Compared: {versions}; with {machine}.\n"]
     parts += [f"Not compared: {reason}\n" for reason in missing]
     parts += [f"## {title}\n\n{table(batches, casters)}\n" for title, batches in sets.items()]
-    parts += [f"{OTHER_KINDS}\n{table_of_other_kinds(casters[0])}\n"]
+    parts += [f"{OTHER_KINDS}\n{table_of_other_kinds()}\n"]
     parts += ["## Where they disagree\n\nRed: wrong. Orange: edge band. Grey: agrees, darker farther away.\n"]
     PAGE.write_text("\n".join([*parts, draw(casters)]))
 

@@ -1,18 +1,17 @@
 """A caster's rays judged by mj_ray, and the table that comes of it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from peers import Answer, Caster
 
 import rigcast
+from rigcast.bench.casters import Answer, Caster, Floats
 from rigcast.oracle import Comparison, Oracle, RayHits, Things, Verdict, compare
 from rigcast.oracle.things import TYPES
 
-Floats = npt.NDArray[np.float64]
 MOVE = 1e-5  # of 1 + t [m]: the edge band of rigcast.oracle
 
 
@@ -40,10 +39,10 @@ class Row:
     p999: float
 
 
-def judge(caster: Caster, batch: Batch) -> Comparison:
+def judge(caster: Callable[[mujoco.MjModel, mujoco.MjData], Caster], batch: Batch) -> Comparison:
     """Cast a batch and compare it with mj_ray, ray by ray."""
     model, data, origins, directions = batch.model, batch.data, batch.origins, batch.directions
-    hits = completed(batch, caster.cast(model, data, origins, directions))
+    hits = completed(batch, caster(model, data).aim(origins, directions)())
     return compare(model, data, origins, directions, hits, props=batch.props)
 
 
@@ -53,10 +52,10 @@ def completed(batch: Batch, answer: Answer) -> RayHits:
     Ids and normals are those of mj_ray's hit nearest to the distance that the caster gives, among the ray and
     12 neighbours within the edge band.
     """
-    distance = answer.distance
-    missed = np.isposinf(distance)
     if answer.geom_id is not None and answer.normal is not None:
-        return RayHits(distance, answer.geom_id, answer.normal)
+        return RayHits.of(answer)
+    distance = np.asarray(answer.distance, np.float64)
+    missed = np.isposinf(distance)
     oracle = Oracle(batch.model, batch.data)
     nearest = oracle.cast(batch.origins, batch.directions)
     rays = np.flatnonzero(~missed & ~np.isclose(nearest.distance, distance, rtol=0, atol=MOVE))

@@ -2,7 +2,6 @@
 
 import importlib.util
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 import deformables
@@ -10,21 +9,15 @@ import mujoco
 import numpy as np
 import scenes
 import trimesh
-from judged import Batch, Floats
-from peers import Caster
-from peers.with_rigcast import cast_with_props
+from judged import Batch
 
 import rigcast
+from rigcast.bench.casters import Floats
 
 RAYS = 2000  # of each batch
 STATES = 3
 FAR = np.array((7e3, -7e3, 1e3))  # [m]
 SDF_SCENES = ("cow", "mesh", "nutbolt", "tactile")
-
-
-def with_props(caster: Caster, batch: Batch) -> Caster:
-    """Return rigcast with the props of a batch."""
-    return Caster(caster.name, caster.version, partial(cast_with_props, props=batch.props))
 
 
 def other_batches(folder: Path) -> Iterator[Batch]:

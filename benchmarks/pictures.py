@@ -4,9 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
-from judged import Batch, Floats
+from judged import Batch
 from PIL import Image, ImageDraw
 
+from rigcast.bench.casters import Floats
 from rigcast.oracle import Comparison, Verdict
 
 SIZE = (240, 160)  # width, height [pixels]

@@ -1,72 +1,181 @@
-"""`rigcast bench`: how fast the demo's sensors are, beside MuJoCo's own ray casters."""
+"""`rigcast bench`: how fast rigcast is here, beside other ray casters."""
 
 import json
 import os
 import platform
-from collections.abc import Sequence
-from dataclasses import asdict
-from importlib.metadata import version
-from importlib.resources import files
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.table import Table
 
-from rigcast.bench import Result
-from rigcast.bench import bench as bench_rig
-from rigcast.cli.kernels import ready_rig
+from rigcast.bench.casters import CASTERS, Caster, load_casters
+from rigcast.bench.charts import draw_results, draw_scaling
+from rigcast.bench.figure import Figure, Spread
+from rigcast.bench.of_casting import origins, outputs, patterns
+from rigcast.bench.of_rest import memory, small, start, trees, update
+from rigcast.bench.race import Result, race
+from rigcast.bench.scaling import Series, scaling
+from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
 from rigcast.cli.options import JsonFile, console_beside, write_json
-from rigcast.config import open_rig
-from rigcast.simulation import initial_data
+from rigcast.kernels.launch import thread_count
+from rigcast.quiet import quiet_warp
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.threads import set_threads
 
-SENSORS = ("front", "lidar_top")  # of the demo: a depth camera of 640 x 480, a lidar of 64 x 1024
+_FIGURES = {each.__name__: each for each in (patterns, outputs, origins, update, small, trees, memory, start)}
+_PARTS = (*WORKLOADS, *_FIGURES, "scaling")
+_PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "open3d", "mujoco-lidar", "mujoco-warp")
+
+
+@dataclass
+class Measured:
+    """All that was measured."""
+
+    results: list[Result] = field(default_factory=list)
+    figures: list[Figure] = field(default_factory=list)
+    scaling: list[Series] = field(default_factory=list)
 
 
 def bench(
-    json_file: JsonFile = None,
+    what: Annotated[
+        list[str] | None, typer.Argument(help=f"any of {', '.join(_PARTS)}, or all", show_default="warehouse")
+    ] = None,
+    caster: Annotated[
+        list[str] | None, typer.Option(help=f"any of {', '.join(CASTERS)}  [default: those installed]")
+    ] = None,
     rounds: Annotated[int, typer.Option(min=1, help="times that each caster is timed")] = 7,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    threads: Annotated[int | None, typer.Option(help="CPU threads  [default: all]")] = None,
+    triangles: Annotated[int, typer.Option(min=2, help="of the largest height field")] = 1_000_000,
+    json_file: JsonFile = None,
+    chart: Annotated[Path | None, typer.Option(help="PNG file for bars of the casters' speeds")] = None,
+    scaling_chart: Annotated[Path | None, typer.Option(help="PNG file for plots of `scaling`")] = None,
 ) -> None:
-    """Time the demo's depth camera and lidar beside mj_multiRay and mj_ray."""
+    """Time rigcast beside other ray casters on the CPU, on the same rays in the same run, and compare their hits.
+
+    warehouse is the demo; g1, aloha_pot, room and hills are other scenes to cast in. patterns, outputs, origins,
+    update, small, trees, memory and start measure rigcast alone, scaling its speed as things grow.
+    """
+    parts = _as_parts(what or ["warehouse"])
+    if threads is not None:
+        set_threads(threads)
     console = console_beside(json_file)
-    path = Path(str(files("rigcast.configs"))) / "demo.yaml"
-    config, model = open_rig(path)
-    data = initial_data(model, config.keyframe)
-    rig = ready_rig(console, config, model, data, device)
-    with console.status("casting"):
-        results = bench_rig(rig, data, SENSORS, rounds=rounds)
-    device_name = str(rig.scene.device)
-    console.print(f"rigcast {version('rigcast')} on {device_name}, {os.cpu_count()} cores, {rounds} rounds in turn")
-    console.print(_table(results))
+    quiet_warp()
+    casters, missing = load_casters(tuple(dict.fromkeys(("rigcast", *(caster or CASTERS)))))
+    for line in missing:
+        console.print(f"left out: {line}", markup=False)
+    console.print(f"rigcast {version('rigcast')} on {thread_count()} CPU threads, {rounds} rounds in turn")
+    measured = measure(console, parts, casters, rounds, triangles)
+    if chart is not None:
+        draw_results(measured.results, chart)
+    if scaling_chart is not None:
+        draw_scaling(measured.scaling, scaling_chart)
     if json_file is not None:
-        write_json(json_file, as_json(results, device_name, rounds))
+        write_json(json_file, as_json(measured, rounds))
 
 
-def as_json(results: Sequence[Result], device: str, rounds: int) -> str:
-    """Return the results as JSON, with what they were measured on. Speeds are in M rays/s."""
-    about = {
-        "device": device,
-        "cores": os.cpu_count(),
-        "machine": platform.machine(),
-        "rounds": rounds,
-        "versions": {name: version(name) for name in ("rigcast", "mujoco", "warp-lang", "numpy")},
-    }
-    return json.dumps({**about, "sensors": [asdict(result) for result in results]}, indent=1) + "\n"
+def measure(
+    console: Console, parts: Sequence[str], casters: Sequence[type[Caster]], rounds: int, triangles: int
+) -> Measured:
+    """Measure the parts, and show each when it is done."""
+    measured = Measured()
+    for part in parts:
+        with console.status(part):
+            if part in WORKLOADS:
+                measured.results += _race(console, part, casters, rounds, triangles)
+            elif part in _FIGURES:
+                measured.figures += _shown(console, _FIGURES[part](rounds))
+            else:
+                measured.scaling += _plotted(console, scaling(rounds, triangles))
+    return measured
+
+
+def _as_parts(what: Sequence[str]) -> list[str]:
+    for part in what:
+        if part != "all" and part not in _PARTS:
+            raise InputError(f"bench: no part {part!r}, {expected_one_of(part, [*_PARTS, 'all'])}")
+    return list(_PARTS) if "all" in what else list(dict.fromkeys(what))
+
+
+def _race(
+    console: Console, name: str, casters: Sequence[type[Caster]], rounds: int, triangles: int
+) -> Sequence[Result]:
+    try:
+        workload = hills(triangles) if name == "hills" else WORKLOADS[name]()
+    except Unavailable as reason:
+        console.print(f"left out: {name}: {reason}", markup=False)
+        return ()
+    results = race(workload, casters, rounds)
+    console.print(_table(results))
+    return results
+
+
+def _shown(console: Console, figures: Iterator[Figure]) -> Iterator[Figure]:
+    for figure in figures:
+        console.print(f"{figure.what}: {_spread(figure.value)} {figure.unit}", markup=False)
+        yield figure
+
+
+def _plotted(console: Console, found: Iterator[Series]) -> Iterator[Series]:
+    for series in found:
+        pairs = zip(series.sizes, series.mrays, strict=True)
+        console.print(f"{series.varies}:", ", ".join(f"{size}: {mrays.median:.3g} M rays/s" for size, mrays in pairs))
+        yield series
+
+
+def _spread(value: Spread) -> str:
+    if value.lowest == value.highest:
+        return f"{value.median:.3g}"
+    return f"{value.median:.3g} ({value.lowest:.3g} to {value.highest:.3g})"
 
 
 def _table(results: Sequence[Result]) -> Table:
-    table = Table("sensor", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    table.caption = "M rays/s, with scene update and copy to numpy; agree: with mj_ray"
-    for column in ("rays", "caster", "median", "lowest", "highest", "ratio", "agree"):
+    table = Table("rays", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.caption = "M rays/s, with scene update and numpy; ratio: rigcast's to it; agree, 1 cm: with mj_ray"
+    for column in ("caster", "median", "lowest", "highest", "ratio", "agree", "1 cm"):
         table.add_column(column, justify="left" if column == "caster" else "right", no_wrap=True)
     for result in results:
+        where = f"{result.workload}, {result.sensor} {' x '.join(map(str, result.shape))}"
         for speed in result.speeds:
-            first = speed is result.speeds[0]
-            where = (result.sensor, " x ".join(map(str, result.shape))) if first else ("", "")
-            speeds = (f"{value:.3f}" for value in (speed.median, speed.lowest, speed.highest))
-            ratio = "" if first else f"{speed.ratio:.1f}"
-            table.add_row(*where, speed.caster, *speeds, ratio, f"{speed.agree:.3%}")
+            speeds = (f"{value:.3g}" for value in (speed.mrays.median, speed.mrays.lowest, speed.mrays.highest))
+            right = f"{speed.agree:.2%}", f"{speed.close:.2%}"
+            table.add_row(where, speed.caster, *speeds, f"{speed.ratio.median:.2f}", *right)
+            where = ""
         table.add_section()
     return table
+
+
+def as_json(measured: Measured, rounds: int) -> str:
+    """Return all of it as JSON, with what it was measured on. Speeds are in M rays/s."""
+    about = {
+        "machine": platform.machine(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "threads": thread_count(),
+        "rounds": rounds,
+        "versions": dict(chain.from_iterable(map(_version, _PACKAGES))),
+    }
+    return json.dumps(about | asdict(measured), indent=1) + "\n"
+
+
+def _version(package: str) -> Iterator[tuple[str, str]]:
+    try:
+        yield package, version(package)
+    except PackageNotFoundError:
+        return
+
+
+def _processor() -> str:
+    """Return the CPU's name where Linux says it, else what Python knows."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")

@@ -5,10 +5,10 @@ from contextlib import contextmanager
 from threading import Timer
 
 import mujoco
-import warp as wp
 from rich.console import Console
 
 from rigcast.config import RigConfig
+from rigcast.quiet import quiet_warp
 from rigcast.sensors.rig.rig import Rig
 
 _PATIENCE = 1.5  # s; cached kernels load in less
@@ -23,10 +23,7 @@ def ready_rig(
     seed: int | None = None,
 ) -> Rig:
     """The rig of a file with its kernels compiled: it has cast once, into the state of `data`."""
-    if hasattr(wp.config, "log_level"):
-        wp.config.log_level = wp.LOG_WARNING
-    else:
-        wp.config.quiet = True
+    quiet_warp()
     with word_if_compiling(console):
         rig = config.build(model, device, seed)
         rig.sense(data)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import warp as wp
 
+from rigcast.quiet import quiet_warp
 from rigcast.sensors.errors import InputError
 
 from .file import DatasetFile
@@ -22,10 +23,7 @@ def prepare_warp(portable: bool) -> None:
 
     To be called before the first kernel is loaded. Raises InputError where Warp or the machine has no such choice.
     """
-    if hasattr(wp.config, "log_level"):
-        wp.config.log_level = wp.LOG_WARNING
-    else:
-        wp.config.quiet = True
+    quiet_warp()
     if not portable:
         return
     if not hasattr(wp.config, "cpu_compiler_flags"):

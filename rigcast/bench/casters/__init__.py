@@ -1,0 +1,5 @@
+"""The ray casters that are compared, each in a module of its own that imports what it needs."""
+
+from .caster import CASTERS, Answer, Caster, Floats, Frame, load_casters
+
+__all__ = ["CASTERS", "Answer", "Caster", "Floats", "Frame", "load_casters"]

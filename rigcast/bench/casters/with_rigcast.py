@@ -1,0 +1,61 @@
+"""rigcast: rays of one origin as a sensor casts them, others as `Scene.cast` does."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib.metadata import version
+
+import mujoco
+import numpy as np
+
+from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.oracle import Things
+from rigcast.sensors.scene.hits import NumpyHits
+from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.specs.filter import Filter
+from rigcast.sensors.specs.prop import Prop
+
+from .caster import EVERY_GROUP, Answer, Floats, Frame
+
+
+class RigcastCaster:
+    name = "rigcast"
+    version = version("rigcast")
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        groups: Sequence[int] = EVERY_GROUP,
+        props: Sequence[Prop] = (),
+    ) -> None:
+        self.scene = Scene(model, "cpu", props)
+        self._data = data
+        self._filter = Filter(geom_groups=tuple(groups))
+        self._things = Things.of(model, props)
+
+    def aim(self, origins: Floats, directions: Floats) -> Frame:
+        return self._of_sensor(origins, directions) if origins.ndim == 1 else self._of_any(origins, directions)
+
+    def _of_sensor(self, origin: Floats, directions: Floats) -> Frame:
+        rays = self.scene.rays_in_frame(directions, origin, np.eye(4))
+        rays = replace(rays, packets=sort_into_packets(directions))
+
+        def frame() -> Answer:
+            self.scene.update(self._data)
+            arrays = self.scene.cast_rays(rays, self.scene.visible(self._filter), np.inf)
+            return self._answer(self.scene.hits(arrays, directions.shape[:-1]).numpy())
+
+        return frame
+
+    def _of_any(self, origins: Floats, directions: Floats) -> Frame:
+        def frame() -> Answer:
+            self.scene.update(self._data)
+            return self._answer(self.scene.cast(origins, directions, filter=self._filter).numpy())
+
+        return frame
+
+    def _answer(self, hits: NumpyHits) -> Answer:
+        return Answer(hits.distance, self._things.numbers(hits), hits.normal)
+
+
+CASTER = RigcastCaster

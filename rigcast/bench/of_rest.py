@@ -1,0 +1,112 @@
+"""Measurements of all that is not the cast: update, small frames, trees, memory and the start.
+
+All of it runs on one thread, and is timed by CPU time, with which other work on the machine does not interfere.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from unittest.mock import patch
+
+import mujoco
+import numpy as np
+
+from rigcast.kernels.geometry import build_triangle_tree
+from rigcast.sensors.rig.rig import Rig
+from rigcast.sensors.scene.model_geometry import hfield_data, hfield_triangles
+from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.scene.tree_cache import cached_triangle_tree
+from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.mount import Mount
+
+from .figure import Figure, Spread
+from .race import in_turns
+from .workloads import hills, room
+
+CALLS = 100
+MILLION = 1_000_000
+
+
+def update(rounds: int) -> Iterator[Figure]:
+    """`Scene.update` after every geom has moved."""
+    for geoms in (130, 1600):
+        workload = room(geoms - 5)
+        scene, data = Scene(workload.model, "cpu"), workload.data
+        times = []
+        for _ in range(20 * rounds):
+            data.geom_xpos += 1e-3
+            began = time.process_time()
+            scene.update(data)
+            times.append(time.process_time() - began)
+        yield Figure(f"update_{geoms}", f"Scene.update, {geoms} geoms", "ms", Spread.of(1e3 * np.array(times[rounds:])))
+
+
+def small(rounds: int) -> Iterator[Figure]:
+    """`sense` of a sensor of one ray in a scene of ten geoms, and that less mj_kinematics and mj_ray of the same."""
+    balls = "".join(f'<body pos="{k} 1 0"><freejoint/><geom size=".3"/></body>' for k in range(9))
+    xml = f'<mujoco><worldbody>{balls}<geom type="plane" size="0 0 1" pos="0 0 -1"/></worldbody></mujoco>'
+    model = mujoco.MjModel.from_xml_string(xml)
+    data, start, down = mujoco.MjData(model), np.zeros(3), np.array([0.0, 0.0, -1.0])
+    rig = Rig(model, [Lidar(name="one", mount=Mount(), elevation_deg=[-90.0], columns=1)], "cpu")
+    geom_id = np.zeros(1, np.int32)
+
+    def ours() -> None:
+        for _ in range(CALLS):
+            rig.sense(data)["one"].range.numpy()
+
+    def theirs() -> None:
+        for _ in range(CALLS):
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_ray(model, data, start, down, None, True, -1, geom_id)
+
+    times = in_turns({"ours": ours, "theirs": theirs}, rounds)
+    took, less = (1e6 / CALLS * t for t in (times["ours"][1], times["ours"][1] - times["theirs"][1]))
+    yield Figure("small", "sense of one ray, ten geoms", "us", Spread.of(took))
+    yield Figure("small_less", "the same, less mj_kinematics and mj_ray", "us", Spread.of(less))
+
+
+def trees(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
+    """Building the tree of a height field, and reading it as a second start does."""
+    model = hills(triangles).model
+    mesh = hfield_triangles(model.hfield_size[0], hfield_data(model, 0))
+    with tempfile.TemporaryDirectory() as folder, patch.dict(os.environ, RIGCAST_CACHE=folder):
+        cached_triangle_tree(*mesh)
+        ways = {"build": lambda: build_triangle_tree(*mesh), "read": lambda: cached_triangle_tree(*mesh)}
+        times = in_turns(ways, min(rounds, 3))
+    for way, what in (("build", "a tree built"), ("read", "a tree read by a second start")):
+        seconds = times[way][1] / len(mesh[1]) * MILLION
+        yield Figure(f"tree_{way}", f"{what}, for each million triangles", "s", Spread.of(seconds))
+
+
+def memory(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
+    """What a scene adds to the memory of its process, kernels and model left out."""
+    del rounds
+    if not os.path.exists("/proc/self/statm"):
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        for way in ("built", "read"):
+            grown = _child("scene_memory", str(triangles), RIGCAST_CACHE=folder)["bytes_per_triangle"]
+            what = f"memory of a scene of {triangles} triangles, its tree {way}"
+            yield Figure(f"memory_{way}", what, "bytes/triangle", Spread.of(grown))
+
+
+def start(rounds: int) -> Iterator[Figure]:
+    """From a fresh Python to the demo's first frames: import, model, rig and one frame of each sensor."""
+    warm = [_child("first_frame") for _ in range(1 + min(rounds, 3))][1:]
+    for part in warm[0]:
+        yield Figure(f"start_{part}", f"start of the demo: {part}", "s", Spread.of([times[part] for times in warm]))
+    with tempfile.TemporaryDirectory() as folder:
+        cold = _child("first_frame", WARP_CACHE_PATH=folder)
+    yield Figure("start_cold", "start of the demo, kernels compiled", "s", Spread.of(cold["in all"]))
+
+
+def _child(module: str, *arguments: str, **environment: str) -> dict[str, float]:
+    """Return the last line that a module of this room prints in a process of its own."""
+    command = [sys.executable, "-m", f"{__package__}.{module}", *arguments]
+    done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=True)
+    measured: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return measured

@@ -1,0 +1,130 @@
+"""Casters in turns on the same rays, and what each gets right.
+
+A caster that is fast by being wrong shows as such: beside each speed stands the fraction of its rays that mj_ray agrees
+with, and the fraction within a centimetre of it, for casters that cut round shapes into triangles.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from rigcast.oracle import RayHits
+from rigcast.oracle.bounds import distance_errors
+
+from .casters.caster import Answer, Caster, Floats
+from .casters.with_mj_ray import MjRay
+from .figure import Spread
+from .workloads import View, Workload
+
+CLOSE = 0.01  # [m]
+PATIENCE = 2.0  # [s] a caster whose frame takes longer is timed on the sample of rays only
+
+
+@dataclass(frozen=True)
+class Speed:
+    """One caster on the rays of one sensor.
+
+    mrays: millions of rays in a second. ratio: of rigcast's to this one's, round by round; cpu_ratio: the same by the
+    CPU time of all threads, which other work on the machine disturbs less. rays: how many a frame was timed with.
+    agree: fraction of the sample with the hits, misses and distances of mj_ray, to 1e-5 (1 + t) / max(|cos|, 1e-3);
+    close: to 1 cm.
+    """
+
+    caster: str
+    rays: int
+    mrays: Spread
+    ratio: Spread
+    cpu_ratio: Spread
+    agree: float
+    close: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """The casters on the rays of one sensor in one workload."""
+
+    workload: str
+    sensor: str
+    shape: tuple[int, ...]
+    geoms: int
+    triangles: int
+    speeds: tuple[Speed, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Runner:
+    caster: str
+    rays: int
+    frame: Callable[[], Answer]
+
+
+def race(workload: Workload, casters: Sequence[type[Caster]], rounds: int, sample: int = 4000) -> list[Result]:
+    """Time the casters, rigcast first among them, on each of the workload's sensors.
+
+    A frame is: poses brought up to date, all rays of the sensor cast, and distances, ids and normals, of those that
+    the caster reports, handed over as numpy. `sample` rays, spread evenly, are held against mj_ray.
+    """
+    scene = workload.model, workload.data, workload.groups
+    built = [caster(*scene) for caster in casters]
+    return [_race(workload, view, built, rounds, sample) for view in workload.views]
+
+
+def _race(workload: Workload, view: View, casters: Sequence[Caster], rounds: int, sample: int) -> Result:
+    directions = np.ascontiguousarray(view.directions.reshape(-1, 3))
+    some = np.unique(np.linspace(0, len(directions) - 1, min(sample, len(directions))).astype(np.intp))
+    reference = MjRay(workload.model, workload.data, workload.groups).oracle.cast(view.origin, directions[some])
+    runners, rightness = [], []
+    for caster in casters:
+        on_sample, frame = caster.aim(view.origin, directions[some]), caster.aim(view.origin, directions)
+        rightness.append(_rightness(directions[some], on_sample(), reference))
+        is_slow = _seconds(frame)[0] > PATIENCE
+        runners.append(_Runner(caster.name, len(some if is_slow else directions), on_sample if is_slow else frame))
+    times = in_turns({runner.caster: runner.frame for runner in runners}, rounds)
+    speed = {runner.caster: runner.rays / times[runner.caster] / 1e6 for runner in runners}
+    speeds = []
+    for runner, (agree, close) in zip(runners, rightness, strict=True):
+        mrays, ratio = speed[runner.caster], speed[runners[0].caster] / speed[runner.caster]
+        spreads = Spread.of(mrays[0]), Spread.of(ratio[0]), Spread.of(ratio[1])
+        speeds.append(Speed(runner.caster, runner.rays, *spreads, agree, close))
+    shape = view.directions.shape[:-1]
+    return Result(workload.name, view.sensor, shape, workload.model.ngeom, triangles_of(workload.model), tuple(speeds))
+
+
+def in_turns(what: Mapping[str, Callable[[], Any]], rounds: int) -> dict[str, Floats]:
+    """Return (2, rounds) for each: the seconds and the CPU seconds of all threads that it took.
+
+    Every other round goes in reverse, and one that does not count comes first.
+    """
+    for run in what.values():
+        run()
+    times = {name: np.empty((2, rounds)) for name in what}
+    for turn in range(rounds):
+        for name in list(what)[:: 1 if turn % 2 == 0 else -1]:
+            times[name][:, turn] = _seconds(what[name])
+    return times
+
+
+def _seconds(run: Callable[[], Any]) -> tuple[float, float]:
+    began, cpu_began = time.perf_counter(), time.process_time()
+    run()
+    return time.perf_counter() - began, max(time.process_time() - cpu_began, 1e-9)
+
+
+def _rightness(directions: Floats, answer: Answer, reference: RayHits) -> tuple[float, float]:
+    """Return which fraction of the rays agrees with mj_ray, and which is close."""
+    distance = np.asarray(answer.distance, np.float64)
+    hit = ~np.isposinf(distance)
+    # only hit, miss and distance are compared: not every caster reports ids and normals
+    got = RayHits(distance, np.where(hit, 0, -1).astype(np.int32), np.where(hit[:, None], 1.0, np.zeros(3)))
+    error, scaled = distance_errors(directions, got, reference)
+    return float((scaled <= 1).mean()), float((error <= CLOSE).mean())
+
+
+def triangles_of(model: mujoco.MjModel) -> int:
+    """Return how many triangles the meshes and height fields of a model have, each counted once."""
+    cells = (model.hfield_nrow - 1) * (model.hfield_ncol - 1)
+    return int(model.nmeshface + 2 * cells.sum())
