@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_datasets import controlled_by, edited
 
 from rigcast.dataset.config import read_dataset
 from rigcast.sensors.errors import InputError
+
+from .small_datasets import controlled_by, edited
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,14 @@ import time
 from pathlib import Path
 
 import pytest
-from small_datasets import contents, controlled_by, make
 
 from rigcast.dataset.config import read_dataset
 from rigcast.dataset.engines import Processes, Ray
 from rigcast.sensors.errors import InputError
 
-PROGRAM = Path(sys.executable).parent / "rigcast"
+from .small_datasets import contents, controlled_by, make
+
+PROGRAM = str(Path(sys.executable).parent / "rigcast")
 
 
 @pytest.fixture
@@ -44,8 +45,20 @@ def test_processes_go_on_where_workers_were_killed(unlucky: Path) -> None:
 
 
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
-def test_a_run_that_is_ended_at_any_moment_goes_on_from_there(path: Path, whole: dict[str, bytes], sent: int) -> None:
-    words = [PROGRAM, "dataset", path, "--out", path.parent / "out", "--engine", "processes", "--workers", "2"]
+def test_a_run_that_is_ended_at_any_moment_goes_on_from_there(
+    path: Path, whole: dict[str, bytes], sent: signal.Signals
+) -> None:
+    words = [
+        PROGRAM,
+        "dataset",
+        str(path),
+        "--out",
+        str(path.parent / "out"),
+        "--engine",
+        "processes",
+        "--workers",
+        "2",
+    ]
     words += ["--device", "cpu"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
         deadline = time.monotonic() + 120
@@ -62,7 +75,17 @@ def test_a_run_that_is_ended_at_any_moment_goes_on_from_there(path: Path, whole:
 
 def test_ray_goes_on_where_a_worker_was_killed(unlucky: Path) -> None:
     pytest.importorskip("ray")
-    words = [PROGRAM, "dataset", unlucky, "--out", unlucky.parent / "out", "--engine", "ray", "--workers", "2"]
+    words = [
+        PROGRAM,
+        "dataset",
+        str(unlucky),
+        "--out",
+        str(unlucky.parent / "out"),
+        "--engine",
+        "ray",
+        "--workers",
+        "2",
+    ]
     done = subprocess.run([*words, "--device", "cpu"], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "4 of 4 episodes to make, 2 at a time" in " ".join(done.stdout.split())

@@ -9,7 +9,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from small_datasets import contents, controlled_by, edited, make
 
 from rigcast.config import open_rig
 from rigcast.dataset import shards
@@ -21,6 +20,8 @@ from rigcast.dataset.generate import make_dataset
 from rigcast.dataset.manifest import write_manifest
 from rigcast.dataset.reading import open_dataset
 from rigcast.sensors.errors import InputError
+
+from .small_datasets import contents, controlled_by, edited, make
 
 
 class Backwards:

@@ -3,10 +3,11 @@
 from pathlib import Path
 
 import pytest
-from small_datasets import contents, edited
 from typer.testing import CliRunner
 
 from rigcast.cli import app
+
+from .small_datasets import contents, edited
 
 
 @pytest.fixture(autouse=True)
