@@ -15,8 +15,6 @@ from rigcast.sensors.errors import InputError
 
 from .small_datasets import contents, controlled_by, make
 
-PROGRAM = str(Path(sys.executable).parent / "rigcast")
-
 
 @pytest.fixture
 def unlucky(path: Path) -> Path:
@@ -29,6 +27,12 @@ def undisturbed(path: Path) -> dict[str, bytes]:
     assert (path.parent / "killed").exists(), "no worker was killed"
     make(path, "undisturbed")
     return contents(path.parent / "undisturbed")
+
+
+def command(path: Path, engine: str) -> list[str]:
+    """`rigcast dataset` into the folder `out` with two workers."""
+    options = ["--out", str(path.parent / "out"), "--engine", engine, "--workers", "2", "--device", "cpu"]
+    return [str(Path(sys.executable).parent / "rigcast"), "dataset", str(path), *options]
 
 
 def test_processes_go_on_where_workers_were_killed(unlucky: Path) -> None:
@@ -48,19 +52,9 @@ def test_processes_go_on_where_workers_were_killed(unlucky: Path) -> None:
 def test_a_run_that_is_ended_at_any_moment_goes_on_from_there(
     path: Path, whole: dict[str, bytes], sent: signal.Signals
 ) -> None:
-    words = [
-        PROGRAM,
-        "dataset",
-        str(path),
-        "--out",
-        str(path.parent / "out"),
-        "--engine",
-        "processes",
-        "--workers",
-        "2",
-    ]
-    words += ["--device", "cpu"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(
+        command(path, "processes"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
         deadline = time.monotonic() + 120
         while not list((path.parent / "out").glob("*/*/entry.json")):
             assert running.poll() is None, running.communicate()
@@ -68,25 +62,14 @@ def test_a_run_that_is_ended_at_any_moment_goes_on_from_there(
             time.sleep(0.01)
         os.kill(running.pid, sent)
         running.communicate(timeout=60)
-    assert running.returncode in {signal.SIGINT: (130, 0), signal.SIGKILL: (-sent,)}[sent]
+    assert running.returncode in {signal.SIGINT: (130, 0), signal.SIGKILL: (-signal.SIGKILL,)}[sent]
     make(path)
     assert contents(path.parent / "out") == whole
 
 
 def test_ray_goes_on_where_a_worker_was_killed(unlucky: Path) -> None:
     pytest.importorskip("ray")
-    words = [
-        PROGRAM,
-        "dataset",
-        str(unlucky),
-        "--out",
-        str(unlucky.parent / "out"),
-        "--engine",
-        "ray",
-        "--workers",
-        "2",
-    ]
-    done = subprocess.run([*words, "--device", "cpu"], capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command(unlucky, "ray"), capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "4 of 4 episodes to make, 2 at a time" in " ".join(done.stdout.split())
     assert contents(unlucky.parent / "out") == undisturbed(unlucky)
