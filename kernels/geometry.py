@@ -62,7 +62,7 @@ class Geometry:
     center: wp.array[wp.vec3]  # of the shape's box in its own frame, and the half size
     half: wp.array[wp.vec3]
     reach: wp.array[float]  # largest |coordinate| of the shape in its own frame
-    # poses (W I n,), in float64 or in float32; the other two are empty:
+    # poses (W I n,), in float64 or in float32, the others are empty; of shapes that move, (firings n,) for the cast:
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]  # columns: the shape's axes in the world
     position_float: wp.array[wp.vec3]
@@ -70,7 +70,8 @@ class Geometry:
     instants: int  # I
     turn: wp.array[wp.vec3d]  # (S n,) rotation vector from a span's first instant to its second; empty where I is 1
     # the trees over the shapes, relative to an anchor each:
-    top: wp.array[Node]  # (S m,) with m nodes each
+    top: wp.array[Node]  # (S m,)
+    top_count: int  # m, the nodes of each
     anchor: wp.array[wp.vec3d]  # (S,)
     top_reach: wp.array[float]  # (S,) largest |coordinate| of the tree's boxes
 

@@ -34,6 +34,11 @@ class World:
         self.set_shapes(shapes)
         self._top = TopTrees(self.geometry, self.device)
 
+    @property
+    def bytes_per_world(self) -> int:
+        """What every world of a batch takes, beside its poses and, where they differ, sizes and boxes."""
+        return self._top.bytes_per_tree
+
     def set_shapes(self, shapes: Shapes) -> None:
         """Take other sizes and local boxes; the next update makes them count.
 

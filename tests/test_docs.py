@@ -32,7 +32,7 @@ FILES = [
     for kind, block in BLOCKS[page]
     if kind in ("yaml", "csv")
 ]
-HEAVY = ("torch",)  # what some blocks import and the tests do not install
+HEAVY = ("torch", "mujoco_warp")  # what some blocks import and not every test run has
 RIGS = [(page, name) for page, name, block in FILES if re.search("^(sensors:$|extends: configs)", block, re.MULTILINE)]
 
 

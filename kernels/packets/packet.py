@@ -4,7 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import APART, Hit, WorldRay, decided
-from rigcast.kernels.poses import Moment
+from rigcast.kernels.poses import Scope
 from rigcast.kernels.ray import box_margin
 from rigcast.kernels.tree import vec8
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
@@ -84,16 +84,26 @@ class TileRays:
     u: wp.vec3d
     v: wp.vec3d
     tile: Tile
-    when: Moment
+    scope: Scope
     limit: float
     cull: int
     visible: wp.array[wp.bool]
-    first_visible: int  # entry of shape 0 of the rays' world
-    first_ray: int  # of that world
+    first_ray: int  # of their world
     first_packet: int
     packets: wp.array[Packet]
-    # PACKETS entries from first_slot on:
-    first_slot: int
+    first_slot: int  # of PACKETS
+    best: wp.array[PacketHits]
+    directions: wp.array[Directions]
+
+
+@wp.struct
+class PacketRays:
+    """One packet of a tile: its rays, and where their hits are kept. Small, for functions copy what they are given."""
+
+    ray: WorldRay  # all but the direction
+    packet: int
+    packets: wp.array[Packet]
+    slot: int
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
 
@@ -140,9 +150,34 @@ def world_ray(rays: TileRays, slot: int, i: int) -> WorldRay:
     ray = WorldRay()
     ray.origin = rays.origin
     ray.direction = wp.vec3d(rays.directions[slot].x[i], rays.directions[slot].y[i], rays.directions[slot].z[i])
-    ray.when = rays.when
+    ray.scope = rays.scope
     ray.limit = rays.limit
     ray.cull = rays.cull
+    return ray
+
+
+@wp.func
+def packet_of(rays: TileRays, k: int) -> PacketRays:
+    """Packet k of a tile."""
+    packet = PacketRays()
+    packet.ray.origin = rays.origin
+    packet.ray.scope = rays.scope
+    packet.ray.limit = rays.limit
+    packet.ray.cull = rays.cull
+    packet.packet = rays.first_packet + k
+    packet.packets = rays.packets
+    packet.slot = rays.first_slot + k
+    packet.best = rays.best
+    packet.directions = rays.directions
+    return packet
+
+
+@wp.func
+def ray_of_lane(packet: PacketRays, i: int) -> WorldRay:
+    """The ray of lane i, in the world."""
+    d = packet.slot
+    ray = packet.ray
+    ray.direction = wp.vec3d(packet.directions[d].x[i], packet.directions[d].y[i], packet.directions[d].z[i])
     return ray
 
 
@@ -157,14 +192,13 @@ def hit_of_lane(hits: PacketHits, i: int) -> Hit:
 
 
 @wp.func
-def offer(
-    g: Geometry, rays: TileRays, slot: int, near: lanes, far: lanes, shape: int, triangle: int, reach: float
-) -> float:
+def offer(g: Geometry, packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int, reach: float) -> float:
     """Let a packet's rays take the hits (near, far) of one shape or triangle where they are first; return its reach."""
-    best_near = rays.best[slot].near
-    best_far = rays.best[slot].far
-    best_shape = rays.best[slot].shape
-    best_triangle = rays.best[slot].triangle
+    slot = packet.slot
+    best_near = packet.best[slot].near
+    best_far = packet.best[slot].far
+    best_shape = packet.best[slot].shape
+    best_triangle = packet.best[slot].triangle
     nearer = int(0)
     open = int(0)
     for i in range(LANES):
@@ -178,30 +212,30 @@ def offer(
         open = open | (is_open << i)
     if nearer == 0 and open == 0:
         return reach
-    rays.best[slot].near = best_near
-    rays.best[slot].far = best_far
-    rays.best[slot].shape = best_shape
-    rays.best[slot].triangle = best_triangle
+    packet.best[slot].near = best_near
+    packet.best[slot].far = best_far
+    packet.best[slot].shape = best_shape
+    packet.best[slot].triangle = best_triangle
     while open != 0:
         i = lowest_bit(open)
         open = open & (open - 1)
-        decide_lane_of_packet(g, rays, slot, i, near[i], far[i], shape, triangle)
-    return APART * farthest(rays.best[slot].far)
+        decide_lane_of_packet(g, packet, i, near[i], far[i], shape, triangle)
+    return APART * farthest(packet.best[slot].far)
 
 
 @wp.func
 def decide_lane_of_packet(
-    g: Geometry, rays: TileRays, slot: int, i: int, near: float, far: float, shape: int, triangle: int
+    g: Geometry, packet: PacketRays, i: int, near: float, far: float, shape: int, triangle: int
 ) -> None:
     hit = Hit()
     hit.near = near
     hit.far = far
     hit.shape = shape
     hit.triangle = triangle
-    hits = rays.best[slot]
-    first = decided(g, hit_of_lane(hits, i), hit, world_ray(rays, slot, i))
+    hits = packet.best[packet.slot]
+    first = decided(g, hit_of_lane(hits, i), hit, ray_of_lane(packet, i))
     hits.near[i] = first.near
     hits.far[i] = first.far
     hits.shape[i] = first.shape
     hits.triangle[i] = first.triangle
-    rays.best[slot] = hits
+    packet.best[packet.slot] = hits

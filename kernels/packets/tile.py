@@ -4,7 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE
-from rigcast.kernels.poses import pose_of, root_of_top
+from rigcast.kernels.poses import pose_of
 from rigcast.kernels.solids import SHEET, has_triangles
 from rigcast.kernels.traverse import Entered, traversal
 from rigcast.kernels.tree import Node, vec8
@@ -12,9 +12,21 @@ from rigcast.kernels.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
 
 from .frustum import Frustum, enter_frustum, frustum_of, packets_at_box
-from .packet import LANES, PACKETS, PacketHits, TileRays, Vectors, double_lanes, lanes, offer, view_from
+from .packet import (
+    LANES,
+    PACKETS,
+    PacketHits,
+    PacketRays,
+    TileRays,
+    Vectors,
+    double_lanes,
+    lanes,
+    offer,
+    packet_of,
+    view_from,
+)
 from .solids import intersect_closed_forms
-from .triangles import cast_packet_through_triangles, packet_rays
+from .triangles import cast_packet_through_triangles, packet_among_triangles
 
 
 @wp.struct
@@ -27,12 +39,12 @@ class TileSought:
 
 @wp.func
 def visit_closed_form(
-    g: Geometry, rays: TileRays, slot: int, shape: int, to_local: wp.mat33d, origin: wp.vec3, reach: float
+    g: Geometry, packet: PacketRays, shape: int, to_local: wp.mat33d, origin: wp.vec3, reach: float
 ) -> float:
     """A packet against one closed form: lane by lane what a single ray does."""
-    x = rays.directions[slot].x
-    y = rays.directions[slot].y
-    z = rays.directions[slot].z
+    x = packet.directions[packet.slot].x
+    y = packet.directions[packet.slot].y
+    z = packet.directions[packet.slot].z
     local_x = lanes()
     local_y = lanes()
     local_z = lanes()
@@ -45,20 +57,22 @@ def visit_closed_form(
     directions.x = local_x
     directions.y = local_y
     directions.z = local_z
-    t = intersect_closed_forms(g.kind[shape], g.size[rays.when.first_shape + shape], origin, directions, rays.cull)
-    return offer(g, rays, slot, t, t, shape, 0, reach)
+    t = intersect_closed_forms(
+        g.kind[shape], g.size[packet.ray.scope.first_shape + shape], origin, directions, packet.ray.cull
+    )
+    return offer(g, packet, t, t, shape, 0, reach)
 
 
 @wp.func
-def visit_shape_of_tile(g: Geometry, sought: TileSought, shape: int, distance: float, reach: vec8) -> vec8:
+def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: float, reach: vec8) -> vec8:
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
-    rays = sought.rays
+    rays = tile.rays
     kind = g.kind[shape]
-    if not rays.visible[rays.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
+    if not rays.visible[rays.scope.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
         return reach
-    pose = pose_of(g, shape, rays.when)
+    pose = pose_of(g, shape, rays.scope)
     to_local = wp.transpose(pose.rotation)
-    at = rays.when.first_shape + shape
+    at = rays.scope.first_shape + shape
     view = view_from(to_local * (rays.origin - pose.position), to_local, rays, g.reach[at])
     packets = packets_at_box(view, rays.tile, g.center[at], g.half[at], distance, reach)
     cull = wp.where(kind == SHEET, CULL_NONE, rays.cull)
@@ -66,10 +80,10 @@ def visit_shape_of_tile(g: Geometry, sought: TileSought, shape: int, distance: f
         k = lowest_bit(packets)
         packets = packets & (packets - 1)
         if has_triangles(kind):
-            packet = packet_rays(rays, view, k, shape, cull)
-            reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[at], packet, reach[k])
+            sought = packet_among_triangles(rays, view, k, shape, cull)
+            reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[at], sought, reach[k])
         else:
-            reach[k] = visit_closed_form(g, rays, rays.first_slot + k, shape, to_local, view.origin, reach[k])
+            reach[k] = visit_closed_form(g, packet_of(rays, k), shape, to_local, view.origin, reach[k])
     return reach
 
 
@@ -136,7 +150,7 @@ def cast_tile(g: Geometry, rays: TileRays) -> None:
     identity = wp.identity(n=3, dtype=wp.float64)
     sought = TileSought()
     sought.rays = rays
-    span = rays.when.span
+    span = rays.scope.span
     view = view_from(rays.origin - g.anchor[span], identity, rays, g.top_reach[span])
     sought.frustum = frustum_of(view, p_low, p_high, q_low, q_high)
-    cast_tile_through_shapes(g, g.top, root_of_top(g, span), sought, reach)
+    cast_tile_through_shapes(g, g.top, span * g.top_count, sought, reach)

@@ -14,14 +14,13 @@ from .file import DatasetFile
 
 _PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "pillow")
 _FORMAT_PACKAGES = {"npz": (), "zarr": ("zarr", "numcodecs"), "exr": ("openexr",)}
-# Microarchitecture levels that every server and desktop of the last ten years has, with fused multiply-add.
-_PORTABLE = {"x86_64": "-march=x86-64-v3", "AMD64": "-march=x86-64-v3", "aarch64": "-march=armv8-a"}
+_NATIVE = "-march=native"
 
 
 def prepare_warp(portable: bool) -> None:
     """Keep Warp quiet and, for a portable data set, let it compile for no CPU in particular.
 
-    To be called before the first kernel is loaded. Raises InputError where Warp or the machine has no such choice.
+    To be called before the first kernel is loaded. Raises InputError where Warp has no such choice.
     """
     quiet_warp()
     if not portable:
@@ -30,9 +29,7 @@ def prepare_warp(portable: bool) -> None:
         raise InputError(
             f"portable: warp-lang {wp.__version__} compiles for the CPU at hand only, expected a newer one"
         )
-    if platform.machine() not in _PORTABLE:
-        raise InputError(f"portable: got a {platform.machine()} CPU, expected one of {', '.join(_PORTABLE)}")
-    wp.config.cpu_compiler_flags = _PORTABLE[platform.machine()]
+    wp.config.cpu_compiler_flags = (wp.config.cpu_compiler_flags or "").replace(_NATIVE, "").strip()
 
 
 def environment(file: DatasetFile, device: str | None) -> dict[str, str]:
@@ -44,9 +41,12 @@ def environment(file: DatasetFile, device: str | None) -> dict[str, str]:
     )
     place = wp.get_device(device)
     machine = platform.machine() if file.portable else f"{platform.machine()} {_cpu_name()}"
-    flags = str(getattr(wp.config, "cpu_compiler_flags", None) or "-march=native")
+    flags = getattr(wp.config, "cpu_compiler_flags", None)
     made_with = {name: _version(name) for name in packages}
-    return made_with | {"device": machine if place.is_cpu else place.name, "cpu_compiler_flags": flags}
+    return made_with | {
+        "device": machine if place.is_cpu else place.name,
+        "cpu_compiler_flags": _NATIVE if flags is None else flags,
+    }
 
 
 @cache  # each takes some milliseconds

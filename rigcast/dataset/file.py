@@ -126,8 +126,8 @@ class DatasetFile(Spec):
     output: Output = Field(default=Output(), description="how shards are written")
     portable: bool = Field(
         default=False,
-        description="compile for any CPU of the last ten years in place of this one, so that frames are the same bit "
-        "for bit on all machines of a mixed cluster",
+        description="compile for any CPU of the architecture in place of the one at hand, so that all machines of a "
+        "mixed cluster run the same code",
     )
 
     @field_validator("scenes")
