@@ -22,8 +22,8 @@ from pictures import picture, sheet, view
 import rigcast
 from rigcast.bench.casters import Caster, Floats, load_casters
 from rigcast.bench.casters.with_rigcast import RigcastCaster
-from rigcast.cli.kernels import quiet_warp
 from rigcast.oracle import Verdict
+from rigcast.quiet import quiet_warp
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "tests" / "oracle"))

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .config import load_rig as load_rig
+    from .dataset.reading import open_dataset as open_dataset
     from .export.options import Export as Export
     from .export.recorder import Recorder as Recorder
     from .overlay import overlay as overlay
@@ -66,6 +67,7 @@ _HOME = {
     "Worlds": "sensors.scene.batch.worlds",
     "from_model": "sensors.specs.imported",
     "load_rig": "config",
+    "open_dataset": "dataset.reading",
     "overlay": "overlay",
     "set_threads": "sensors.threads",
 }

@@ -1,8 +1,11 @@
-"""The JSON schema of rig files, with what a file may say beyond what a rig is: `extends` and `repeat`."""
+"""The JSON schemas of rig files, with what they may say beyond what a rig is: `extends` and `repeat`, and data sets."""
 
 from typing import Any
 
+from .dataset.file import DatasetFile
 from .rig_file import RigFile
+
+_DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 _NUMBERS = ("number", "integer", "boolean")
 _REPEAT = {
@@ -30,12 +33,17 @@ def rig_schema() -> dict[str, Any]:
             definition["properties"]["repeat"] = _REPEAT
             definition["properties"]["name"]["pattern"] = "^[A-Za-z0-9_${}-]+$"
     return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$schema": _DRAFT,
         **document,
         "if": {"required": ["extends"]},
         "then": {"properties": {key: {"items": _PART} for key in lists}},
         "else": {"required": required, "properties": lists},
     }
+
+
+def dataset_schema() -> dict[str, Any]:
+    """JSON schema, draft 2020-12, of the file of a data set."""
+    return {"$schema": _DRAFT, **DatasetFile.model_json_schema()}
 
 
 def _allow_placeholders(schema: Any) -> None:

@@ -51,13 +51,27 @@ _COMMANDS = {
         "List the device presets, or show the card of one.",
         ("rigcast presets velodyne_vlp16", "rigcast presets livox_avia --picture avia.png --json -"),
     ),
-    "schema": _About("Print the JSON schema of rig files.", ("rigcast schema > rig.schema.json",)),
+    "schema": _About(
+        "Print the JSON schema of rig files, or of data sets.",
+        ("rigcast schema > rig.schema.json", "rigcast schema dataset > dataset.schema.json"),
+    ),
+    "dataset": _About(
+        "Make a data set: a rig in many scenes and episodes.",
+        (
+            "rigcast dataset rooms.yaml",
+            "rigcast dataset rooms.yaml --engine processes",
+            "rigcast dataset rooms.yaml --verify",
+        ),
+    ),
     "bench": _About(
         "Measure rays per second, beside other ray casters.",
         ("rigcast bench", "rigcast bench warehouse room --caster mj_multiRay --rounds 3 --json bench.json"),
     ),
 }
-_EXIT_CODES = "Exit codes: 0 done, 1 a ray is wrong (check), 2 a mistake in what was given, 130 interrupted."
+_EXIT_CODES = (
+    "Exit codes: 0 done, 1 a ray is wrong (check) or an episode failed (dataset), 2 a mistake in what was given, "
+    "130 interrupted."
+)
 
 
 class _Commands(TyperGroup):

@@ -23,9 +23,9 @@ from rigcast.bench.of_rest import memory, small, start, trees, update
 from rigcast.bench.race import Result, race
 from rigcast.bench.scaling import Series, scaling
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
-from rigcast.cli.kernels import quiet_warp
 from rigcast.cli.options import JsonFile, console_beside, write_json
 from rigcast.kernels.launch import thread_count
+from rigcast.quiet import quiet_warp
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.threads import set_threads

@@ -5,10 +5,10 @@ from contextlib import contextmanager
 from threading import Timer
 
 import mujoco
-import warp as wp
 from rich.console import Console
 
 from rigcast.config import RigConfig
+from rigcast.quiet import quiet_warp
 from rigcast.sensors.rig.rig import Rig
 
 _PATIENCE = 1.5  # s; cached kernels load in less
@@ -24,23 +24,16 @@ def ready_rig(
 ) -> Rig:
     """The rig of a file with its kernels compiled: it has cast once, into the state of `data`."""
     quiet_warp()
-    with _word_if_slow(console, "compiling kernels, on first use only: about 20 s"):
+    with word_if_compiling(console):
         rig = config.build(model, device, seed)
         rig.sense(data)
     return rig
 
 
-def quiet_warp() -> None:
-    """Let Warp say only what is wrong."""
-    if hasattr(wp.config, "log_level"):
-        wp.config.log_level = wp.LOG_WARNING
-    else:
-        wp.config.quiet = True
-
-
 @contextmanager
-def _word_if_slow(console: Console, word: str) -> Iterator[None]:
-    timer = Timer(_PATIENCE, console.print, [word])
+def word_if_compiling(console: Console) -> Iterator[None]:
+    """Say that kernels are being compiled where the body takes longer than loading them."""
+    timer = Timer(_PATIENCE, console.print, ["compiling kernels, on first use only: about 20 s"])
     timer.start()
     try:
         yield

@@ -12,11 +12,12 @@ from rich.markup import escape
 
 from rigcast.cli.kernels import ready_rig
 from rigcast.cli.options import Overrides, RigPath
-from rigcast.cli.run import initial_data, step_count
+from rigcast.cli.run import step_count
 from rigcast.config import open_rig
 from rigcast.ros.node import RosNode, require_ros
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
+from rigcast.simulation import initial_data
 
 
 def publish(

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
@@ -24,12 +23,7 @@ from rigcast.export.recorder import INDEX_NAME, Recorder
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.specs.sensor_spec import SensorSpec
-
-_DIVERGED = {
-    mujoco.mjtWarning.mjWARN_BADQPOS: "position",
-    mujoco.mjtWarning.mjWARN_BADQVEL: "velocity",
-    mujoco.mjtWarning.mjWARN_BADQACC: "acceleration",
-}
+from rigcast.simulation import Spent, divergence, initial_data
 
 
 def run(
@@ -73,22 +67,6 @@ def run(
     _say(console, f"{spent.sentence()}, {perf_counter() - began:.1f} s in all")
 
 
-@dataclass
-class Spent:
-    """Wall-clock seconds of a run, by what they were spent on."""
-
-    loading: float = 0.0
-    stepping: float = 0.0
-    sensing: float = 0.0
-    writing: float = 0.0
-
-    def sentence(self) -> str:
-        return (
-            f"loading {self.loading:.1f} s, physics {self.stepping:.1f} s, "
-            f"casting {self.sensing:.1f} s, writing {self.writing:.1f} s"
-        )
-
-
 def split_formats(text: str) -> list[str]:
     """`"exr, ply"` as `["exr", "ply"]`."""
     return [name.strip().lower() for name in text.split(",") if name.strip()]
@@ -99,14 +77,6 @@ def step_count(model: mujoco.MjModel, duration: float) -> int:
     if not (np.isfinite(duration) and duration > 0.0):
         raise InputError(f"--duration: got {duration}, expected a positive number of seconds")
     return max(1, round(duration / float(model.opt.timestep)))
-
-
-def initial_data(model: mujoco.MjModel, keyframe: str | None) -> mujoco.MjData:
-    """Fresh data at the named keyframe, or at the model's own initial state."""
-    data = mujoco.MjData(model)
-    if keyframe is not None:
-        mujoco.mj_resetDataKeyframe(model, data, model.key(keyframe).id)
-    return data
 
 
 def simulate(
@@ -141,17 +111,9 @@ def simulate(
 
 
 def _refuse_divergence(model: mujoco.MjModel, data: mujoco.MjData, time: float, recorder: Recorder) -> None:
-    """MuJoCo answers NaN and huge values with a warning, and by starting over from its initial state."""
-    for warning, quantity in _DIVERGED.items():
-        if data.warning[warning].number:
-            index = data.warning[warning].lastinfo
-            joints = model.jnt_qposadr if warning == mujoco.mjtWarning.mjWARN_BADQPOS else model.jnt_dofadr
-            joint = int(np.searchsorted(joints, index, side="right")) - 1
-            name = model.joint(joint).name or f"joint_{joint}"
-            raise InputError(
-                f"the simulation diverged at t = {time:.6g} s: NaN, infinite or huge {quantity} "
-                f"of joint {name!r}; {recorder.frames} frames from before are in {recorder.folder}"
-            )
+    reason = divergence(model, data, time)
+    if reason is not None:
+        raise InputError(f"{reason}; {recorder.frames} frames from before are in {recorder.folder}")
 
 
 @contextmanager

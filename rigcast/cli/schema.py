@@ -1,12 +1,17 @@
-"""`rigcast schema`: what may stand in a rig file, for editors and other tools."""
+"""`rigcast schema`: what may stand in a rig file, or in that of a data set, for editors and other tools."""
 
 import json
+from typing import Annotated, Literal
 
 import typer
 
-from rigcast.schema import rig_schema
+from rigcast.schema import dataset_schema, rig_schema
+
+_SCHEMAS = {"rig": rig_schema, "dataset": dataset_schema}
 
 
-def schema() -> None:
-    """Print the JSON schema of rig files (for `# yaml-language-server: $schema=...`)."""
-    typer.echo(json.dumps(rig_schema(), indent=2, allow_nan=False))
+def schema(
+    of: Annotated[Literal["rig", "dataset"], typer.Argument(help="of which kind of file")] = "rig",
+) -> None:
+    """Print the JSON schema of rig files, or of data sets (for `# yaml-language-server: $schema=...`)."""
+    typer.echo(json.dumps(_SCHEMAS[of](), indent=2, allow_nan=False))

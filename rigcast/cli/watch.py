@@ -11,11 +11,11 @@ from rich.markup import escape
 
 from rigcast.cli.kernels import ready_rig
 from rigcast.cli.options import Overrides, RigPath
-from rigcast.cli.run import initial_data
 from rigcast.config import open_rig
 from rigcast.export.files import make_writable, replacing
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.preview import draw_preview
+from rigcast.simulation import initial_data
 
 _PERIOD = 0.3  # s between two looks at the files
 

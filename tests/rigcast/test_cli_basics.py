@@ -15,7 +15,7 @@ from rigcast.cli import app
 from rigcast.rig_file import RigFile
 from rigcast.sensors.specs.presets import preset_names
 
-COMMANDS = ("init", "run", "check", "validate", "watch", "view", "presets", "schema", "bench")
+COMMANDS = ("init", "run", "check", "validate", "watch", "view", "presets", "schema", "dataset", "bench")
 MODEL = '<mujoco><worldbody><body name="torso"><geom size="0.1"/></body></worldbody></mujoco>'
 RIG = """\
 model: robot.xml

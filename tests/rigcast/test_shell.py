@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from rigcast.cli import app
 from rigcast.config import open_rig
-from rigcast.schema import rig_schema
+from rigcast.schema import dataset_schema, rig_schema
 from rigcast.starter import starter_rig
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -79,7 +79,9 @@ def test_the_shell_completes(words: str, expected: list[str]) -> None:
     assert all(word.startswith(words.rpartition(" ")[2]) for word in found)
 
 
-@pytest.mark.parametrize("command", ["init", "run", "check", "validate", "watch", "view", "presets", "schema", "bench"])
+@pytest.mark.parametrize(
+    "command", ["init", "run", "check", "validate", "watch", "view", "presets", "schema", "dataset", "bench"]
+)
 def test_help_has_examples(command: str) -> None:
     code, output = call(command, "--help")
     assert code == 0
@@ -159,6 +161,14 @@ def test_every_example_names_the_schema_and_keeps_to_it(path: Path) -> None:
     assert first.startswith("# yaml-language-server: $schema=")
     assert (path.parent / first.partition("=")[2]).resolve() == CONFIGS / "rig.schema.json"
     jsonschema.validate(YAML(typ="safe", pure=True).load(path), rig_schema())
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("datasets/*.yaml")), ids=lambda path: path.name)
+def test_every_data_set_names_its_schema_and_keeps_to_it(path: Path) -> None:
+    first, _, _ = path.read_text().partition("\n")
+    assert (path.parent / first.partition("=")[2]).resolve() == CONFIGS / "dataset.schema.json"
+    jsonschema.Draft202012Validator.check_schema(dataset_schema())
+    jsonschema.validate(YAML(typ="safe", pure=True).load(path), dataset_schema())
 
 
 SENSOR = "{name: a, type: lidar, mount: {}, elevation_deg: [0], columns: 4"

@@ -1,0 +1,144 @@
+"""`rigcast dataset`: a rig in many scenes and episodes, on one CPU or on a cluster."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.console import Console
+from rich.filesize import decimal
+from rich.markup import escape
+from rich.table import Table
+
+from rigcast.cli.kernels import word_if_compiling
+from rigcast.cli.options import Overrides
+from rigcast.cli.run import progress
+from rigcast.dataset.config import DatasetConfig, read_dataset
+from rigcast.dataset.engines import Engine, InProcess, Processes, Ray
+from rigcast.dataset.episode import Result
+from rigcast.dataset.generate import Done, Report, make_dataset, missing_units, warm_kernels
+from rigcast.dataset.manifest import MANIFEST_NAME
+from rigcast.dataset.reading import open_dataset
+from rigcast.sensors.errors import InputError
+
+_SHOWN = 20  # failed episodes that are listed on the terminal; the manifest has them all
+EngineName = Literal["in-process", "processes", "ray"]
+
+
+def dataset(
+    config: Annotated[Path, typer.Argument(help="the data set, a YAML file", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<config>]")] = None,
+    engine: Annotated[EngineName, typer.Option(help="where episodes are made")] = "in-process",
+    workers: Annotated[int | None, typer.Option(min=1, help="how many at a time  [default: one per CPU]")] = None,
+    address: Annotated[str | None, typer.Option(help="of a Ray cluster to join, such as auto; implies ray")] = None,
+    shard: Annotated[str | None, typer.Option(metavar="I/N", help="only the I-th of N parts, from 1 to N")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    verify: Annotated[bool, typer.Option("--verify", help="only compare what is there with its checksums")] = False,
+    overrides: Overrides = None,
+) -> None:
+    """Make a data set, or what is missing of it; the same command goes on after any interruption."""
+    console = Console(highlight=False)
+    folder = (Path("out") / config.stem if out is None else out).absolute()
+    if verify:
+        _verify(console, folder)
+        return
+    read = read_dataset(config, overrides or ())
+    part = _part(shard)
+    chosen = _engine("ray" if address is not None else engine, address, workers)
+    missing = missing_units(read, folder, part)
+    count = len(read.units()[part[0] - 1 :: part[1]])
+    say = f"{config}: {len(missing)} of {count} episodes to make, {chosen.workers} at a time, in {folder}"
+    console.print(escape(say), soft_wrap=True)
+    if missing:
+        with word_if_compiling(console):
+            warm_kernels(read, device)
+    with progress(console, max(1, len(missing)) * read.file.episodes.duration) as report:
+        reported = _counting(report, read.file.episodes.duration)
+        done = make_dataset(read, folder, chosen, device=device, part=part, report=reported)
+    _tell(console, read, folder, done, chosen.workers)
+    if done.manifest["failed"]:
+        raise typer.Exit(1)
+
+
+def _part(shard: str | None) -> tuple[int, int]:
+    """`"2/8"` as (2, 8)."""
+    if shard is None:
+        return 1, 1
+    numbers = shard.split("/")
+    if len(numbers) != 2 or not all(number.isdecimal() for number in numbers):
+        raise InputError(f"--shard: got {shard!r}, expected I/N, such as 1/8")
+    i, n = map(int, numbers)
+    if not 1 <= i <= n:
+        raise InputError(f"--shard: got {shard}, expected a part from 1/{n} to {n}/{n}")
+    return i, n
+
+
+def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
+    if name == "in-process":
+        return InProcess()
+    return Processes(workers) if name == "processes" else Ray(address, workers)
+
+
+def _counting(report: Callable[[float, int], None], duration: float) -> Report:
+    """What adds up the simulated time and the frames of results for a progress bar."""
+    time, frames = 0.0, 0
+
+    def add(result: Result) -> None:
+        nonlocal time, frames
+        time, frames = time + duration, frames + result.frames
+        report(time, frames)
+
+    return add
+
+
+def _verify(console: Console, folder: Path) -> None:
+    read = open_dataset(folder)
+    faults = read.verify()
+    for fault in faults:
+        console.print(escape(fault), soft_wrap=True)
+    shards = read.manifest["shards"]
+    files = sum(len(entry["files"]) for entry in shards)
+    words = f"{len(faults)} wrong" if faults else "all as they were written"
+    console.print(
+        escape(f"{folder}: {files} files of {len(shards)} episodes, {len(read)} frames, {words}"), soft_wrap=True
+    )
+    if faults:
+        raise typer.Exit(1)
+
+
+def _tell(console: Console, config: DatasetConfig, folder: Path, done: Done, workers: int) -> None:
+    manifest = done.manifest
+    console.print(_table(manifest["statistics"]))
+    for failure in manifest["failed"][:_SHOWN]:
+        where = f"{failure['scene']}, episode {failure['episode']}"
+        console.print(escape(f"failed: {where} (seed {failure['seed']}): {failure['reason']}"), soft_wrap=True)
+    size = sum(file["size"] for entry in manifest["shards"] for file in entry["files"].values())
+    have = f"{len(manifest['shards'])} of {len(config.units())} episodes, {decimal(size)}"
+    lacking = f"{len(manifest['failed'])} failed, {manifest['missing']} not made yet"
+    console.print(escape(f"{folder / MANIFEST_NAME}: {have}; {lacking}"), soft_wrap=True)
+    if done.episodes:
+        console.print(escape(_throughput(done, workers)), soft_wrap=True)
+
+
+def _table(statistics: dict[str, dict[str, Any]]) -> Table:
+    table = Table("sensor")
+    for column in ("frames", "rays", "hit", "range [m]"):
+        table.add_column(column, justify="right")
+    for name, one in statistics.items():
+        hits, rays, span = one["hits"], one["rays"], one["range"]
+        shown = "" if span is None else f"{span[0]:.2f} to {span[2]:.2f}, mean {span[1]:.2f}"
+        table.add_row(name, str(one["frames"]), str(rays), f"{100 * hits / max(1, rays):.0f} %", shown)
+    return table
+
+
+def _throughput(done: Done, workers: int) -> str:
+    """Frames and bytes a second, and what the workers' time went to: most of it is the limit."""
+    rates = f"{done.frames / done.seconds:.1f} frames/s, {decimal(int(done.size / done.seconds))}/s"
+    purposes = {"loading": done.spent.loading, "physics": done.spent.stepping, "casting": done.spent.sensing}
+    purposes |= {"writing": done.spent.writing}
+    purposes["waiting"] = max(0.0, workers * done.seconds - sum(purposes.values()))
+    shares = {name: 100 * seconds / (workers * done.seconds) for name, seconds in purposes.items()}
+    limit = max(shares, key=lambda name: shares[name])
+    listed = ", ".join(f"{name} {share:.0f} %" for name, share in shares.items())
+    made = f"{done.episodes} episodes in {done.seconds:.1f} s: {rates}"
+    return f"{made}; the limit is {limit} ({listed} of the workers' time)"

@@ -1,0 +1,169 @@
+"""Where episodes are made: here, in processes of this machine, or by Ray.
+
+An engine takes a function and units and gives out a result for every one, in any order. Closing its generator
+stops the work. A unit whose worker dies is tried again, by itself, so that only what kills its worker is given up.
+"""
+
+import multiprocessing
+import os
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from threading import Thread
+from typing import Any, Protocol
+
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.extras import load_extra
+from rigcast.sensors.threads import set_threads
+
+from .config import Unit
+from .episode import Result
+
+Make = Callable[[Unit], Result]
+Results = Generator[Result, None, None]
+
+_DIED = "its worker died, and died again when it was tried alone: killed, or out of memory"
+
+
+class Engine(Protocol):
+    """Makes episodes. workers: how many at a time."""
+
+    workers: int
+
+    def run(self, make: Make, units: Sequence[Unit]) -> Results:
+        """The result of every unit as it comes."""
+
+
+class InProcess:
+    """One episode after another, in this process, which may use all its CPUs for each."""
+
+    workers = 1
+
+    def run(self, make: Make, units: Sequence[Unit]) -> Results:
+        yield from map(make, units)
+
+
+class Processes:
+    """Processes of this machine, each with its share of the CPUs."""
+
+    def __init__(self, workers: int | None = None) -> None:
+        self.workers = workers or cpu_count()
+
+    def run(self, make: Make, units: Sequence[Unit]) -> Results:
+        waiting, suspects = deque(units), list[Unit]()
+        while waiting:
+            running: dict[Future[Result], Unit] = {}
+            try:
+                with _pool(self.workers) as pool:
+                    yield from _results(pool, self.workers, make, waiting, running)
+            except BrokenProcessPool:
+                suspects += running.values()
+        for unit in suspects:
+            yield _alone(make, unit)
+
+
+def _results(
+    pool: ProcessPoolExecutor, most: int, make: Make, waiting: deque[Unit], running: dict[Future[Result], Unit]
+) -> Iterator[Result]:
+    """The results of the units that wait; which of them are under way is in `running`."""
+    while waiting or running:
+        while waiting and len(running) < most:
+            running[pool.submit(make, waiting[0])] = waiting[0]
+            waiting.popleft()
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            result = future.result()
+            del running[future]
+            yield result
+
+
+def _alone(make: Make, unit: Unit) -> Result:
+    try:
+        with _pool(1) as pool:
+            return pool.submit(make, unit).result()
+    except BrokenProcessPool:
+        return Result(unit, _DIED)
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Fresh interpreters: a fork of a process with Warp's and MuJoCo's threads may hang."""
+    before = set(multiprocessing.active_children())
+    threads = max(1, cpu_count() // workers)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin, (threads,))
+    try:
+        yield pool
+    except BaseException:  # do not wait for episodes that nobody wants any more
+        for process in set(multiprocessing.active_children()) - before:
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _begin(threads: int) -> None:
+    """Make a process a worker, which ends with the process that started it, however that ends."""
+    set_threads(threads)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+class Ray:
+    """Workers of a Ray cluster, or of one that is started on this machine for as long as it takes.
+
+    All machines must see the data set's files and folder under the same paths.
+
+    Args:
+        address: of the cluster, "auto" for the one that this machine belongs to; None starts one.
+        workers: one CPU each; None: as many as the cluster has CPUs.
+
+    Raises:
+        InputError: Ray is not installed, or there is no cluster at the address.
+    """
+
+    def __init__(self, address: str | None = None, workers: int | None = None) -> None:
+        self._ray: Any = load_extra("the engine ray", "ray", "cluster")
+        how: dict[str, Any] = {"address": address}
+        if address is None:
+            # a small store: only the results, of some hundred bytes each, pass through it
+            how = {"num_cpus": workers or cpu_count(), "object_store_memory": 200e6, "include_dashboard": False}
+        try:
+            self._ray.init(log_to_driver=False, logging_level="error", **how)
+        except ConnectionError as error:
+            raise InputError(f"--address: no Ray cluster at {address!r}: {error}") from None
+        self.workers = workers or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+
+    def run(self, make: Make, units: Sequence[Unit]) -> Results:
+        remote = self._ray.remote(num_cpus=1, max_retries=2)(_with_one_thread)
+        waiting, running = deque(units), dict[Any, Unit]()
+        try:
+            while waiting or running:
+                while waiting and len(running) < 2 * self.workers:  # one is on its way while one is made
+                    running[remote.remote(make, waiting[0])] = waiting[0]
+                    waiting.popleft()
+                (done, *_), _ = self._ray.wait(list(running), num_returns=1)
+                unit = running.pop(done)
+                try:
+                    result = self._ray.get(done)
+                except self._ray.exceptions.WorkerCrashedError:
+                    result = Result(unit, "its worker died three times: killed, or out of memory")
+                yield result
+        finally:
+            self._ray.shutdown()
+
+
+def _with_one_thread(make: Make, unit: Unit) -> Result:
+    set_threads(1)
+    return make(unit)
+
+
+def cpu_count() -> int:
+    """CPUs that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

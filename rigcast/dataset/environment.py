@@ -1,0 +1,63 @@
+"""What the bits of a frame depend on beside the data set itself: versions, the device, and how kernels are compiled."""
+
+import platform
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+import warp as wp
+
+from rigcast.quiet import quiet_warp
+from rigcast.sensors.errors import InputError
+
+from .file import DatasetFile
+
+_PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "pillow")
+_FORMAT_PACKAGES = {"npz": (), "zarr": ("zarr", "numcodecs"), "exr": ("openexr",)}
+_NATIVE = "-march=native"
+
+
+def prepare_warp(portable: bool) -> None:
+    """Keep Warp quiet and, for a portable data set, let it compile for no CPU in particular.
+
+    To be called before the first kernel is loaded. Raises InputError where Warp has no such choice.
+    """
+    quiet_warp()
+    if not portable:
+        return
+    if not hasattr(wp.config, "cpu_compiler_flags"):
+        raise InputError(
+            f"portable: warp-lang {wp.__version__} compiles for the CPU at hand only, expected a newer one"
+        )
+    wp.config.cpu_compiler_flags = (wp.config.cpu_compiler_flags or "").replace(_NATIVE, "").strip()
+
+
+def environment(file: DatasetFile, device: str | None) -> dict[str, str]:
+    """Versions, device and compiler flags as plain values; frames are only promised to be the same where these are."""
+    packages = (
+        *_PACKAGES,
+        *_FORMAT_PACKAGES[file.output.format],
+        *(_FORMAT_PACKAGES["exr"] if file.output.exr else ()),
+    )
+    place = wp.get_device(device)
+    machine = platform.machine() if file.portable else f"{platform.machine()} {_cpu_name()}"
+    flags = getattr(wp.config, "cpu_compiler_flags", None)
+    made_with = {name: _version(name) for name in packages}
+    return made_with | {
+        "device": machine if place.is_cpu else place.name,
+        "cpu_compiler_flags": _NATIVE if flags is None else flags,
+    }
+
+
+@cache  # each takes some milliseconds
+def _version(package: str) -> str:
+    return version(package)
+
+
+def _cpu_name() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()

@@ -1,0 +1,147 @@
+"""One episode, from its seed to its shard: what a worker of any engine does."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import mujoco
+
+from rigcast.config import compile_model, open_rig
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.rig.rig import Rig
+from rigcast.simulation import Spent, initial_data
+
+from .config import DatasetConfig, Unit
+from .controllers import stepper
+from .environment import environment, prepare_warp
+from .randomise import draw_poses, draw_rig, place_bodies
+from .shards import Shard, appearing, model_digest
+
+
+@dataclass(frozen=True)
+class Job:
+    """What all episodes of a data set have in common. made_with: what `environment` says where the job began."""
+
+    config: DatasetConfig
+    folder: Path
+    device: str | None
+    made_with: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of an episode.
+
+    failed: why there is no shard, None where there is. stops: whether others would fail like it.
+    """
+
+    unit: Unit
+    failed: str | None = None
+    stops: bool = False
+    frames: int = 0
+    size: int = 0
+    spent: Spent = field(default_factory=Spent)
+
+
+def make_episode(job: Job, unit: Unit) -> Result:
+    """Run one episode and write its shard; whatever goes wrong is told in the result."""
+    try:
+        return _made(job, unit)
+    except OSError as error:
+        return Result(unit, f"{job.folder} cannot be written: {error.strerror or error}", stops=True)
+    except Exception as error:  # a user's functions may raise anything
+        reason = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+        return Result(unit, reason)
+
+
+def _made(job: Job, unit: Unit) -> Result:
+    began = perf_counter()
+    prepare_warp(job.config.file.portable)
+    _require_same_environment(job)
+    job.config.require_same_sources()
+    episode = open_episode(job.config, unit, job.device)
+    spent = Spent(loading=perf_counter() - began)
+    first = unit.number == 0
+    with appearing(job.folder, unit.name) as folder:
+        shard = Shard(folder, episode.rig, episode.classes, job.config.file.output, pictured=first)
+        try:
+            _simulate(episode, shard, spent)
+            writing = perf_counter()
+            entry = shard.finish(episode.about)
+        except BaseException:
+            shard.close()
+            raise
+    spent.writing += perf_counter() - writing
+    frames = sum(sensor["frames"] for sensor in entry["sensors"].values())
+    return Result(unit, frames=frames, size=sum(file["size"] for file in entry["files"].values()), spent=spent)
+
+
+@dataclass(frozen=True)
+class Episode:
+    """An episode about to begin. step: takes `data` one timestep further. about: its provenance, as plain values."""
+
+    rig: Rig
+    data: mujoco.MjData
+    steps: int
+    step: Callable[[], None]
+    classes: Any
+    about: dict[str, Any]
+
+
+def open_episode(config: DatasetConfig, unit: Unit, device: str | None) -> Episode:
+    """The model, the rig and the first state of an episode, with all that is drawn for it.
+
+    Raises InputError where the scene does not compile or does not fit the rig.
+    """
+    file = config.file
+    model = _compile(config, unit)
+    scene_hash = model_digest(model)
+    values, poses = draw_rig(file.randomise, unit.seed), draw_poses(file.randomise, unit.seed)
+    rig_config, _ = open_rig(config.rig, model, [f"{key}={value!r}" for key, value in values.items()])
+    data = initial_data(model, rig_config.keyframe)
+    place_bodies(model, data, poses)
+    rig = rig_config.build(model, device, unit.seed)
+    about = {
+        "scene": unit.scene,
+        "episode": unit.number,
+        "seed": unit.seed,
+        "scene_sha256": scene_hash,
+        "rig": values,
+        "poses": poses,
+    }
+    steps = max(1, round(file.episodes.duration / float(model.opt.timestep)))
+    return Episode(rig, data, steps, stepper(config, model, data, unit.seed), rig_config.classes, about)
+
+
+def _simulate(episode: Episode, shard: Shard, spent: Spent) -> None:
+    for _ in range(episode.steps):
+        start = perf_counter()
+        episode.step()
+        stepped = perf_counter()
+        frames = list(episode.rig.step(episode.data))
+        sensed = perf_counter()
+        for frame in frames:
+            shard.write(frame)
+        spent.stepping += stepped - start
+        spent.sensing += sensed - stepped
+        spent.writing += perf_counter() - sensed
+
+
+def _compile(config: DatasetConfig, unit: Unit) -> mujoco.MjModel:
+    scene = config.scene(unit.scene)
+    if scene.file is not None:
+        return compile_model(config.folder / scene.file)
+    assert scene.python is not None
+    model = config.call(scene.python, unit.seed)
+    if not isinstance(model, mujoco.MjModel):
+        raise InputError(f"{scene.python}: got {type(model).__name__}, expected an MjModel")
+    return model
+
+
+def _require_same_environment(job: Job) -> None:
+    here = environment(job.config.file, job.device)
+    other = [f"{key} {here.get(key)} for {value}" for key, value in job.made_with.items() if here.get(key) != value]
+    if other:
+        raise InputError(f"this worker is of another kind than where the job began: got {', '.join(other)}")

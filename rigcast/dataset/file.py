@@ -1,0 +1,138 @@
+"""What may stand in the file of a data set."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from rigcast.sensors.specs.spec import Spec
+
+Name = Annotated[str, Field(pattern="^[A-Za-z0-9_-]+$", max_length=64)]
+FunctionName = Annotated[str, Field(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")]
+
+
+class SceneSource(Spec):
+    """Where the model of an episode comes from: a file, or a function that makes one from the episode's seed."""
+
+    name: Name = Field(description="name of the scene, of its shards' folder")
+    file: str | None = Field(default=None, description="MJCF, URDF or MJB; a path relative to this file")
+    python: FunctionName | None = Field(
+        default=None,
+        description="module:function, called with the episode's seed, returns an MjModel; may be beside this file",
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "SceneSource":
+        if (self.file is None) == (self.python is None):
+            raise ValueError(f"give one of file and python, got {'none' if self.file is None else 'both'}")
+        return self
+
+
+class Passive(Spec):
+    """Physics without anybody at the controls: `ctrl` stays as the rig's keyframe has it."""
+
+    type: Literal["passive"] = "passive"
+
+
+class RandomActions(Spec):
+    """Every actuator at random within its `ctrlrange`, or -1 to 1 where it has none."""
+
+    type: Literal["random"]
+    hold: float = Field(default=0.1, gt=0, description="time for which an action is held [s]")
+
+
+class RecordedMotion(Spec):
+    """Recorded positions played back, without physics; between two rows joints move evenly."""
+
+    type: Literal["recorded"]
+    file: str = Field(description="NPY file of (rows, nq) numbers, a qpos in each row; a path relative to this file")
+    rate_hz: float = Field(gt=0, description="rows per second [Hz]")
+
+
+class UserController(Spec):
+    """A controller of the user's own."""
+
+    type: Literal["python"]
+    function: FunctionName = Field(
+        description="module:function, called with the MjModel and the episode's seed once, returns what is called with "
+        "the MjData before every step"
+    )
+
+
+Controller = Annotated[
+    Passive | RandomActions | RecordedMotion | UserController, Field(discriminator="type", title="Controller")
+]
+
+
+class Episodes(Spec):
+    """How often each scene is run, for how long, and who is at the controls."""
+
+    count: int = Field(ge=1, le=10**8, description="episodes of each scene")
+    duration: float = Field(gt=0, description="simulated time of an episode [s]")
+    controller: Controller = Field(default=Passive(), description="what moves the robot")
+
+
+class PoseRange(Spec):
+    """How far a body may stand from where the model, or the rig's keyframe, puts it."""
+
+    pos: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="at most so far to either side along x, y, z of its parent [m]"
+    )
+    euler_deg: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="at most so far turned either way about fixed x, y, z of its parent [deg]"
+    )
+
+
+class Randomise(Spec):
+    """What differs from one episode to the next, evenly distributed, by the episode's seed."""
+
+    poses: Mapping[str, PoseRange] = Field(default={}, description="by the name of a body, how far it may be moved")
+    rig: Mapping[str, Sequence[float]] = Field(
+        default={},
+        description="by the key of any number in the rig, as --set takes it, the range [low, high] that it is drawn "
+        "from: sensors.top.noise.range_std, sensors.*.weather.rain_rate, surfaces[0].reflectivity",
+    )
+
+    @field_validator("rig")
+    @classmethod
+    def _ranges(cls, ranges: Mapping[str, Sequence[float]]) -> Mapping[str, Sequence[float]]:
+        for key, numbers in ranges.items():
+            if len(numbers) != 2 or not all(map(math.isfinite, numbers)) or numbers[0] > numbers[1]:
+                raise ValueError(f"{key}: must be [low, high], got {list(numbers)}")
+        return ranges
+
+
+class Output(Spec):
+    """How shards are written."""
+
+    format: Literal["npz", "zarr"] = Field(
+        default="npz", description="npz: as it is, fastest to read; zarr: compressed, needs the extra zarr"
+    )
+    exr: bool = Field(default=False, description="write the frames of depth cameras as EXR too")
+
+
+class DatasetFile(Spec):
+    """A data set: a rig in scenes, and what happens there."""
+
+    rig: str = Field(description="the rig, a YAML file; a path relative to this file")
+    scenes: tuple[SceneSource, ...] = Field(
+        description="the models that the rig is mounted on, in place of the rig's own",
+        json_schema_extra={"minItems": 1},
+    )
+    episodes: Episodes = Field(description="what happens in each scene")
+    randomise: Randomise = Field(default=Randomise(), description="what differs from one episode to the next")
+    seed: int = Field(default=0, ge=0, lt=2**63, description="seed of all random numbers, in place of the rig's own")
+    output: Output = Field(default=Output(), description="how shards are written")
+    portable: bool = Field(
+        default=False,
+        description="compile for any CPU of the architecture in place of the one at hand, so that all machines of a "
+        "mixed cluster run the same code",
+    )
+
+    @field_validator("scenes")
+    @classmethod
+    def _some(cls, scenes: tuple[SceneSource, ...]) -> tuple[SceneSource, ...]:
+        if not scenes:
+            raise ValueError("must have at least 1 scene, got none")
+        return scenes

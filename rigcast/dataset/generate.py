@@ -1,0 +1,100 @@
+"""Making a data set: what is missing, by an engine, into a folder; whatever ends it, what is finished stays."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from rigcast.sensors.errors import InputError
+from rigcast.simulation import Spent
+
+from .config import DatasetConfig, Unit
+from .engines import Engine
+from .environment import environment, prepare_warp
+from .episode import Job, Result, make_episode, open_episode
+from .manifest import begin, is_finished, note_failure, write_manifest
+from .shards import sweep
+
+Report = Callable[[Result], None]
+
+
+@dataclass
+class Done:
+    """What one call has made: episodes, frames and bytes, wall-clock seconds, and those of all workers by purpose."""
+
+    episodes: int = 0
+    frames: int = 0
+    size: int = 0
+    seconds: float = 0.0
+    spent: Spent = field(default_factory=Spent)
+    manifest: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, result: Result) -> None:
+        self.episodes += result.failed is None
+        self.frames += result.frames
+        self.size += result.size
+        for purpose, seconds in vars(result.spent).items():
+            setattr(self.spent, purpose, getattr(self.spent, purpose) + seconds)
+
+
+def missing_units(config: DatasetConfig, folder: Path, part: tuple[int, int] = (1, 1)) -> list[Unit]:
+    """The episodes of part i of n that have no shard yet."""
+    i, n = part
+    return [unit for unit in config.units()[i - 1 :: n] if not is_finished(folder, unit)]
+
+
+def make_dataset(
+    config: DatasetConfig,
+    folder: Path,
+    engine: Engine,
+    *,
+    device: str | None = None,
+    part: tuple[int, int] = (1, 1),
+    report: Report = lambda _result: None,
+) -> Done:
+    """Make every episode that has no shard in `folder` yet, and write the manifest.
+
+    part: (i, n), only every n-th episode from the i-th on, for jobs that share a folder. report: called with every
+    result as it comes.
+
+    Raises:
+        InputError: the folder holds another data set, or cannot be written, as when the disk is full. Shards that
+            are finished stay, and the same call goes on from there.
+    """
+    prepare_warp(config.file.portable)
+    made_with = environment(config.file, device)
+    begin(config, folder, made_with)
+    units = missing_units(config, folder, part)
+    done, began = Done(), perf_counter()
+    results = engine.run(partial(make_episode, Job(config, folder, device, made_with)), units)
+    try:
+        for result in results:
+            if result.stops:
+                raise InputError(f"{result.failed}; the episodes that are finished are in {folder}")
+            note_failure(folder, result.unit, result.failed)
+            done.add(result)
+            report(result)
+    except BaseException:
+        results.close()
+        sweep(folder, [unit.name for unit in units])
+        with suppress(InputError):  # on a full disk the manifest stays as it was, and the next call renews it
+            write_manifest(config, folder, made_with)
+        raise
+    sweep(folder, [unit.name for unit in units])
+    done.seconds = perf_counter() - began
+    done.manifest = write_manifest(config, folder, made_with)
+    return done
+
+
+def warm_kernels(config: DatasetConfig, device: str | None) -> None:
+    """Cast once with every sensor in the first scene that there is, so that workers find the kernels compiled."""
+    prepare_warp(config.file.portable)
+    for unit in config.units():
+        if unit.number == 0:
+            with suppress(InputError):  # what does not compile fails as an episode, with its reason
+                episode = open_episode(config, unit, device)
+                episode.rig.sense(episode.data)
+                return

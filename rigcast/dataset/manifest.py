@@ -1,0 +1,133 @@
+"""dataset.json: what a data set holds, how it was made, and what is missing.
+
+`config`, `scenes`, `sources` (SHA-256 of the files that it follows from) and `made_with` (versions, device, compiler
+flags) are the data set's; `shards` has the entry of every finished episode: `scene`, `episode`, `seed`,
+`scene_sha256` of the compiled model, the values drawn for `rig` and `poses`, for each of `sensors` its frames' times
+and statistics, and `files` with sizes and checksums. `failed` has the other episodes that were tried, with reasons;
+`missing` is how many have neither. `statistics` by sensor: frames, rays, hits and [least, mean, most] range [m].
+
+The manifest is made from what is in the folder, so it can be made again at any time, by any of the jobs that share it.
+"""
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from rigcast.export.files import make_writable, replacing
+from rigcast.sensors.errors import InputError
+
+from .config import DatasetConfig, Unit
+from .shards import ENTRY_NAME
+from .statistics import combined
+
+MANIFEST_NAME = "dataset.json"
+FORMAT = "rigcast dataset 1"
+_FAILED_NAME = "failed"
+
+
+def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> None:
+    """Make the folder ready, or see that what it holds is of this very data set.
+
+    Raises InputError for a folder that cannot be written, or that holds another data set.
+    """
+    make_writable(folder)
+    path = folder / MANIFEST_NAME
+    if path.is_file():
+        _require_same(path, read_manifest(folder), {**config.identity(), "made_with": made_with})
+    write_manifest(config, folder, made_with)
+
+
+def is_finished(folder: Path, unit: Unit) -> bool:
+    """Whether the shard of an episode is there."""
+    return (folder / unit.name / ENTRY_NAME).is_file()
+
+
+def note_failure(folder: Path, unit: Unit, reason: str | None) -> None:
+    """Remember why an episode has no shard; None: it has one."""
+    path = folder / _FAILED_NAME / f"{unit.name}.json"
+    if reason is None:
+        path.unlink(missing_ok=True)
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps({**_about(unit), "reason": reason}))
+
+
+def write_manifest(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> dict[str, Any]:
+    """Write dataset.json for what is in the folder now, and return it."""
+    while True:
+        manifest = _collected(config, folder, made_with)
+        with replacing(folder / MANIFEST_NAME) as temporary:
+            temporary.write_text(json.dumps(manifest))
+        # another job may have finished a shard, and written its manifest, since this one looked
+        if _collected(config, folder, made_with) == manifest:
+            _remove_if_empty(folder / _FAILED_NAME)
+            return manifest
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of the data set in a folder. Raises InputError where there is none."""
+    path = folder / MANIFEST_NAME
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not the manifest of a data set: {error}") from None
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise InputError(f"{path}: not the manifest of a data set: expected format {FORMAT!r}")
+    return manifest
+
+
+def _collected(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> dict[str, Any]:
+    units = config.units()
+    shards = list(_entries(folder / unit.name / ENTRY_NAME for unit in units))
+    failed = list(
+        _entries(folder / _FAILED_NAME / f"{unit.name}.json" for unit in units if not is_finished(folder, unit))
+    )
+    return {
+        "format": FORMAT,
+        **config.identity(),
+        "made_with": made_with,
+        "statistics": combined(shards),
+        "previews": [f"{_place(entry)}/{name}" for entry in shards for name in entry["files"] if _is_preview(name)],
+        "missing": len(units) - len(shards) - len(failed),
+        "failed": failed,
+        "shards": shards,
+    }
+
+
+def _entries(paths: Iterator[Path]) -> Iterator[dict[str, Any]]:
+    for path in paths:
+        if path.is_file():
+            yield json.loads(path.read_text(encoding="utf-8"))
+
+
+def _is_preview(name: str) -> bool:
+    return name.endswith(".png") and "/" not in name
+
+
+def _place(entry: Mapping[str, Any]) -> str:
+    return Unit(entry["scene"], entry["episode"], entry["seed"]).name
+
+
+def _about(unit: Unit) -> dict[str, Any]:
+    return {"scene": unit.scene, "episode": unit.number, "seed": unit.seed}
+
+
+def _require_same(path: Path, stored: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """More scenes and episodes may come; whatever the frames that are there follow from must be as it was."""
+    differences = [
+        f"{part}.{key}: got {given[part][key]!r:.200}, there it was {was!r:.200}"
+        for part in ("config", "scenes", "sources", "made_with")
+        for key, was in stored[part].items()
+        if key in given[part] and given[part][key] != was
+    ]
+    if differences:
+        lines = "\n".join(f"  {line}" for line in differences)
+        raise InputError(f"{path.parent} holds another data set, expected an empty folder or the same one:\n{lines}")
+
+
+def _remove_if_empty(folder: Path) -> None:
+    if folder.is_dir() and not any(path.is_file() for path in folder.rglob("*")):
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,58 @@
+"""What is drawn for an episode: numbers of the rig, and where bodies stand. Each follows from the seed and a name."""
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.names import expected_one_of, model_names
+from rigcast.sensors.rig.schedule import uniform
+
+from .file import PoseRange, Randomise
+
+
+def draw_rig(randomise: Randomise, seed: int) -> dict[str, float]:
+    """Values for the rig by their keys, each even between its ends."""
+    return {key: low + (high - low) * uniform((seed, f"rig {key}"), 0, 0) for key, (low, high) in randomise.rig.items()}
+
+
+def draw_poses(randomise: Randomise, seed: int) -> dict[str, list[float]]:
+    """By the name of a body, how it is moved: x, y, z [m] and angles about fixed x, y, z [deg]."""
+    return {name: _offset(name, limits, seed) for name, limits in randomise.poses.items()}
+
+
+def place_bodies(model: mujoco.MjModel, data: mujoco.MjData, offsets: Mapping[str, list[float]]) -> None:
+    """Move bodies: those with a free joint or mocap bodies in `data`, others in `model`, before a rig is built on it.
+
+    Raises InputError for a body that the model does not have.
+    """
+    for name, offset in offsets.items():
+        body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+        if body <= 0:
+            names = model_names(model, mujoco.mjtObj.mjOBJ_BODY, model.nbody)[1:]
+            raise InputError(f"randomise.poses: no body {name!r} that can be moved, {expected_one_of(name, names)}")
+        pos, quat = _pose_of(model, data, body)
+        pos += offset[:3]
+        turn = np.zeros(4)
+        mujoco.mju_euler2Quat(turn, np.deg2rad(offset[3:]), "XYZ")  # capitals: about fixed axes
+        mujoco.mju_mulQuat(quat, turn, quat.copy())
+
+
+def _offset(name: str, limits: PoseRange, seed: int) -> list[float]:
+    most = (*limits.pos, *limits.euler_deg)
+    return [limit * (2 * uniform((seed, f"pose {name}"), 0, k) - 1) for k, limit in enumerate(most)]
+
+
+def _pose_of(
+    model: mujoco.MjModel, data: mujoco.MjData, body: int
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], np.ndarray[tuple[int], np.dtype[np.float64]]]:
+    """Views of a body's position (3,) and quaternion (4,), wherever MuJoCo keeps them."""
+    mocap = model.body_mocapid[body]
+    if mocap >= 0:
+        return data.mocap_pos[mocap], data.mocap_quat[mocap]
+    joint = model.body_jntadr[body]
+    if joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+        address = model.jnt_qposadr[joint]
+        return data.qpos[address : address + 3], data.qpos[address + 3 : address + 7]
+    return model.body_pos[body], model.body_quat[body]

@@ -1,0 +1,77 @@
+"""What the file of a data set may say, and where its mistakes are shown."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigcast.dataset.config import read_dataset
+from rigcast.sensors.errors import InputError
+
+from .small_datasets import controlled_by, edited
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "message"),
+    [
+        ("seed: 3", "sed: 3", "set.yaml:9:1", "unknown key 'sed'"),
+        ("rig: rig.yaml", "rig: none.yaml", "set.yaml:1:6", "none.yaml is not a file"),
+        ("file: room.xml", "file: none.xml", "set.yaml:3:24", "none.xml is not a file"),
+        ("{name: made,", "{name: room,", "set.yaml:3:12", "'room' is the name of something else too"),
+        ("{name: made,", "{name: failed,", "set.yaml:4:12", "'failed' is the name of something else too"),
+        ("{name: made,", "{name: made, file: room.xml,", "set.yaml:4:5", "give one of file and python, got both"),
+        (":room", ":rom", "set.yaml:4:26", "has no attribute 'rom'"),
+        (":push", ":number", "set.yaml:5:74", "got int, expected a function"),
+        ("duration: 0.1", "duration: 0", "set.yaml:5:32", "must be greater than 0"),
+        ("type: python, function", "type: pythn, function", "set.yaml:5:56", "unknown type 'pythn'"),
+        ("[0, 0.05]", "[0.05, 0]", "set.yaml:8:8", "sensors.top.noise.range_std: must be [low, high], got [0.05, 0.0]"),
+        ("range_std: [0", "range_std: [-1", "set.yaml:8:8", "with the lowest values: --set:1:"),
+        ("dropout: [0, 0.5]", "drop: [0, 0.5]", "set.yaml:8:8", "did you mean 'dropout'?"),
+        ("count: 2", "count: 0", "set.yaml:5:19", "must be greater than or equal to 1"),
+    ],
+)
+def test_a_mistake_is_shown_where_it_is(path: Path, old: str, new: str, place: str, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_dataset(edited(path, old, new))
+    assert str(caught.value).startswith(str(path.parent / place)), str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_mistakes_are_shown_all_at_once(path: Path) -> None:
+    edited(path, "file: room.xml", "file: none.xml")
+    edited(path, ":room", ":rom")
+    with pytest.raises(InputError) as caught:
+        read_dataset(path)
+    assert str(caught.value).count("set.yaml:") == 2
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (None, "No such file"),
+        (np.zeros(8), "got an array of shape (8,)"),
+        (np.full((9, 8), np.nan), "finite numbers"),
+        (np.zeros((5, 8)), "got 0.1 s, but the motion lasts 0.08 s"),
+    ],
+)
+def test_a_recorded_motion_must_be_one(path: Path, rows: np.ndarray | None, message: str) -> None:
+    if rows is not None:
+        np.save(path.parent / "walk.npy", rows)
+    controlled_by(path, "type: recorded, file: walk.npy, rate_hz: 50")
+    with pytest.raises(InputError) as caught:
+        read_dataset(path)
+    assert message in str(caught.value)
+
+
+def test_values_are_set_from_the_shell(path: Path) -> None:
+    config = read_dataset(path, ["episodes.count=5", "scenes.made.name=other"])
+    assert [unit.name for unit in config.units()] == [f"{name}/{k:06d}" for name in ("room", "other") for k in range(5)]
+
+
+def test_the_seed_of_an_episode_depends_on_no_other(path: Path) -> None:
+    seeds = {unit.name: unit.seed for unit in read_dataset(path).units()}
+    more = {unit.name: unit.seed for unit in read_dataset(path, ["episodes.count=9"]).units()}
+    assert len(set(more.values())) == 18
+    assert {name: more[name] for name in seeds} == seeds
+    others = {unit.seed for unit in read_dataset(path, ["seed=4"]).units()}
+    assert others.isdisjoint(more.values())
