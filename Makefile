@@ -25,6 +25,7 @@ pictures: .venv/installed
 	$(BIN)/python examples/sensor_effects.py docs/sensors
 	$(BIN)/python examples/lidar_effects.py docs/sensors
 	$(BIN)/python examples/lidar_weather.py docs/sensors
+	$(BIN)/python examples/motion_effects.py docs/sensors
 
 test: .venv/installed
 	$(BIN)/python -m pytest -n $(JOBS)

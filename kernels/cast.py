@@ -1,4 +1,4 @@
-"""The cast: rays that stand in a frame, through the geometry, to hits."""
+"""The cast: the rays of a sensor, through the geometry, to hits."""
 
 from dataclasses import dataclass
 
@@ -9,28 +9,13 @@ from .hits import NO_SHAPE, Hit, WorldRay, place_of
 from .launch import TURN, launch_over_rays, launch_over_tiles, thread_count
 from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, int_lanes, world_ray
 from .packets.places import Places, places_on_shape
-from .packets.sorting import Packets
 from .packets.tile import cast_tile, clear_packet
+from .poses import first_of_world, moment_of, world_of
 from .ray import cast_ray
+from .rays import RayArrays, Rays, direction_of, firing_of, fraction_of, origin_of, span_of
 from .vectors import lowest_bit, to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
-
-
-@dataclass(frozen=True)
-class Rays:
-    """Rays in a frame, as Warp arrays on one device.
-
-    directions: (n,) vec3d, unit. origins: (n,) vec3d [m], or (1,) for all rays.
-    position, rotation: (1,) vec3d [m] and mat33d, the frame's pose in the world; columns are its axes.
-    packets: the same rays sorted, on the CPU, where they have one origin; None to cast each alone.
-    """
-
-    directions: wp.array
-    origins: wp.array
-    position: wp.array
-    rotation: wp.array
-    packets: Packets | None = None
 
 
 @dataclass(frozen=True)
@@ -114,21 +99,21 @@ def cast_rays(
     g: Geometry,
     visible: wp.array[wp.bool],
     # rays:
-    which: wp.array[int],  # empty for all
-    directions: wp.array[wp.vec3d],
-    origins: wp.array[wp.vec3d],
-    position: wp.array[wp.vec3d],
-    rotation: wp.array[wp.mat33d],
+    which: wp.array[int],  # of each world; empty for all
+    rays: RayArrays,
     limit: float,
     cull: int,
     out: Out,
 ) -> None:
     i = first + wp.tid()
     if which.shape[0] > 0:
-        i = which[i]
+        i = i / which.shape[0] * rays.count + which[i % which.shape[0]]
+    firing = firing_of(rays, i)
+    rotation = rays.rotation[firing]
     ray = WorldRay()
-    ray.origin = position[0] + rotation[0] * origins[wp.min(i, origins.shape[0] - 1)]
-    ray.direction = rotation[0] * directions[i]
+    ray.origin = rays.position[firing] + rotation * origin_of(rays, i)
+    ray.direction = rotation * direction_of(rays, i)
+    ray.when = moment_of(g, span_of(rays, firing), fraction_of(rays, firing))
     ray.limit = limit
     ray.cull = cull
     if is_castable(ray):
@@ -142,7 +127,7 @@ def miss_packet(out: Out, rays: TileRays, k: int, distance: float) -> None:
     for lane in range(LANES):
         i = rays.packets[rays.first_packet + k].ray[lane]
         if i >= 0:
-            write_miss(out, i, distance)
+            write_miss(out, rays.first_ray + i, distance)
 
 
 @wp.func
@@ -164,13 +149,13 @@ def write_packet(g: Geometry, out: Out, rays: TileRays, k: int) -> None:
         if shape == NO_SHAPE:
             for lane in range(LANES):
                 if same & (1 << lane) != 0:
-                    write_miss(out, numbers[lane], wp.inf)
+                    write_miss(out, rays.first_ray + numbers[lane], wp.inf)
         else:
-            write_places(out, numbers, same, shape, places_on_shape(g, rays, slot, shape), rays.limit)
+            write_places(out, rays, numbers, same, shape, places_on_shape(g, rays, slot, shape))
 
 
 @wp.func
-def write_places(out: Out, numbers: int_lanes, which: int, shape: int, places: Places, limit: float) -> None:
+def write_places(out: Out, rays: TileRays, numbers: int_lanes, which: int, shape: int, places: Places) -> None:
     """Write the places of those rays of a packet which hit one shape."""
     distance = places.distance
     face = places.face
@@ -180,7 +165,7 @@ def write_places(out: Out, numbers: int_lanes, which: int, shape: int, places: P
     for lane in range(LANES):
         if which & (1 << lane) != 0:
             normal = wp.vec3(x[lane], y[lane], z[lane])
-            write_place(out, numbers[lane], shape, distance[lane], face[lane], normal, limit)
+            write_place(out, rays.first_ray + numbers[lane], shape, distance[lane], face[lane], normal, rays.limit)
 
 
 @wp.func
@@ -193,15 +178,15 @@ def tile_of_thread(thread: int, threads: int, i: int) -> int:
 def cast_packets(
     thread: int,
     threads: int,
+    worlds: int,
     # scene:
     g: Geometry,
     visible: wp.array[wp.bool],
     # rays:
     tiles: wp.array[Tile],
     packets: wp.array[Packet],
-    origins: wp.array[wp.vec3d],
-    position: wp.array[wp.vec3d],
-    rotation: wp.array[wp.mat33d],
+    firing_of_tile: wp.array[int],  # empty where there is one firing
+    own: RayArrays,
     limit: float,
     cull: int,
     # scratch:
@@ -209,16 +194,25 @@ def cast_packets(
     world_directions: wp.array[Directions],
     out: Out,
 ) -> None:
-    """The tiles of one of so many threads, one after the other."""
+    """The tiles of one of so many threads, one after the other, world after world."""
     index = tile_of_thread(thread, threads, wp.tid())
-    if index >= tiles.shape[0]:
+    if index >= worlds * tiles.shape[0]:
         return
+    world = index / tiles.shape[0]
+    index = index % tiles.shape[0]
+    firing = world * own.firings
+    if firing_of_tile.shape[0] > 0:
+        firing += firing_of_tile[index]
+    rotation = own.rotation[firing]
     rays = TileRays()
     rays.tile = tiles[index]
-    rays.origin = position[0] + rotation[0] * origins[0]
-    rays.axis = rotation[0] * rays.tile.axis
-    rays.u = rotation[0] * rays.tile.u
-    rays.v = rotation[0] * rays.tile.v
+    rays.origin = own.position[firing] + rotation * own.origins[0]
+    rays.axis = rotation * rays.tile.axis
+    rays.u = rotation * rays.tile.u
+    rays.v = rotation * rays.tile.v
+    rays.when = moment_of(g, span_of(own, firing), fraction_of(own, firing))
+    rays.first_visible = first_of_world(visible.shape[0], g.kind.shape[0], world_of(g, rays.when.span))
+    rays.first_ray = world * own.count
     rays.limit = limit
     rays.cull = cull
     rays.visible = visible
@@ -228,7 +222,7 @@ def cast_packets(
     rays.best = best
     rays.directions = world_directions
     for k in range(PACKETS):
-        clear_packet(rays, k, rotation[0])
+        clear_packet(rays, k, rotation)
     is_sound = is_castable(world_ray(rays, rays.first_slot, 0))
     if is_sound:
         cast_tile(g, rays)
@@ -239,27 +233,33 @@ def cast_packets(
             miss_packet(out, rays, k, wp.nan)
 
 
-def cast(geometry: Geometry, visible: wp.array, rays: Rays, limit: float, cull: int) -> HitArrays:
+def cast(
+    geometry: Geometry, visible: wp.array, rays: Rays, limit: float, cull: int, out: HitArrays | None = None
+) -> HitArrays:
     """Each ray's first hit among the visible shapes, up to and including limit [m].
 
     Args:
-        visible: bool per shape.
+        visible: bool per shape, for all worlds, or for each shape of each world.
         cull: CULL_NONE, CULL_BACK or CULL_FRONT of rigcast.kernels.triangle.
+        out: where to write; None makes new arrays.
+
+    Returns:
+        One entry per ray, world after world.
     """
     device = rays.directions.device
-    hits = HitArrays.empty(rays.directions.size, device)
-    scene = [geometry, visible]
-    where = [rays.directions, rays.origins, rays.position, rays.rotation, limit, cull]
+    hits = HitArrays.empty(rays.total, device) if out is None else out
+    scene, how = [geometry, visible], [rays.arrays, limit, cull]
     if rays.packets is None:
         everything = wp.empty(0, dtype=int, device=device)
-        launch_over_rays(cast_rays, rays.directions.size, [*scene, everything, *where], [hits.out()], device)
+        launch_over_rays(cast_rays, rays.total, [*scene, everything, *how], [hits.out()], device)
         return hits
-    packets = rays.packets
+    packets, worlds = rays.packets, rays.worlds
     scratch = [wp.empty(thread_count() * PACKETS, dtype=kind, device="cpu") for kind in (PacketHits, Directions)]
-    sorted_rays = [packets.tiles, packets.packets, *where[1:]]
-    launch_over_tiles(cast_packets, packets.tiles.size, [*scene, *sorted_rays, *scratch], [hits.out()])
+    sorted_rays = [packets.tiles, packets.packets, packets.firing, *how]
+    launch_over_tiles(cast_packets, worlds * packets.tiles.size, [worlds, *scene, *sorted_rays, *scratch], [hits.out()])
     if packets.singles.size:
-        launch_over_rays(cast_rays, packets.singles.size, [*scene, packets.singles, *where], [hits.out()], device)
+        singles = [*scene, packets.singles, *how]
+        launch_over_rays(cast_rays, worlds * packets.singles.size, singles, [hits.out()], device)
     return hits
 
 

@@ -1,7 +1,12 @@
 """What rays are cast against: triangle trees, built once, and the shapes that place them in the world.
 
 A *shape* is one closed-form solid or one instance of a triangle tree, with a pose. Poses are float64, so that the
-difference between a ray's origin and a shape loses nothing however far both are from the world's origin.
+difference between a ray's origin and a shape loses nothing however far both are from the world's origin; those of
+simulations that know them in float32 are used as they are.
+
+There may be many *worlds* of the same shapes, and each may be known at one *instant* or at several. A ray is cast
+through one *span*: a world at its only instant, or what moves between two following ones. Every span has its own tree
+over the shapes.
 """
 
 from collections.abc import Sequence
@@ -42,25 +47,32 @@ class TriangleBlock:
 class Geometry:
     """All that a cast reads.
 
-    Shapes 0..n-1 have a kind (PLANE..SHEET of rigcast.kernels.solids), a size as there, and a pose in the world.
+    Shapes 0..n-1 have a kind (PLANE..SHEET of rigcast.kernels.solids), a size as there, and a pose in the world. With I
+    instants in each of W worlds, I > 1, there are S = (I - 1) W spans, else S = W.
     """
 
     # triangle trees:
     nodes: wp.array[Node]
     blocks: wp.array[TriangleBlock]
     # shapes:
-    kind: wp.array[int]
+    kind: wp.array[int]  # (n,)
+    # (n,) for all worlds, or (W n,):
     size: wp.array[wp.vec3]
     root: wp.array[int]  # node of the triangle tree's root
     center: wp.array[wp.vec3]  # of the shape's box in its own frame, and the half size
     half: wp.array[wp.vec3]
     reach: wp.array[float]  # largest |coordinate| of the shape in its own frame
+    # poses (W I n,), in float64 or in float32; the other two are empty:
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]  # columns: the shape's axes in the world
-    # the tree over the shapes, relative to the anchor:
-    top: wp.array[Node]
-    anchor: wp.array[wp.vec3d]  # (1,)
-    top_reach: wp.array[float]  # (1,) largest |coordinate| of the tree's boxes
+    position_float: wp.array[wp.vec3]
+    rotation_float: wp.array[wp.mat33]
+    instants: int  # I
+    turn: wp.array[wp.vec3d]  # (S n,) rotation vector from a span's first instant to its second; empty where I is 1
+    # the trees over the shapes, relative to an anchor each:
+    top: wp.array[Node]  # (S m,) with m nodes each
+    anchor: wp.array[wp.vec3d]  # (S,)
+    top_reach: wp.array[float]  # (S,) largest |coordinate| of the tree's boxes
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ shape, then of the lower triangle.
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
+from .poses import Moment, pose_of
 from .solids import SHEET, closed_form_normal, has_triangles, intersect_closed_form
 from .tree import WIDTH
 from .triangle import CULL_NONE, GRAZING, decide_triangle
@@ -25,6 +26,7 @@ class WorldRay:
 
     origin: wp.vec3d
     direction: wp.vec3d
+    when: Moment
     limit: float
     cull: int
 
@@ -70,14 +72,16 @@ def decide_lane(block: TriangleBlock, j: int, origin: wp.vec3d, direction: wp.ve
 @wp.func
 def distance_of(g: Geometry, shape: int, triangle: int, ray: WorldRay) -> wp.float64:
     """Distance to a closed form, or to one triangle of a shape, +inf on a miss."""
-    to_local = wp.transpose(g.rotation[shape])
-    origin = to_local * (ray.origin - g.position[shape])
+    pose = pose_of(g, shape, ray.when)
+    to_local = wp.transpose(pose.rotation)
+    origin = to_local * (ray.origin - pose.position)
     direction = to_local * ray.direction
     kind = g.kind[shape]
     if has_triangles(kind):
         cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
         return decide_lane(g.blocks[triangle / WIDTH], triangle % WIDTH, origin, direction, cull)
-    t = intersect_closed_form(kind, g.size[shape], to_float(origin), to_float(direction), ray.cull)
+    size = g.size[ray.when.first_shape + shape]
+    t = intersect_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
     return wp.float64(t)
 
 
@@ -127,14 +131,14 @@ class Place:
 @wp.func
 def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
     kind = g.kind[hit.shape]
-    rotation = g.rotation[hit.shape]
-    offset = ray.origin - g.position[hit.shape]
+    pose = pose_of(g, hit.shape, ray.when)
+    offset = ray.origin - pose.position
     place = Place()
     if has_triangles(kind):
         block = g.blocks[hit.triangle / WIDTH]
         lane = hit.triangle % WIDTH
         n = lane_normal(block, lane)
-        normal = rotation * to_double(n)
+        normal = pose.rotation * to_double(n)
         slope = wp.dot(ray.direction, normal)
         place.distance = distance_to_plane(lane_vertex(block, lane), n, normal, slope, offset)
         if wp.abs(slope) <= wp.float64(GRAZING):
@@ -143,7 +147,8 @@ def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
         place.face = block.face[lane]
     else:
         place.distance = larger(hit.near, 0.0)  # which makes +0 of -0
-        place.normal = normal_of_closed_form(kind, g.size[hit.shape], rotation, offset, ray.direction, hit.near)
+        size = g.size[ray.when.first_shape + hit.shape]
+        place.normal = normal_of_closed_form(kind, size, pose.rotation, offset, ray.direction, hit.near)
         place.face = -1
     return place
 

@@ -15,9 +15,14 @@ _launched: set[wp.Kernel] = set()
 
 
 def launch_over_rays(
-    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
+    kernel: wp.Kernel,
+    count: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    device: wp.DeviceLike,
+    slice_size: int = RAYS_PER_SLICE,
 ) -> None:
-    """Launch a kernel over rays 0..count-1. Its first argument is the index of the ray of thread 0.
+    """Launch a kernel over rays 0..count-1, or what else. Its first argument is the index of the ray of thread 0.
 
     Every ray's result depends on that ray alone, so slices and threads do not show in it.
     """
@@ -25,17 +30,17 @@ def launch_over_rays(
     def launch(first: int, size: int) -> None:
         wp.launch(kernel, size, inputs=[first, *inputs], outputs=outputs, device=device)
 
-    if wp.get_device(device).is_cuda or count <= RAYS_PER_SLICE or thread_count() == 1:
+    if wp.get_device(device).is_cuda or count <= slice_size or thread_count() == 1:
         launch(0, count)
         return
     begun = 0
     if kernel not in _launched:
         # its first slice alone, so that a module that must be compiled is compiled once
-        launch(0, RAYS_PER_SLICE)
+        launch(0, slice_size)
         _launched.add(kernel)
-        begun = RAYS_PER_SLICE
-    rest = range(begun, count, RAYS_PER_SLICE)
-    list(_threads(thread_count()).map(lambda first: launch(first, min(RAYS_PER_SLICE, count - first)), rest))
+        begun = slice_size
+    rest = range(begun, count, slice_size)
+    list(_threads(thread_count()).map(lambda first: launch(first, min(slice_size, count - first)), rest))
 
 
 def launch_over_tiles(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:

@@ -4,8 +4,9 @@ import warp as wp
 
 from rigcast.kernels.effects.echoes import SurfaceArrays
 
-from .cast import HitArrays, Rays
+from .cast import HitArrays
 from .launch import launch_over_rays
+from .rays import RayArrays, Rays, direction_of, firing_of, origin_of
 from .vectors import to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -14,9 +15,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 @wp.kernel
 def read_hits(
     first: int,
-    rotation: wp.array[wp.mat33d],
+    rays: RayArrays,
+    per_ray: int,
     min_range: float,
-    # in and out:
+    # in and out, per_ray of each ray:
     distance: wp.array[float],
     shape: wp.array[int],
     normal: wp.array[wp.vec3],
@@ -27,13 +29,20 @@ def read_hits(
         shape[i] = -1
         normal[i] = wp.vec3(0.0, 0.0, 0.0)
     elif shape[i] >= 0:
-        normal[i] = to_float(wp.transpose(rotation[0]) * to_double(normal[i]))
+        rotation = rays.rotation[firing_of(rays, i / per_ray)]
+        normal[i] = to_float(wp.transpose(rotation) * to_double(normal[i]))
 
 
 def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
     """Turn hits into readings in place: nearer than min_range [m] is -inf, normals go to the rays' frame."""
-    outputs = [hits.distance, hits.shape, hits.normal]
-    launch_over_rays(read_hits, hits.distance.size, [rays.rotation, min_range], outputs, hits.distance.device)
+    count, outputs = hits.distance.size, [hits.distance, hits.shape, hits.normal]
+    inputs = [rays.arrays, _per_ray(hits.distance, rays), min_range]
+    launch_over_rays(read_hits, count, inputs, outputs, hits.distance.device)
+
+
+def _per_ray(values: wp.array, rays: Rays) -> int:
+    """How many values there are of each ray."""
+    return int(values.size // max(1, rays.total))
 
 
 @wp.kernel
@@ -63,53 +72,38 @@ def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
 
 
 @wp.func
-def point_in_frame(distance: float, direction: wp.vec3d, origins: wp.array[wp.vec3d], i: int) -> wp.vec3d:
-    """Where a ray of this range ends, NaN where the range is not finite."""
+def point_in_frame(rays: RayArrays, i: int, distance: float) -> wp.vec3d:
+    """Where ray i ends at this range, NaN where the range is not finite."""
     if not wp.isfinite(distance):
         return wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
-    return origins[wp.min(i, origins.shape[0] - 1)] + wp.float64(distance) * direction
+    return origin_of(rays, i) + wp.float64(distance) * direction_of(rays, i)
 
 
 @wp.kernel
 def points_in_frame(
-    first: int,
-    distance: wp.array[float],
-    directions: wp.array[wp.vec3d],
-    origins: wp.array[wp.vec3d],
-    points: wp.array[wp.vec3],
+    first: int, rays: RayArrays, per_ray: int, distance: wp.array[float], points: wp.array[wp.vec3]
 ) -> None:
     k = first + wp.tid()
-    i = k / (distance.shape[0] / directions.shape[0])
-    points[k] = to_float(point_in_frame(distance[k], directions[i], origins, i))
+    points[k] = to_float(point_in_frame(rays, k / per_ray, distance[k]))
 
 
 @wp.kernel
 def points_in_world(
-    first: int,
-    distance: wp.array[float],
-    directions: wp.array[wp.vec3d],
-    origins: wp.array[wp.vec3d],
-    position: wp.array[wp.vec3d],
-    rotation: wp.array[wp.mat33d],
-    points: wp.array[wp.vec3d],
+    first: int, rays: RayArrays, per_ray: int, distance: wp.array[float], points: wp.array[wp.vec3d]
 ) -> None:
     k = first + wp.tid()
-    i = k / (distance.shape[0] / directions.shape[0])
-    points[k] = position[0] + rotation[0] * point_in_frame(distance[k], directions[i], origins, i)
+    i = k / per_ray
+    firing = firing_of(rays, i)
+    points[k] = rays.position[firing] + rays.rotation[firing] * point_in_frame(rays, i, distance[k])
 
 
 @wp.kernel
-def depth_along_z(
-    first: int,
-    distance: wp.array[float],
-    directions: wp.array[wp.vec3d],
-    depth: wp.array[float],
-) -> None:
+def depth_along_z(first: int, rays: RayArrays, distance: wp.array[float], depth: wp.array[float]) -> None:
     """z-depth, below 0 for rays that look backwards; +-inf and NaN where the range is."""
     i = first + wp.tid()
     depth[i] = distance[i]
     if wp.isfinite(distance[i]):
-        depth[i] = float(wp.float64(distance[i]) * directions[i][2])
+        depth[i] = float(wp.float64(distance[i]) * direction_of(rays, i)[2])
 
 
 @wp.kernel
@@ -135,7 +129,7 @@ def look_up(first: int, table: wp.array[int], index: wp.array[int], values: wp.a
 def reflected_share(
     first: int,
     surfaces: SurfaceArrays,
-    directions: wp.array[wp.vec3d],
+    rays: RayArrays,
     distance: wp.array[float],
     shape: wp.array[int],
     normal: wp.array[wp.vec3],
@@ -144,22 +138,22 @@ def reflected_share(
     i = first + wp.tid()
     intensity[i] = 0.0
     if wp.isfinite(distance[i]) and shape[i] >= 0:
-        cosine = wp.abs(float(wp.dot(to_double(normal[i]), directions[i])))
+        cosine = wp.abs(float(wp.dot(to_double(normal[i]), direction_of(rays, i))))
         intensity[i] = surfaces.reflectivity[shape[i]] * wp.min(cosine, 1.0)
 
 
 def intensity(hits: HitArrays, rays: Rays, surfaces: SurfaceArrays) -> wp.array:
     """(n,) rho cos(theta) of hits whose normals are in the rays' frame, 0 where there is none."""
     out = wp.empty(hits.distance.size, dtype=float, device=hits.distance.device)
-    inputs = [surfaces, rays.directions, hits.distance, hits.shape, hits.normal]
+    inputs = [surfaces, rays.arrays, hits.distance, hits.shape, hits.normal]
     launch_over_rays(reflected_share, out.size, inputs, [out], out.device)
     return out
 
 
 def points(distance: wp.array, rays: Rays) -> wp.array:
-    """(n k,) vec3 [m] in the frame of n rays with k distances each, NaN where one is not finite."""
+    """(n k,) vec3 [m] in the sensor's frame, of n rays with k distances each, NaN where one is not finite."""
     out = wp.empty(distance.size, dtype=wp.vec3, device=distance.device)
-    inputs = [distance, rays.directions, rays.origins]
+    inputs = [rays.arrays, _per_ray(distance, rays), distance]
     launch_over_rays(points_in_frame, distance.size, inputs, [out], distance.device)
     return out
 
@@ -167,7 +161,7 @@ def points(distance: wp.array, rays: Rays) -> wp.array:
 def world_points(distance: wp.array, rays: Rays) -> wp.array:
     """(n k,) vec3d [m] in the world, of n rays with k distances each, NaN where one is not finite."""
     out = wp.empty(distance.size, dtype=wp.vec3d, device=distance.device)
-    inputs = [distance, rays.directions, rays.origins, rays.position, rays.rotation]
+    inputs = [rays.arrays, _per_ray(distance, rays), distance]
     launch_over_rays(points_in_world, distance.size, inputs, [out], distance.device)
     return out
 
@@ -175,7 +169,7 @@ def world_points(distance: wp.array, rays: Rays) -> wp.array:
 def z_depth(distance: wp.array, rays: Rays) -> wp.array:
     """(n,) float32 [m], the z coordinate of the points; +-inf and NaN where the range is."""
     out = wp.empty(distance.size, dtype=float, device=distance.device)
-    launch_over_rays(depth_along_z, distance.size, [distance, rays.directions], [out], distance.device)
+    launch_over_rays(depth_along_z, distance.size, [rays.arrays, distance], [out], distance.device)
     return out
 
 

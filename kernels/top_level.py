@@ -1,18 +1,35 @@
-"""The tree over shapes: boxes of the shapes where they stand now, and the tree refitted around them.
+"""The trees over shapes: boxes of the shapes where they stand, or move, and trees refitted around them.
 
-Everything is relative to an anchor near the shapes, so that boxes stay tight far from the world's origin.
+Each span has a tree of its own, all of them alike but for their boxes. Everything is relative to an anchor near the
+shapes, so that boxes stay tight far from the world's origin.
+
+The box of a shape that moves holds it all the way. At the fraction f a point p of the shape, in its own frame, is at
+x(f) + R(f) p. x(f) is on the chord between its ends. R(f) p runs on an arc of the angle a, at the distance r from its
+axis, and is off its own chord, at the same f, by no more than a^2 r / 8: so much does linear interpolation miss a curve
+whose second derivative is a^2 r. What runs on chords stays within the box of both ends, which is widened by that.
 """
 
 import warp as wp
 
-from .geometry import FARTHEST
+from .geometry import FARTHEST, Geometry
+from .poses import Pose, kept_pose, moment_of, turn_between
 from .tree import NO_CHILD, OUTWARDS, WIDTH, Box, Node, empty_box, half_area, join, set_child
 from .vectors import to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 REBUILD_RATIO = 1.5
-"""A tree is built anew when the area of its boxes has grown this much by refitting."""
+"""The trees are built anew when the area of their boxes has grown this much by refitting."""
+
+
+@wp.struct
+class Fits:
+    """What has been fitted around all that is beneath each node of each tree."""
+
+    lower: wp.array[wp.vec3]
+    upper: wp.array[wp.vec3]
+    area: wp.array[float]  # sum over all finite boxes
+    reach: wp.array[float]  # largest |coordinate| of a finite box
 
 
 @wp.func
@@ -24,11 +41,13 @@ def make_box(lower: wp.vec3, upper: wp.vec3) -> Box:
 
 
 @wp.func
-def shape_box(position: wp.vec3d, rotation: wp.mat33d, center: wp.vec3, half: wp.vec3, anchor: wp.vec3d) -> Box:
+def shape_box(pose: Pose, center: wp.vec3, half: wp.vec3, anchor: wp.vec3d) -> Box:
     """The box, relative to the anchor, of a local box under a pose.
 
     It is infinite on all sides where the half size is on any, and empty where the pose is not finite or too far away.
     """
+    position = pose.position
+    rotation = pose.rotation
     middle = position - anchor
     extent = wp.vec3d()
     for row in range(3):
@@ -48,35 +67,41 @@ def shape_box(position: wp.vec3d, rotation: wp.mat33d, center: wp.vec3, half: wp
     return make_box(lower - wp.vec3(slack, slack, slack), upper + wp.vec3(slack, slack, slack))
 
 
-@wp.kernel
-def shape_boxes(
-    # shapes:
-    position: wp.array[wp.vec3d],
-    rotation: wp.array[wp.mat33d],
-    center: wp.array[wp.vec3],
-    half: wp.array[wp.vec3],
-    anchor: wp.array[wp.vec3d],
-    # out, one per shape:
-    lower: wp.array[wp.vec3],
-    upper: wp.array[wp.vec3],
-) -> None:
-    i = wp.tid()
-    box = shape_box(position[i], rotation[i], center[i], half[i], anchor[0])
-    lower[i] = box.lower
-    upper[i] = box.upper
+@wp.func
+def is_empty(box: Box) -> bool:
+    return not (box.lower[0] <= box.upper[0])
 
 
 @wp.func
-def child_box(
-    child: int,
-    lower: wp.array[wp.vec3],
-    upper: wp.array[wp.vec3],
-    node_lower: wp.array[wp.vec3],
-    node_upper: wp.array[wp.vec3],
-) -> Box:
-    if child >= 0:
-        return make_box(node_lower[child], node_upper[child])
-    return make_box(lower[-1 - child], upper[-1 - child])
+def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
+    """The box of a shape during a span, relative to the anchor; empty where it has none at either end."""
+    start = moment_of(g, span, wp.float64(0.0))
+    at = start.first_pose + shape
+    center = g.center[start.first_shape + shape]
+    half = g.half[start.first_shape + shape]
+    box = shape_box(kept_pose(g, at), center, half, anchor)
+    if g.instants == 1 or is_empty(box):
+        return box
+    shapes = g.kind.shape[0]
+    end = shape_box(kept_pose(g, at + shapes), center, half, anchor)
+    if is_empty(end):
+        return end
+    bulge = float(0.0)
+    if wp.isfinite(half):
+        angle = float(wp.length(g.turn[span * shapes + shape]))
+        bulge = OUTWARDS * 0.125 * angle * angle * wp.length(wp.abs(center) + half)
+    wider = wp.vec3(bulge, bulge, bulge)
+    return join(make_box(end.lower - wider, end.upper + wider), box.lower - wider, box.upper + wider)
+
+
+@wp.func
+def anchor_of(g: Geometry, span: int, shape: int) -> wp.vec3d:
+    """Where this shape stands when the span begins; where it was if it stands nowhere now."""
+    if shape < g.kind.shape[0]:
+        position = kept_pose(g, moment_of(g, span, wp.float64(0.0)).first_pose + shape).position
+        if wp.max(wp.abs(position)) <= wp.float64(FARTHEST):
+            return position
+    return g.anchor[span]
 
 
 @wp.func
@@ -87,37 +112,94 @@ def largest_coordinate(box: Box) -> float:
     return wp.max(wp.max(wp.abs(box.lower)), wp.max(wp.abs(box.upper)))
 
 
+@wp.func
+def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: Fits) -> None:
+    """Fit the boxes of a node to its children, which have been fitted before."""
+    node = g.top[at]
+    whole = empty_box()
+    area = float(0.0)
+    reach = float(0.0)
+    for j in range(WIDTH):
+        child = node.child[j]
+        if child != NO_CHILD:
+            box = empty_box()
+            if child >= 0:
+                box = make_box(fits.lower[child], fits.upper[child])
+                area += fits.area[child]
+                reach = wp.max(reach, fits.reach[child])
+            else:
+                box = span_box(g, span, -1 - child, anchor)
+            node = set_child(node, j, box, child)
+            whole = join(whole, box.lower, box.upper)
+            reach = wp.max(reach, largest_coordinate(box))
+            if largest_coordinate(box) > 0.0:
+                area += half_area(box)
+    g.top[at] = node
+    fits.lower[at] = whole.lower
+    fits.upper[at] = whole.upper
+    fits.area[at] = area
+    fits.reach[at] = reach
+
+
 @wp.kernel
 def refit(
-    # boxes of the leaves, and of nodes (scratch):
-    lower: wp.array[wp.vec3],
-    upper: wp.array[wp.vec3],
-    node_lower: wp.array[wp.vec3],
-    node_upper: wp.array[wp.vec3],
+    first: int,
+    threads: int,  # for each span
+    begin: int,
+    end: int,
+    anchor_shape: int,
     # in and out:
-    nodes: wp.array[Node],
+    g: Geometry,
+    fits: Fits,
     # out:
-    area: wp.array[float],  # (1,) sum over all finite boxes
-    reach: wp.array[float],  # (1,) largest |coordinate| of a finite box
+    area: wp.array[float],
 ) -> None:
-    """One thread: fit the boxes of all nodes to those of the leaves, children first; leaf ~k has box k."""
-    total = float(0.0)
-    farthest = float(0.0)
-    for k in range(nodes.shape[0]):
-        at = nodes.shape[0] - 1 - k
-        node = nodes[at]
-        whole = empty_box()
-        for j in range(WIDTH):
-            child = node.child[j]
-            if child != NO_CHILD:
-                box = child_box(child, lower, upper, node_lower, node_upper)
-                node = set_child(node, j, box, child)
-                whole = join(whole, box.lower, box.upper)
-                farthest = wp.max(farthest, largest_coordinate(box))
-                if largest_coordinate(box) > 0.0:
-                    total += half_area(box)
-        node_lower[at] = whole.lower
-        node_upper[at] = whole.upper
-        nodes[at] = node
-    area[0] = total
-    reach[0] = farthest
+    """Fit nodes begin to end - 1 of every tree, the last first.
+
+    One thread may do all of a tree, or many one node each, of a level whose children have been fitted before.
+    """
+    span = (first + wp.tid()) / threads
+    anchor = anchor_of(g, span, anchor_shape)
+    root = span * (g.top.shape[0] / g.anchor.shape[0])
+    node = end - 1 - (first + wp.tid()) % threads
+    while node >= begin:
+        fit_node(g, span, root + node, anchor, fits)
+        node -= threads
+    if begin == 0:
+        g.anchor[span] = anchor
+        g.top_reach[span] = fits.reach[root]
+        area[span] = fits.area[root]
+
+
+@wp.kernel
+def plant(first: int, nodes: wp.array[Node], top: wp.array[Node]) -> None:
+    """Make every tree of `top` one of these nodes."""
+    i = first + wp.tid()
+    start = i / nodes.shape[0] * nodes.shape[0]
+    node = nodes[i - start]
+    for j in range(WIDTH):
+        if node.child[j] >= 0:
+            node.child[j] = node.child[j] + start
+    top[i] = node
+
+
+@wp.kernel
+def first_boxes(first: int, g: Geometry, anchor_shape: int, lower: wp.array[wp.vec3], upper: wp.array[wp.vec3]) -> None:
+    """The box of each shape in the first span in which it has one; empty where it never has."""
+    shape = first + wp.tid()
+    box = empty_box()
+    span = int(0)
+    while is_empty(box) and span < g.anchor.shape[0]:
+        box = span_box(g, span, shape, anchor_of(g, span, anchor_shape))
+        span += 1
+    lower[shape] = box.lower
+    upper[shape] = box.upper
+
+
+@wp.kernel
+def turn_shapes(first: int, g: Geometry) -> None:
+    """The turn of each shape during each span."""
+    i = first + wp.tid()
+    shapes = g.kind.shape[0]
+    at = moment_of(g, i / shapes, wp.float64(0.0)).first_pose + i % shapes
+    g.turn[i] = turn_between(kept_pose(g, at).rotation, kept_pose(g, at + shapes).rotation)

@@ -1,23 +1,27 @@
-"""Shapes that move, on one device.
+"""Shapes that move, in one world or many, on one device.
 
-Triangle trees are copied there once, poses and the tree over shapes at every update.
+Triangle trees are copied there once. Poses are taken at every update, and the trees over shapes fitted to them there.
 """
 
+import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
 from .geometry import Geometry, Shapes, TriangleBlock, TriangleTree, join_triangle_trees, moved_nodes
-from .top_level import REBUILD_RATIO, refit, shape_boxes
-from .tree import NO_CHILD, Node, build_tree, empty_nodes, join_trees
+from .top_trees import TopTrees
+from .tree import Node
+
+Poses = npt.NDArray[np.floating[Any]] | wp.array
 
 
 class World:
     """Triangle trees and the shapes that place them, ready to be cast against as `geometry`.
 
-    Updates are worked out on the CPU, where MuJoCo's poses are, and copied to the device.
+    There may be many worlds of these shapes; each update says how many.
     """
 
     def __init__(self, trees: Sequence[TriangleTree], shapes: Shapes, device: wp.DeviceLike) -> None:
@@ -25,30 +29,24 @@ class World:
         self.geometry = Geometry()
         self._trees = list(trees)
         self._join_trees()
-        count = len(shapes.kind)
-        self._position = wp.zeros(count, dtype=wp.vec3d, device="cpu")
-        self._rotation = wp.zeros(count, dtype=wp.mat33d, device="cpu")
-        self._anchor = wp.zeros(1, dtype=wp.vec3d, device="cpu")
-        self._reach = wp.zeros(1, dtype=float, device="cpu")
-        self._area = wp.zeros(1, dtype=float, device="cpu")
-        self._lower, self._upper = (wp.zeros(count, dtype=wp.vec3, device="cpu") for _ in range(2))
-        self._built_area = 0.0
-        self._is_in_tree = np.zeros(count, dtype=bool)
-        self._set_nodes(empty_nodes(1))
+        self._count = len(shapes.kind)
+        self._own: dict[str, wp.array] = {}
         self.set_shapes(shapes)
+        self._top = TopTrees(self.geometry, self.device)
 
     def set_shapes(self, shapes: Shapes) -> None:
-        """Take other sizes and local boxes; the number of shapes stays. The next update makes them count."""
+        """Take other sizes and local boxes; the next update makes them count.
+
+        They are those of the n shapes, whose number and kinds stay, or of the n shapes of each of several worlds.
+        """
         g, device = self.geometry, self.device
         self._tree_of_shape = shapes.tree
-        g.kind = wp.array(shapes.kind, dtype=int, device=device)
+        g.kind = wp.array(shapes.kind[: self._count], dtype=int, device=device)
         g.size = wp.array(shapes.size, dtype=wp.vec3, device=device)
         g.root = wp.array(self._root_of_shape(), dtype=int, device=device)
         g.reach = wp.array(shapes.reach, dtype=float, device=device)
-        self._center = wp.array(shapes.center, dtype=wp.vec3, device="cpu")
-        self._half = wp.array(shapes.half, dtype=wp.vec3, device="cpu")
-        g.center = self._center.to(device)
-        g.half = self._half.to(device)
+        g.center = wp.array(shapes.center, dtype=wp.vec3, device=device)
+        g.half = wp.array(shapes.half, dtype=wp.vec3, device=device)
 
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
@@ -76,59 +74,61 @@ class World:
     def _root_of_shape(self) -> npt.NDArray[np.int32]:
         return np.append(self._roots, np.int32(0))[self._tree_of_shape]
 
-    def update(self, position: npt.NDArray[np.float64], rotation: npt.NDArray[np.float64]) -> None:
-        """Take the shapes' poses: position (n, 3) [m], rotation (n, 9) row-major. A pose with NaN is never hit."""
-        self._position.numpy()[...] = position
-        self._rotation.numpy()[...] = rotation.reshape(-1, 3, 3)
-        has_box = self._refit()
-        if (has_box & ~self._is_in_tree).any() or self._area.numpy()[0] > REBUILD_RATIO * self._built_area:
-            self._rebuild(has_box)
-        self._copy_to_device()
+    def update(self, position: Poses, rotation: Poses) -> None:
+        """Take the poses of the shapes of one world or of many. A pose that is not finite is never hit.
 
-    def _refit(self) -> npt.NDArray[np.bool_]:
-        """Fit the tree to the poses; return (n,) which shapes have a box."""
-        poses = [self._position, self._rotation, self._center, self._half, self._anchor]
-        boxes = [self._lower, self._upper]
-        wp.launch(shape_boxes, len(self._position), inputs=poses, outputs=boxes, device="cpu")
-        scratch = [self._node_lower, self._node_upper, self._nodes]
-        wp.launch(refit, 1, inputs=[*boxes, *scratch], outputs=[self._area, self._reach], device="cpu")
-        return self._lower.numpy()[:, 0] <= self._upper.numpy()[:, 0]
+        Args:
+            position: (n, 3) or (worlds, n, 3) [m], kept in float32 if it is that, else in float64; or a Warp array on
+                the world's device, (worlds, n) of vec3d or vec3, which is used in place: when what is in it changes,
+                update again.
+            rotation: likewise (..., n, 9) or (..., n, 3, 3), row-major, or mat33d or mat33; columns are shapes' axes.
 
-    def _rebuild(self, has_box: npt.NDArray[np.bool_]) -> None:
-        """Build the tree over all shapes that have a box, around an anchor in their midst."""
-        lower, upper = self._lower.numpy(), self._upper.numpy()
-        is_bounded = has_box & np.isfinite(lower[:, 0])
-        nodes = _tree_over(np.flatnonzero(is_bounded), lower, upper)
-        if not is_bounded.all():
-            unbounded = np.flatnonzero(has_box & ~is_bounded)
-            nodes = join_trees(nodes, _tree_over(unbounded, np.zeros_like(lower), np.zeros_like(upper)))
-        if is_bounded.any():
-            # the median, as one shape that has gone astray must not loosen the boxes of all others
-            self._anchor.numpy()[0] += np.median(0.5 * lower[is_bounded] + 0.5 * upper[is_bounded], axis=0)
-        self._set_nodes(nodes)
-        self._is_in_tree = has_box
-        self._refit()
-        self._built_area = float(self._area.numpy()[0])
+        Raises:
+            ValueError: sizes were set for another number of worlds.
+        """
+        self._fit(position, rotation, math.prod(_leading(position)), 1)
 
-    def _set_nodes(self, nodes: npt.NDArray[np.void]) -> None:
-        self._nodes = wp.array(nodes, dtype=Node, device="cpu")
-        self._node_lower, self._node_upper = (wp.empty(len(nodes), dtype=wp.vec3, device="cpu") for _ in range(2))
+    def sweep(self, position: Poses, rotation: Poses) -> None:
+        """Take the poses of the shapes at following instants, between which they move as rigcast.kernels.poses says.
 
-    def _copy_to_device(self) -> None:
-        g, device = self.geometry, self.device
-        g.position = self._position.to(device)
-        g.rotation = self._rotation.to(device)
-        g.top = self._nodes.to(device)
-        g.anchor = self._anchor.to(device)
-        g.top_reach = self._reach.to(device)
+        Args:
+            position: (instants, n, 3) or (worlds, instants, n, 3), else as for `update`. With S = instants - 1, what
+                moves in world w between instants k and k + 1 is span w S + k.
+            rotation: likewise. A shape whose pose is not finite at one end of a span is not hit in that span.
+        """
+        *worlds, instants = _leading(position)
+        self._fit(position, rotation, math.prod(worlds), instants)
+
+    def _fit(self, position: Poses, rotation: Poses, worlds: int, instants: int) -> None:
+        sizes = self.geometry.size.size
+        if sizes not in (self._count, worlds * self._count):
+            raise ValueError(f"got poses of {worlds} worlds, expected {sizes // self._count}, as sizes were set for")
+        self._set_poses(position, rotation)
+        self._top.fit(worlds, instants)
+
+    def _set_poses(self, position: Poses, rotation: Poses) -> None:
+        is_double = position.dtype in (wp.vec3d, np.float64)
+        if not isinstance(position, wp.array):
+            position = self._uploaded("position", position, wp.vec3d if is_double else wp.vec3)
+            rotation = self._uploaded("rotation", rotation, wp.mat33d if is_double else wp.mat33)
+        g = self.geometry
+        poses = (position.flatten(), rotation.flatten())
+        g.position, g.rotation = poses if is_double else (None, None)
+        g.position_float, g.rotation_float = (None, None) if is_double else poses
+
+    def _uploaded(self, name: str, values: npt.NDArray[np.floating[Any]], dtype: Any) -> wp.array:
+        """The values in an array of the world's own, the same one for as long as it fits."""
+        values = values.reshape(-1, *dtype._shape_)
+        own = self._own.get(name)
+        if own is None or own.dtype != dtype or own.size != len(values):
+            own = self._own[name] = wp.empty(len(values), dtype=dtype, device=self.device)
+        if self.device.is_cpu:
+            own.numpy()[...] = values
+        else:
+            wp.copy(own, wp.array(values, dtype=dtype, device="cpu", copy=False))
+        return own
 
 
-def _tree_over(
-    shapes: npt.NDArray[np.intp], lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32]
-) -> npt.NDArray[np.void]:
-    """Nodes of a tree over some of the shapes; leaf ~k is shape k."""
-    tree = build_tree(lower[shapes], upper[shapes], leaf_size=1)
-    child = tree.nodes["child"]
-    is_leaf = (child < 0) & (child != NO_CHILD)
-    child[is_leaf] = ~shapes[tree.order[tree.leaf_first[~child[is_leaf]]]].astype(np.int32)
-    return tree.nodes
+def _leading(position: Poses) -> tuple[int, ...]:
+    """The axes before those of the shapes and of their coordinates."""
+    return tuple(position.shape[:-1] if isinstance(position, wp.array) else position.shape[:-2])

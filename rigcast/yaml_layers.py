@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.yaml_positions import (
     MOST_VALUES,
@@ -25,6 +26,7 @@ from rigcast.sensors.yaml_positions import (
 
 from .yaml_set import assigned, read_assignments
 
+_MODELS = (".xml", ".mjcf", ".urdf", ".mjb")  # what is given by mistake in place of a rig
 _MOST_FILES = 100  # that one rig may be made of
 _STRING = "tag:yaml.org,2002:str"
 _NAMED = ("props", "sensors")  # lists of things with names
@@ -37,9 +39,11 @@ def read_layers(path: Path, overrides: Sequence[str] = ()) -> YamlFile:
     by key, sensors and props name by name, anything else is replaced. `repeat: {side: [left, right]}` in a sensor
     makes one of it for each of these values, in place of `$side` wherever it stands in the sensor.
 
-    Raises InputError for whatever cannot be read, files that extend themselves, placeholders without values, and
-    overrides of what is not there; all of the latter three at once.
+    Raises InputError for a model in place of a rig, whatever cannot be read, files that extend themselves, placeholders
+    without values, and overrides of what is not there; all of the latter three at once.
     """
+    if path.suffix in _MODELS:
+        raise InputError(f"{path}: a MuJoCo model, expected a rig file; `rigcast init {path}` writes one")
     layers = _Layers()
     root = layers.file(path, ())
     if overrides:

@@ -49,5 +49,6 @@ def test_an_example_does_its_job(
 
 def test_every_example_is_tried() -> None:
     makers = {"make_warehouse_meshes.py"}  # made what the warehouse has, once
-    pictures = {"lidar_effects.py", "lidar_weather.py", "sensor_effects.py"}  # of docs/sensors.md, `make pictures`
+    # of docs/sensors.md, `make pictures`
+    pictures = {"lidar_effects.py", "lidar_weather.py", "motion_effects.py", "sensor_effects.py"}
     assert {path.name for path in EXAMPLES.glob("*.py")} - makers - pictures == {run[0] for run in RUNS}

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.cast import Rays
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.rays import Rays
 
 from .random import RandomSource, random_normal
 

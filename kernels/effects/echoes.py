@@ -22,8 +22,9 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.rays import RayArrays, Rays, firing_of
 from rigcast.kernels.vectors import to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -69,12 +70,12 @@ class Paths:
 class Setting:
     """What the light of one reading meets.
 
-    rotation: (1,) mat33d of the rays' frame. limit: the farthest echo [m]. extinction: of the air [1/m]. lobe: half
-    angle within which a mirror sends light back to the receiver [rad]. sub_rays: of each beam.
+    rays: whose light it is, before it meets anything. limit: the farthest echo [m]. extinction: of the air [1/m].
+    lobe: half angle within which a mirror sends light back to the receiver [rad]. sub_rays: of each beam.
     """
 
     surfaces: SurfaceArrays
-    rotation: wp.array
+    rays: Rays
     limit: float
     extinction: float
     lobe: float
@@ -121,7 +122,7 @@ def reflect_paths(
     normal: wp.array[wp.vec3],
     # the light:
     paths: Paths,
-    rotation: wp.array[wp.mat33d],
+    rays: RayArrays,
     limit: float,
     extinction: float,
     lobe_cosine: float,
@@ -146,7 +147,8 @@ def reflect_paths(
     travelled = paths.travelled[j] + distance[j]
     if travelled > limit:
         return
-    d = rotation[0] * paths.direction[j]
+    rotation = rays.rotation[firing_of(rays, j)]
+    d = rotation * paths.direction[j]
     n = to_double(normal[j])
     along = wp.dot(d, n)
     cosine = wp.min(float(wp.abs(along)), 1.0)
@@ -170,7 +172,7 @@ def reflect_paths(
     # nested, as older versions of Warp evaluate the whole of an `and`, and aside may be empty
     if is_seen_aside:  # noqa: SIM102
         if not wp.isfinite(aside.direction[j]):
-            reflected_direction = wp.transpose(rotation[0]) * (d - wp.float64(2.0) * along * n)
+            reflected_direction = wp.transpose(rotation) * (d - wp.float64(2.0) * along * n)
             go_on(paths, j, reflected_direction, distance[j] - step, mirrored, aside)
 
 
@@ -210,6 +212,6 @@ def reflect(
 
     beyond: what goes through a surface. aside: what the first mirror throws elsewhere.
     """
-    inputs = [setting.surfaces, hits.distance, hits.shape, hits.face, hits.normal, paths, setting.rotation]
+    inputs = [setting.surfaces, hits.distance, hits.shape, hits.face, hits.normal, paths, setting.rays.arrays]
     inputs += [setting.limit, setting.extinction, math.cos(setting.lobe), setting.sub_rays, first_slot]
     launch_over_rays(reflect_paths, hits.distance.size, inputs, [echoes, beyond, aside], hits.distance.device)

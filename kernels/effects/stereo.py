@@ -10,12 +10,13 @@ camera and the second imager, or the projector, at (B, 0, 0) in the optical fram
   greatest disparity, so that nearer surfaces are not found.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.rays import Rays
 
 from .infrared import cos_incidence
 from .random import RandomSource, random_normal
@@ -101,7 +102,7 @@ def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
     inputs = [pair.baseline, rays.directions, hits.distance]
     launch_over_rays(look_from_second, towards.size, inputs, [towards, length], device)
     origin = wp.array([[pair.baseline, 0.0, 0.0]], dtype=wp.vec3d, device=device)
-    return SecondView(Rays(towards, origin, rays.position, rays.rotation), length)
+    return SecondView(replace(rays, directions=towards, origins=origin, packets=None), length)
 
 
 def hide(hits: HitArrays, view: SecondView, met: HitArrays, pair: StereoPair) -> None:

@@ -4,6 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import APART, Hit, WorldRay, decided
+from rigcast.kernels.poses import Moment
 from rigcast.kernels.ray import box_margin
 from rigcast.kernels.tree import vec8
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
@@ -83,9 +84,12 @@ class TileRays:
     u: wp.vec3d
     v: wp.vec3d
     tile: Tile
+    when: Moment
     limit: float
     cull: int
     visible: wp.array[wp.bool]
+    first_visible: int  # entry of shape 0 of the rays' world
+    first_ray: int  # of that world
     first_packet: int
     packets: wp.array[Packet]
     # PACKETS entries from first_slot on:
@@ -136,6 +140,7 @@ def world_ray(rays: TileRays, slot: int, i: int) -> WorldRay:
     ray = WorldRay()
     ray.origin = rays.origin
     ray.direction = wp.vec3d(rays.directions[slot].x[i], rays.directions[slot].y[i], rays.directions[slot].z[i])
+    ray.when = rays.when
     ray.limit = rays.limit
     ray.cull = rays.cull
     return ray

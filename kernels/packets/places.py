@@ -4,6 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import distance_of, distance_to_plane, outward
+from rigcast.kernels.poses import pose_of
 from rigcast.kernels.solids import has_triangles
 from rigcast.kernels.tree import WIDTH
 from rigcast.kernels.triangle import GRAZING
@@ -37,8 +38,9 @@ def places_on_triangles(g: Geometry, rays: TileRays, slot: int, shape: int) -> P
     shapes = rays.best[slot].shape
     triangle = rays.best[slot].triangle
     kind = g.kind[shape]
-    rotation = g.rotation[shape]
-    offset = rays.origin - g.position[shape]
+    pose = pose_of(g, shape, rays.when)
+    rotation = pose.rotation
+    offset = rays.origin - pose.position
     face = int_lanes()
     local_x = lanes()
     local_y = lanes()
@@ -85,9 +87,10 @@ def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) ->
     y = rays.directions[slot].y
     z = rays.directions[slot].z
     distance = rays.best[slot].near
-    rotation = g.rotation[shape]
+    pose = pose_of(g, shape, rays.when)
+    rotation = pose.rotation
     to_local = wp.transpose(rotation)
-    offset = rays.origin - g.position[shape]
+    offset = rays.origin - pose.position
     point_x = lanes()
     point_y = lanes()
     point_z = lanes()
@@ -107,7 +110,7 @@ def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) ->
         distance[i] = larger(distance[i], 0.0)
     points = vectors(point_x, point_y, point_z)
     directions = vectors(direction_x, direction_y, direction_z)
-    local = closed_form_normals(g.kind[shape], g.size[shape], points, directions, distance)
+    local = closed_form_normals(g.kind[shape], g.size[rays.when.first_shape + shape], points, directions, distance)
     local_x = local.x
     local_y = local.y
     local_z = local.z

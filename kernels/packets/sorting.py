@@ -31,26 +31,47 @@ Doubles = npt.NDArray[np.float64]
 class Packets:
     """Rays sorted into tiles of packets, on the CPU.
 
-    singles: the rays that go alone.
+    singles: the rays that go alone. firing: (tiles,) int32, to which of several firings the rays of each tile belong.
     """
 
     tiles: wp.array
     packets: wp.array
     singles: wp.array
+    firing: wp.array | None = None
 
 
-def sort_into_packets(directions: Doubles) -> Packets:
-    """Sort rays with unit directions (n, 3)."""
-    tiles, singles = _tiles_of(directions)
+def sort_into_packets(directions: Doubles, firing: npt.NDArray[np.int32] | None = None) -> Packets:
+    """Sort rays with unit directions (n, 3); those of a tile belong to one firing, (n,), where there are several."""
+    rays, of_tile, singles = _tiles_of_firings(directions, firing)
+    tiles = _halved_to(rays, directions, LANES).reshape(-1, PACKETS, LANES)
     bases, places = _places(tiles, directions)
     low, high = places[..., :2].min(axis=2) - SLACK, places[..., :2].max(axis=2) + SLACK
     is_dense = np.prod(high - low, axis=-1).sum(axis=1) < SPARSE * (tiles >= 0).sum(axis=(1, 2))
     sparse = tiles[~is_dense]
-    tiles, bases, places, low, high = (a[is_dense] for a in (tiles, bases, places, low, high))
+    tiles, bases, places, low, high, of_tile = (a[is_dense] for a in (tiles, bases, places, low, high, of_tile))
     return Packets(
         wp.array(_tile_structs(tiles, bases, low, high), dtype=Tile, device="cpu"),
         wp.array(_packet_structs(tiles, places, directions), dtype=Packet, device="cpu"),
         wp.array(np.concatenate([singles, sparse[sparse >= 0]]), dtype=int, device="cpu"),
+        None if firing is None else wp.array(of_tile, dtype=int, device="cpu"),
+    )
+
+
+def _tiles_of_firings(
+    directions: Doubles, firing: npt.NDArray[np.int32] | None
+) -> tuple[Indices, npt.NDArray[np.int32], Indices]:
+    """(tiles, TILE) rays as of `_tiles_of`, (tiles,) their firings, and the rays that go alone."""
+    if firing is None:
+        tiles, singles = _tiles_of(directions)
+        return tiles, np.zeros(len(tiles), np.int32), singles
+    order = np.argsort(firing, kind="stable")
+    parts = [
+        (rays, *_tiles_of(directions[rays])) for rays in np.split(order, np.flatnonzero(np.diff(firing[order])) + 1)
+    ]
+    return (
+        np.concatenate([np.where(tiles >= 0, rays[tiles], ~rays[~tiles]) for rays, tiles, _ in parts]),
+        np.concatenate([np.repeat(firing[rays[:1]], len(tiles)) for rays, tiles, _ in parts]),
+        np.concatenate([rays[singles] for rays, _, singles in parts]),
     )
 
 
@@ -91,7 +112,7 @@ def _places(tiles: Indices, directions: Doubles) -> tuple[Doubles, Doubles]:
 
 
 def _tiles_of(directions: Doubles) -> tuple[Indices, Indices]:
-    """(tiles, PACKETS, LANES) rays, and the rays that go alone; a negative ~k stands for no ray, but is where k is."""
+    """(tiles, TILE) rays, and the rays that go alone; a negative ~k stands for no ray, but is where k is."""
     chunks = _in_parts(np.arange(len(directions)), directions, CHUNK) if len(directions) else []
     whole = np.array([c for c in chunks if len(c) == CHUNK], np.int64).reshape(-1, CHUNK)
     candidates = _halved_to(whole, directions, TILE)
@@ -101,8 +122,7 @@ def _tiles_of(directions: Doubles) -> tuple[Indices, Indices]:
         more, alone = _narrow_tiles(rays, directions)
         tiles += more
         singles += alone
-    packed = _halved_to(np.array(tiles, np.int64).reshape(-1, TILE), directions, LANES)
-    return packed.reshape(-1, PACKETS, LANES), np.concatenate([np.empty(0, np.int64), *singles])
+    return np.array(tiles, np.int64).reshape(-1, TILE), np.concatenate([np.empty(0, np.int64), *singles])
 
 
 def _narrow_tiles(rays: Indices, directions: Doubles) -> tuple[list[Indices], list[Indices]]:

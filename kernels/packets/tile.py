@@ -4,6 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE
+from rigcast.kernels.poses import pose_of, root_of_top
 from rigcast.kernels.solids import SHEET, has_triangles
 from rigcast.kernels.traverse import Entered, traversal
 from rigcast.kernels.tree import Node, vec8
@@ -44,7 +45,7 @@ def visit_closed_form(
     directions.x = local_x
     directions.y = local_y
     directions.z = local_z
-    t = intersect_closed_forms(g.kind[shape], g.size[shape], origin, directions, rays.cull)
+    t = intersect_closed_forms(g.kind[shape], g.size[rays.when.first_shape + shape], origin, directions, rays.cull)
     return offer(g, rays, slot, t, t, shape, 0, reach)
 
 
@@ -53,18 +54,20 @@ def visit_shape_of_tile(g: Geometry, sought: TileSought, shape: int, distance: f
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
     rays = sought.rays
     kind = g.kind[shape]
-    if not rays.visible[shape] or (kind == SHEET and rays.cull == CULL_FRONT):
+    if not rays.visible[rays.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
         return reach
-    to_local = wp.transpose(g.rotation[shape])
-    view = view_from(to_local * (rays.origin - g.position[shape]), to_local, rays, g.reach[shape])
-    packets = packets_at_box(view, rays.tile, g.center[shape], g.half[shape], distance, reach)
+    pose = pose_of(g, shape, rays.when)
+    to_local = wp.transpose(pose.rotation)
+    at = rays.when.first_shape + shape
+    view = view_from(to_local * (rays.origin - pose.position), to_local, rays, g.reach[at])
+    packets = packets_at_box(view, rays.tile, g.center[at], g.half[at], distance, reach)
     cull = wp.where(kind == SHEET, CULL_NONE, rays.cull)
     while packets != 0:
         k = lowest_bit(packets)
         packets = packets & (packets - 1)
         if has_triangles(kind):
             packet = packet_rays(rays, view, k, shape, cull)
-            reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[shape], packet, reach[k])
+            reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[at], packet, reach[k])
         else:
             reach[k] = visit_closed_form(g, rays, rays.first_slot + k, shape, to_local, view.origin, reach[k])
     return reach
@@ -130,19 +133,10 @@ def cast_tile(g: Geometry, rays: TileRays) -> None:
             p_high = wp.max(p_high, tile.p_high[k])
             q_low = wp.min(q_low, tile.q_low[k])
             q_high = wp.max(q_high, tile.q_high[k])
-    identity = wp.mat33d(
-        wp.float64(1.0),
-        wp.float64(0.0),
-        wp.float64(0.0),
-        wp.float64(0.0),
-        wp.float64(1.0),
-        wp.float64(0.0),
-        wp.float64(0.0),
-        wp.float64(0.0),
-        wp.float64(1.0),
-    )
+    identity = wp.identity(n=3, dtype=wp.float64)
     sought = TileSought()
     sought.rays = rays
-    view = view_from(rays.origin - g.anchor[0], identity, rays, g.top_reach[0])
+    span = rays.when.span
+    view = view_from(rays.origin - g.anchor[span], identity, rays, g.top_reach[span])
     sought.frustum = frustum_of(view, p_low, p_high, q_low, q_high)
-    cast_tile_through_shapes(g, g.top, 0, sought, reach)
+    cast_tile_through_shapes(g, g.top, root_of_top(g, span), sought, reach)

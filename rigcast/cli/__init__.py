@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from rigcast.sensors.errors import InputError
+from rigcast.sensors.names import expected_one_of
 
 
 class _About(NamedTuple):
@@ -76,6 +77,11 @@ class _Commands(TyperGroup):
     def format_commands(self, _ctx: Any, formatter: Any) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, about.summary) for name, about in _COMMANDS.items()])
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args[0] not in _COMMANDS:
+            raise InputError(f"no command {args[0]!r}, {expected_one_of(args[0], list(_COMMANDS))}")
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         try:

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rigcast.cli.kernels import ready_rig
+from rigcast.cli.options import Overrides, RigPath
 from rigcast.cli.run import initial_data, step_count
 from rigcast.config import open_rig
 from rigcast.ros.node import RosNode, require_ros
@@ -19,19 +20,20 @@ from rigcast.sensors.rig.rig import Rig
 
 
 def publish(
-    rig: Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)],
+    rig: RigPath,
     model: Annotated[Path | None, typer.Option(help="MJCF model in place of the rig's own")] = None,
     duration: Annotated[float | None, typer.Option(help="time to simulate, s  [default: until Ctrl-C]")] = None,
     speed: Annotated[float, typer.Option(help="simulated seconds per second, at most")] = 1.0,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")] = None,
+    overrides: Overrides = None,
 ) -> None:
     """Run a rig on its model and publish what its sensors see to ROS 2."""
     if not speed > 0.0:
         raise InputError(f"--speed: got {speed}, expected a positive number")
     require_ros()
     console = Console(highlight=False)
-    config, compiled = open_rig(rig, model)
+    config, compiled = open_rig(rig, model, overrides or ())
     steps = None if duration is None else step_count(compiled, duration)
     data = initial_data(compiled, config.keyframe)
     loaded = ready_rig(console, config, compiled, data, device, seed)

@@ -33,6 +33,8 @@ def watch(
     """
     console = Console(highlight=False)
     folder = Path("out") / rig.stem if out is None else out
+    if not rig.is_file():  # once there, it may come and go, as editors do when they save
+        raise InputError(f"{rig}: no such file, expected a rig")
     make_writable(folder)
 
     def draw() -> Sequence[Path]:

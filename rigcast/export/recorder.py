@@ -70,9 +70,11 @@ class Recorder:
 
     Args:
         folder: DIR, created if need be.
-        model, sensors: of the rig whose frames will come.
+        model: the rig's.
+        sensors: of the rig whose frames will come.
         formats: any of FORMATS; None is exr for cameras, ply for the others.
-        classes: as in a rig's `classes:`. props: of the rig.
+        classes: as in a rig's `classes:`.
+        props: of the rig.
         options: as in a rig's `export:`.
 
     Raises:

@@ -25,8 +25,10 @@ class RosNode:
     `use_sim_time`. Leaving a `with` block calls `close`.
 
     Args:
-        model, sensors: of the rig whose frames will come.
-        classes: as in a rig's `classes:`. props: of the rig.
+        model: the rig's.
+        sensors: of the rig whose frames will come.
+        classes: as in a rig's `classes:`.
+        props: of the rig.
         options: as in a rig's `export:`.
         name: of the node.
 

@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.effects.infrared import Losses, lose
 from rigcast.kernels.effects.random import RandomSource, random_source
-from rigcast.kernels.packets.sorting import Packets, sort_into_packets
+from rigcast.kernels.packets.firings import repeat_firing, sort_rays
+from rigcast.kernels.packets.sorting import Packets
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import bound, read
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
@@ -37,9 +39,9 @@ class _Look:
     visible: wp.array
     source: RandomSource
 
-    def cast(self, directions: wp.array, packets: Packets | None) -> HitArrays:
+    def cast(self, directions: wp.array, packets: Packets | None, firing: wp.array | None) -> HitArrays:
         """What rays from the camera hit, to any distance, with normals in its frame."""
-        rays = replace(self.rays, directions=directions, packets=packets)
+        rays = replace(self.rays, directions=directions, packets=packets, firing=firing)
         hits = self.scene.cast_rays(rays, self.visible, math.inf)
         read(hits, rays, min_range=0.0)
         return hits
@@ -58,9 +60,9 @@ class _Look:
 class DepthPhysics:
     """The errors that the specification of one camera asks for, ready on the device of a scene."""
 
-    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern) -> None:
+    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern, rays: Rays) -> None:
         self._scene, self._spec = scene, spec
-        self._read = _ReadStereo(spec.stereo, pattern) if spec.stereo else _ReadTimeOfFlight(scene, spec, pattern)
+        self._read = _ReadStereo(spec.stereo, pattern) if spec.stereo else _ReadTimeOfFlight(scene, spec, pattern, rays)
 
     def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> DepthReading:
         """One reading of the scene, with rays through the pixels' centres."""
@@ -80,7 +82,7 @@ class _ReadStereo:
 
     def __call__(self, look: _Look) -> DepthReading:
         spec, directions = self._spec, look.rays.directions
-        seen = look.cast(directions, look.rays.packets)
+        seen = look.cast(directions, look.rays.packets, look.rays.firing)
         surface = seen if spec.kinect_v1 is None else self._shifted(look, seen)
         hits = _copy(surface)
         if spec.shadow:
@@ -97,7 +99,7 @@ class _ReadStereo:
         assert self._spec.kinect_v1 is not None
         model, size = _KINECT_V1[self._spec.kinect_v1], (self._pair.width, self._pair.height)
         shifted = kinect_v1.shift(model, size, look.source, look.rays.directions, seen.normal)
-        hits = look.cast(shifted, None)
+        hits = look.cast(shifted, None, look.rays.firing)
         kinect_v1.at_own_pixel(hits.distance, shifted, look.rays.directions)
         return hits
 
@@ -113,20 +115,21 @@ class _ReadStereo:
 
 
 class _ReadTimeOfFlight:
-    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern) -> None:
+    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern, rays: Rays) -> None:
         assert spec.time_of_flight is not None
         self._spec: TimeOfFlight = spec.time_of_flight
-        self._subrays, self._packets = None, None
+        self._subrays, self._packets, self._firing = None, None, rays.firing
         if pattern.subrays is not None:
             self._subrays = scene.rays_in_frame(pattern.subrays, np.zeros(3), np.eye(4)).directions
-            self._packets = sort_into_packets(pattern.subrays.reshape(-1, 3)) if scene.device.is_cpu else None
+            self._firing = repeat_firing(rays.firing, spec.time_of_flight.subrays**2)
+            self._packets = None if rays.packets is None else sort_rays(self._subrays, self._firing)
 
     def __call__(self, look: _Look) -> DepthReading:
         spec = self._spec
         if self._subrays is None:
-            seen = look.cast(look.rays.directions, look.rays.packets)
+            seen = look.cast(look.rays.directions, look.rays.packets, look.rays.firing)
         else:
-            rays, looks = look.cast(self._subrays, self._packets), look.scene.looks()
+            rays, looks = look.cast(self._subrays, self._packets, self._firing), look.scene.looks()
             seen = time_of_flight.mix(rays, self._subrays, looks.reflectivity, spec.subrays**2)
         hits = _copy(seen)
         look.lose(spec, 0.0, hits)

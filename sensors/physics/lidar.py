@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.random import RandomSource, random_source
-from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.kernels.packets.firings import repeat_firing, sort_rays
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
 from rigcast.sensors.scene.scene import Scene
@@ -62,14 +63,16 @@ class LidarPhysics:
         """The sub-rays of these rays, in packets where the rays are."""
         self._origins = beams.repeated(rays.origins, self.sub_rays)
         self._directions = beams.aim(rays, self._angles, RandomSource(), 0.0)
-        self._packets = rays.packets
-        if rays.packets is not None and self.sub_rays > 1:
-            self._packets = sort_into_packets(self._directions.numpy())
+        self._packets, self._firing = rays.packets, rays.firing
+        if self.sub_rays > 1:
+            self._firing = repeat_firing(rays.firing, self.sub_rays)
+            self._packets = None if rays.packets is None else sort_rays(self._directions, self._firing)
 
     def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> Reading:
         """One reading of the scene. rays: those it was made with, in the sensor's pose now."""
         spec, source = self.spec, random_source(seed, self.spec.name, frame)
-        sub_rays = replace(rays, directions=self._directions, origins=self._origins, packets=self._packets)
+        aimed = {"directions": self._directions, "origins": self._origins}
+        sub_rays = replace(rays, **aimed, packets=self._packets, firing=self._firing)
         if self._angle_std > 0:
             directions = beams.aim(rays, self._angles, source, self._angle_std)
             sub_rays = replace(sub_rays, directions=directions, packets=None)
@@ -113,7 +116,7 @@ class LidarPhysics:
         surfaces.transmission = looks.surfaces.transmission if self.spec.max_surfaces > 1 else none
         surfaces.mirror = looks.surfaces.mirror if self.spec.mirrors else none
         lobe = math.radians(self.spec.mirror_lobe_deg)
-        return echoes.Setting(surfaces, rays.rotation, self.spec.max_range, self._extinction, lobe, self.sub_rays)
+        return echoes.Setting(surfaces, rays, self.spec.max_range, self._extinction, lobe, self.sub_rays)
 
 
 def _along(paths: echoes.Paths, rays: Rays) -> Rays:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rigcast.kernels import reading
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.stamps import stamps
 from rigcast.sensors.scene.part import Owner
 from rigcast.sensors.specs.lens import Lens

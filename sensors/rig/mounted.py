@@ -10,8 +10,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.cast import Rays
-from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.kernels.packets.firings import sort_rays
+from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
 from rigcast.sensors.scene.scene import Scene
@@ -20,6 +20,8 @@ from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
 from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
+
+from .motion import Firings, Track
 
 Sensor = Lidar | DepthCamera | HeightScan
 
@@ -31,14 +33,26 @@ class WorldRays(NamedTuple):
     directions: NDArray[np.float64]
 
 
+class Aim(NamedTuple):
+    """The rays of a reading that begins at `time` [s], and the pose (4, 4) in which the sensor is then."""
+
+    time: float
+    pose: NDArray[np.float64]
+    rays: Rays
+
+
 @dataclass(frozen=True, eq=False)
 class Mounted:
-    """A sensor on a scene, with the rays of one reading on the device."""
+    """A sensor on a scene, with the rays of one reading on the device.
+
+    firings: of a sensor that moves during a reading, None of others.
+    """
 
     scene: Scene
     spec: Sensor
     mount: BoundMount
     pattern: Pattern
+    firings: Firings | None
     fixed_rays: Rays
     firing_times: wp.array | None
     ring: wp.array | None
@@ -50,18 +64,20 @@ class Mounted:
     @staticmethod
     def on(scene: Scene, spec: Sensor) -> "Mounted":
         pattern = spec.pattern(scene.model)
-        rays = _upload_rays(pattern, scene)
+        firings = _firings(spec, pattern, scene)
+        rays = _upload_rays(pattern, firings, scene)
         return Mounted(
             scene,
             spec,
             spec.mount.bind(scene.model),
             pattern,
+            firings,
             rays,
             _upload(pattern.firing_times, wp.float64, spec, scene.device),
             _upload(pattern.ring, wp.int32, spec, scene.device),
             _upload(pattern.column, wp.int32, spec, scene.device),
             LidarPhysics(scene, spec, rays) if isinstance(spec, Lidar) and spec.has_effects else None,
-            DepthPhysics(scene, spec, pattern) if isinstance(spec, DepthCamera) and spec.has_effects else None,
+            DepthPhysics(scene, spec, pattern, rays) if isinstance(spec, DepthCamera) and spec.has_effects else None,
             count(),
         )
 
@@ -70,10 +86,12 @@ class Mounted:
         if self.pattern.later is None:
             return self
         pattern, device = self.pattern.at(time), self.scene.device
-        rays = _upload_rays(pattern, self.scene)
+        firings = _firings(self.spec, pattern, self.scene)
+        rays = _upload_rays(pattern, firings, self.scene)
         return replace(
             self,
             pattern=pattern,
+            firings=firings,
             fixed_rays=rays,
             firing_times=_upload(pattern.firing_times, wp.float64, self.spec, device),
             ring=_upload(pattern.ring, wp.int32, self.spec, device),
@@ -100,7 +118,21 @@ class Mounted:
         return self.scene.visible(self.spec.filter)
 
     def rays(self, data: mujoco.MjData) -> Rays:
-        return self.scene.in_pose(self.fixed_rays, self.pose(data))
+        """Its rays, all fired now."""
+        if self.firings is None:
+            return self.scene.in_pose(self.fixed_rays, self.pose(data))
+        return self.rays_along(Track.still(self.pose(data), len(self.firings.times)))
+
+    def rays_along(self, track: Track) -> Rays:
+        """The rays of a sensor that moves, which is on this track at the times of its firings."""
+        device = self.scene.device
+        return replace(
+            self.fixed_rays,
+            position=wp.array(track.position, dtype=wp.vec3d, device=device),
+            rotation=wp.array(track.rotation, dtype=wp.mat33d, device=device),
+            span=wp.array(track.span, dtype=int, device=device),
+            fraction=wp.array(track.fraction, dtype=wp.float64, device=device),
+        )
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)
@@ -109,16 +141,28 @@ class Mounted:
         return WorldRays(np.broadcast_to(local @ pose[:3, :3].T + pose[:3, 3], directions.shape), directions)
 
 
-def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
-    """The rays of a pattern on the device; on the CPU in packets, where they leave from one origin.
+def _firings(spec: Sensor, pattern: Pattern, scene: Scene) -> Firings | None:
+    if not spec.moves:
+        return None
+    times = np.zeros(pattern.shape) if pattern.firing_times is None else pattern.firing_times
+    return Firings.of(times.reshape(-1), packed=_in_packets(pattern, scene))
+
+
+def _in_packets(pattern: Pattern, scene: Scene) -> bool:
+    """Whether rays are cast in packets: on the CPU, where they leave from one origin.
 
     Those of a pattern that is another one in each reading are cast alone: sorting them would take longer.
     """
+    return scene.device.is_cpu and pattern.origins is None and pattern.later is None
+
+
+def _upload_rays(pattern: Pattern, firings: Firings | None, scene: Scene) -> Rays:
+    """The rays of a pattern on the device."""
     origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
     rays = scene.rays_in_frame(pattern.directions, origins, np.eye(4))
-    if pattern.origins is not None or pattern.later is not None or not scene.device.is_cpu:
-        return rays
-    return replace(rays, packets=sort_into_packets(pattern.directions.reshape(-1, 3)))
+    if firings is not None:
+        rays = replace(rays, firing=wp.array(firings.of_ray, dtype=int, device=scene.device))
+    return replace(rays, packets=sort_rays(rays.directions, rays.firing)) if _in_packets(pattern, scene) else rays
 
 
 def _upload(values: NDArray[np.generic] | None, dtype: type, spec: Sensor, device: wp.Device) -> wp.array | None:

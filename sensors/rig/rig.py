@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects.infrared import infrared
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
@@ -26,8 +26,9 @@ from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
 from .frame import CameraFrame, Frame, LidarFrame
-from .mounted import Mounted, Sensor, WorldRays
+from .mounted import Aim, Mounted, Sensor, WorldRays
 from .schedule import Schedule
+from .under_way import UnderWay
 
 
 class Rig:
@@ -77,12 +78,15 @@ class Rig:
         self._data = mujoco.MjData(model)
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
         self._schedules = {s.name: _schedule(s, model.opt.timestep, self.seed) for s in self.sensors}
+        rounding = {name: schedule.rounding for name, schedule in self._schedules.items()}
+        self._under_way = UnderWay(self.scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
 
     def sense(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Frame]:
         """One frame of each of these sensors (None: of all), of the world at `data.time`.
 
+        The world stands still for it, with `motion` and rolling shutters too: only `step` knows how it moves.
         Kinematics are worked out on a private copy; `data` is only read.
         """
         mounted = self._select(names)
@@ -95,22 +99,40 @@ class Rig:
         A sensor with `rate_hz` falls due at phase + k / rate_hz for every k on the clock `data.time`, one without it
         at every call; the frame comes in `latency` later. Each is given out once, however many come in in one step,
         and is whole whatever the timestep. It shows the world at the step that reached `frame.time`, less than a
-        timestep after it. When the clock goes backwards the schedule starts over, and frames that have not come in
-        are discarded.
+        timestep after it. One of a sensor with `motion` or a rolling shutter shows the world as it moves between the
+        steps that it spans, and comes in once its last ray is fired. When the clock goes backwards the schedule starts
+        over, and frames that are under way or have not come in are discarded.
         """
         self._require_own(data)
         if not data.time >= self._clock:
             self._undelivered.clear()
+            self._under_way.start_over()
         self._clock = data.time
         due = [(time, m) for m in self._mounted.values() for time in self._schedules[m.spec.name].due(data.time)]
-        if due:
+        still = [(time, m) for time, m in due if not m.spec.moves]
+        if still:
             self._look(data)
-        for time, m in due:
-            rounding = self._schedules[m.spec.name].rounding
-            self._undelivered.append(_Delivery(time + m.spec.latency, rounding, self._frame(m, time)))
+        for time, m in still:
+            self._deliver(m, time, self._frame(m, time))
+        if self._under_way.moving:
+            self._move_on(data, [(time, m) for time, m in due if m.spec.moves])
         arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
-        self._undelivered = [each for each in self._undelivered if each.time > data.time + each.rounding]
+        self._undelivered = [each for each in self._undelivered if each not in arrived]
         return iter([each.frame for each in sorted(arrived, key=lambda each: each.time)])
+
+    def _move_on(self, data: mujoco.MjData, due: list[tuple[float, Mounted]]) -> None:
+        """Begin readings of sensors that move; take those whose last ray has been fired."""
+        self._work_out_poses(data)
+        over = self._under_way.step(self._data, [(time, m.at(time)) for time, m in due])
+        for begun in over:
+            self._deliver(begun.mounted, begun.end, self._read(begun.mounted, self._under_way.aim(begun)))
+        if over:
+            self.scene.update(self._data)  # which was swept
+
+    def _deliver(self, mounted: Mounted, taken: float, frame: Frame) -> None:
+        """Keep a frame, the last ray of which was fired at `taken` [s], for when it comes in."""
+        rounding = self._schedules[mounted.spec.name].rounding
+        self._undelivered.append(_Delivery(max(frame.time + mounted.spec.latency, taken), rounding, frame))
 
     def rays(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, WorldRays]:
         """The rays that each of these sensors would cast now."""
@@ -141,8 +163,13 @@ class Rig:
         return [self._mounted[name] for name in names]
 
     def _look(self, data: mujoco.MjData) -> None:
-        """Bring the scene to the world at data.time, whose poses mj_step has not worked out yet."""
+        """Bring the scene to the world at data.time."""
         self._require_own(data)
+        self._work_out_poses(data)
+        self.scene.update(self._data)
+
+    def _work_out_poses(self, data: mujoco.MjData) -> None:
+        """Those at data.time, into the private copy: mj_step has not done so yet."""
         self._data.time = data.time
         self._data.qpos[:] = data.qpos
         self._data.mocap_pos[:] = data.mocap_pos
@@ -151,7 +178,6 @@ class Rig:
         mujoco.mj_comPos(self.model, self._data)
         mujoco.mj_flex(self.model, self._data)
         mujoco.mj_camlight(self.model, self._data)
-        self.scene.update(self._data)
 
     def _require_own(self, data: mujoco.MjData) -> None:
         require_type("Rig: data", data, mujoco.MjData)
@@ -159,18 +185,22 @@ class Rig:
             raise InputError("Rig: data belongs to another model than the rig")
 
     def _frame(self, mounted: Mounted, time: float) -> Frame:
-        spec, fired = mounted.spec, mounted.at(time)
-        if isinstance(spec, Lidar):
-            return self._lidar_frame(fired, spec, time)
-        if isinstance(spec, DepthCamera):
-            return self._camera_frame(fired, spec, time)
-        rays = fired.rays(self._data)
-        hits = self.scene.cast_rays(rays, fired.visible(), spec.max_range)
-        read(hits, rays, spec.min_range)
-        return Frame(**self._common(fired, time, hits, rays))
+        """What a sensor reads in the world as it stands."""
+        fired = mounted.at(time)
+        return self._read(fired, Aim(time, fired.pose(self._data), fired.rays(self._data)))
 
-    def _lidar_frame(self, mounted: Mounted, spec: Lidar, time: float) -> LidarFrame:
-        rays, visible = mounted.rays(self._data), mounted.visible()
+    def _read(self, mounted: Mounted, aim: Aim) -> Frame:
+        spec, rays = mounted.spec, aim.rays
+        if isinstance(spec, Lidar):
+            return self._read_lidar(mounted, spec, aim)
+        if isinstance(spec, DepthCamera):
+            return self._read_camera(mounted, spec, aim)
+        hits = self.scene.cast_rays(rays, mounted.visible(), spec.max_range)
+        read(hits, rays, spec.min_range)
+        return Frame(**self._common(mounted, aim, hits))
+
+    def _read_lidar(self, mounted: Mounted, spec: Lidar, aim: Aim) -> LidarFrame:
+        rays, visible = aim.rays, mounted.visible()
         if mounted.physics is None:
             hits = self.scene.cast_rays(rays, visible, spec.max_range)
             read(hits, rays, spec.min_range)
@@ -178,11 +208,11 @@ class Rig:
         else:
             reading = mounted.physics.read(rays, visible, self.seed, next(mounted.frames))
             hits, bright = reading.hits, partial(wp.array.flatten, reading.intensity)
-        common = self._common(mounted, time, hits, rays)
+        common = self._common(mounted, aim, hits)
         return LidarFrame(**common, ring=mounted.ring, column=mounted.column, _intensity=bright)
 
-    def _camera_frame(self, mounted: Mounted, spec: DepthCamera, time: float) -> CameraFrame:
-        pattern, rays, visible = mounted.pattern, mounted.rays(self._data), mounted.visible()
+    def _read_camera(self, mounted: Mounted, spec: DepthCamera, aim: Aim) -> CameraFrame:
+        pattern, rays, visible = mounted.pattern, aim.rays, mounted.visible()
         if mounted.depth_physics is None:
             hits = seen = self.scene.cast_rays(rays, visible, spec.max_range)
             read(hits, rays, spec.min_range)
@@ -192,22 +222,22 @@ class Rig:
         bright = partial(infrared, seen, rays.directions, self.scene.looks().reflectivity)
         assert pattern.intrinsics is not None
         return CameraFrame(
-            **self._common(mounted, time, hits, rays),
+            **self._common(mounted, aim, hits),
             intrinsics=pattern.intrinsics,
             lens=pattern.lens,
             depth_scale=spec.depth_scale,
             _intensity=bright,
         )
 
-    def _common(self, mounted: Mounted, time: float, hits: HitArrays, rays: Rays) -> dict[str, Any]:
+    def _common(self, mounted: Mounted, aim: Aim, hits: HitArrays) -> dict[str, Any]:
         """What every frame is made with."""
         return {
             "sensor": mounted.spec.name,
-            "time": time,
-            "pose": mounted.pose(self._data),
+            "time": aim.time,
+            "pose": aim.pose,
             "shape": mounted.frame_shape,
             "_hits": hits,
-            "_rays": rays,
+            "_rays": aim.rays,
             "_ids_of_shape": self.scene.ids_in_use,
             "_body_of_shape": self.scene.body_of_shape,
             "_firing_times": mounted.firing_times,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
@@ -13,6 +13,13 @@ from rigcast.sensors.specs.filter import Filter
 
 Owner = Literal["geom", "flex", "skin", "prop"]
 OWNERS: tuple[Owner, ...] = ("geom", "flex", "skin", "prop")
+
+
+class ShapePoses(NamedTuple):
+    """Where all shapes of a scene are: position (n, 3) float64 [m], rotation (n, 9) float64 row-major."""
+
+    position: NDArray[np.float64]
+    rotation: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

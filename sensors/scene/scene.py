@@ -11,8 +11,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.cast import HitArrays, Rays, as_double, cast, unit_directions
+from rigcast.kernels.cast import HitArrays, as_double, cast, unit_directions
 from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 from rigcast.sensors.errors import InputError, require_type, warn_user
@@ -27,7 +28,7 @@ from .geoms import Geoms
 from .hits import Hits
 from .looks import Looks, LooksTable
 from .model_geometry import unsupported_parts
-from .part import OWNERS, Owner, Part
+from .part import OWNERS, Owner, Part, ShapePoses
 from .props import Props
 from .skins import Skins
 
@@ -112,6 +113,11 @@ class Scene:
             InputError: `data` belongs to another model, a size or an elevation that is not finite, or a geom that
                 has got another type, mesh or height field.
         """
+        self._world.update(*self.read(data))
+        self._stale = ""
+
+    def read(self, data: mujoco.MjData) -> ShapePoses:
+        """Where everything stands in `data`, for a `sweep`; rays are cast at it after the next `update` or `sweep`."""
         require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
             raise InputError(
@@ -128,11 +134,18 @@ class Scene:
             first_tree += len(part.trees)
         if any(snapshot.shapes is not None for snapshot in snapshots):
             self._world.set_shapes(self._shapes())
-        self._world.update(
+        return ShapePoses(
             np.concatenate([snapshot.position for snapshot in snapshots]),
             np.concatenate([snapshot.rotation for snapshot in snapshots]),
         )
-        self._stale = ""
+
+    def sweep(self, poses: Sequence[ShapePoses]) -> None:
+        """Take the world as it moves through these poses, of a `read` each, in as many spans less one.
+
+        Until the next `update`, rays are cast at what stands there at their `span` and `fraction`. Sizes, flexes and
+        skins are those of the last `read`.
+        """
+        self._world.sweep(np.array([each.position for each in poses]), np.array([each.rotation for each in poses]))
 
     def refresh(self, name: str) -> None:
         """Say that a mesh (`mesh_vert`, `mesh_face`) or height field of this name has been edited in the model.

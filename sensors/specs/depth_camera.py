@@ -33,6 +33,9 @@ class DepthCamera(SensorSpec):
     is where the lens shows the ray of the pixel. OpenCV puts the centre of pixel (u, v) at (u, v): add 0.5 to its
     cx and cy.
 
+    With a `readout_time` t (a rolling shutter) row i of n is seen at i t / n after the first, by a camera and at geoms
+    that move meanwhile; points and depths are in the frame of the camera at that time.
+
     `min_range` and `max_range` bound the distance along the ray, not the depth; with `stereo` or `time_of_flight` they
     bound what is measured.
 
@@ -59,7 +62,17 @@ class DepthCamera(SensorSpec):
     )
     stereo: Stereo | None = Field(default=None, description="measures by stereo or structured light, with its errors")
     time_of_flight: TimeOfFlight | None = Field(default=None, description="measures by time of flight, with its errors")
+    readout_time: float = Field(
+        default=0.0,
+        ge=0,
+        description="rolling shutter: time from the first row to where one after the last would be [s]; 0: all at once",
+    )
     depth_scale: float = Field(default=0.001, gt=0, description="depth of one step of the 16-bit depth image [m]")
+
+    @property
+    def moves(self) -> bool:
+        """Whether its rows are read one after the other."""
+        return self.readout_time > 0
 
     @property
     def has_effects(self) -> bool:
@@ -72,6 +85,14 @@ class DepthCamera(SensorSpec):
         if resolution is not None and (rays := resolution[0] * resolution[1]) > MOST_RAYS:
             raise ValueError(f"makes {Decimal(rays):.2e} rays, expected at most {MOST_RAYS}")
         return resolution
+
+    @model_validator(mode="after")
+    def _read_in_time(self) -> "DepthCamera":
+        if self.rate_hz is not None and self.readout_time * self.rate_hz > 1 + 1e-9:
+            raise ValueError(
+                f"readout_time: must be at most 1 / rate_hz, {1 / self.rate_hz:g} s, got {self.readout_time:g} s"
+            )
+        return self
 
     @model_validator(mode="after")
     def _one_principle(self) -> "DepthCamera":
@@ -135,10 +156,17 @@ class DepthCamera(SensorSpec):
         subrays = 1 if self.time_of_flight is None else self.time_of_flight.subrays
         return Pattern(
             pixel_rays(intrinsics, self.distortion, width, height, 1)[..., 0, :],
+            firing_times=self._row_times(width, height),
             intrinsics=intrinsics,
             lens=self.distortion,
             subrays=None if subrays == 1 else pixel_rays(intrinsics, self.distortion, width, height, subrays),
         )
+
+    def _row_times(self, width: int, height: int) -> NDArray[np.float64] | None:
+        """(height, width) when each pixel is read after the first [s]; None where all are at once."""
+        if not self.moves:
+            return None
+        return np.repeat(self.readout_time / height * np.arange(height)[:, None], width, axis=1)
 
     def _resolution(self, mount: BoundMount, model: mujoco.MjModel) -> tuple[int, int]:
         if self.resolution is not None:

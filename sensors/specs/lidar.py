@@ -44,7 +44,8 @@ class Lidar(SensorSpec):
 
     With `rate_hz` the head turns at that rate: column k of n fires k / (n rate_hz) s after the first, in a sector
     when the head gets there, and row i `firing_time_us[i]` later, by when the head has turned on. `scan_time` is for
-    devices that take another time for a sector, or none. Without either all rays fire at once.
+    devices that take another time for a sector, or none. Without either all rays fire at once. With `motion` rays are
+    cast from where the sensor is when they are fired, at geoms where these are then, and points are in that frame.
 
     A beam leaves from `origin_radius` [m] off the z axis, towards its column's azimuth without the row's offset, at
     `origin_height` [m]. `min_range` and `max_range` bound the distance along the ray from there.
@@ -86,6 +87,11 @@ class Lidar(SensorSpec):
     )
     scan_time: float | None = Field(
         default=None, ge=0, description="time from the first column to the last [s]; null: as the head turns"
+    )
+    motion: bool = Field(
+        default=False,
+        description="whether sensor and geoms move during a reading of rig.step, each ray from where they are when it "
+        "is fired",
     )
     origin_radius: float = Field(default=0.0, ge=0, description="distance of the beams' origins from the z axis [m]")
     origin_height: Sequence[float] | None = Field(
@@ -197,6 +203,11 @@ class Lidar(SensorSpec):
         """Whether anything but the first surface in range counts for a reading."""
         given = (self.noise, self.detection, self.beam, self.weather)
         return any(given) or self.returns == "dual" or self.max_surfaces > 1 or self.mirrors
+
+    @property
+    def moves(self) -> bool:
+        """As `motion` says."""
+        return self.motion
 
     def pattern(self, model: mujoco.MjModel) -> Pattern:  # noqa: ARG002
         """Unit directions (beams, columns, 3) or (rays, 3), x forward and z up, with ring and column of each.

@@ -79,6 +79,11 @@ class SensorSpec(Spec):
         json_schema_extra=no_default,
     )
 
+    @property
+    def moves(self) -> bool:
+        """Whether sensor and geoms move while a reading is taken; else the world stands still for it."""
+        return False
+
     @abstractmethod
     def pattern(self, model: mujoco.MjModel) -> Pattern:
         """The rays of one reading, for a sensor mounted on `model`."""

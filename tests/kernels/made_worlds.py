@@ -9,8 +9,9 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels import solids
-from rigcast.kernels.cast import Rays, cast
+from rigcast.kernels.cast import cast
 from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.triangle import CULL_NONE
 from rigcast.kernels.world import World
 

@@ -8,9 +8,9 @@ import warp as wp
 from confidence import assert_normal, assert_uncorrelated
 from numpy.typing import NDArray
 
-from rigcast.kernels.cast import Rays
 from rigcast.kernels.effects.beams import aim, hexagonal_rings, repeated
 from rigcast.kernels.effects.random import random_source
+from rigcast.kernels.rays import Rays
 
 COUNT = 100_000
 SOURCE = random_source(7, "top", frame=3)

@@ -1,11 +1,14 @@
 """From hits to readings: range limits, points and depths in the sensor's frame, and ids."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
 from made_worlds import Doubles, random_rotations, unit
 
-from rigcast.kernels.cast import HitArrays, Rays
+from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import points, read, take, world_points, z_depth
 
 INF, NAN = np.inf, np.nan
@@ -58,7 +61,7 @@ def test_points_are_where_the_ranges_end_and_nan_where_there_is_none(origins: Do
 
 
 def test_depth_is_the_range_along_z_and_infinite_where_it_is() -> None:
-    forward = Rays(wp.array(np.abs(DIRECTIONS), dtype=wp.vec3d, device="cpu"), wp.empty(0), wp.empty(0), wp.empty(0))
+    forward = replace(rays(np.zeros((1, 3))), directions=device(np.abs(DIRECTIONS), wp.vec3d))
     got = z_depth(device(RANGES, wp.float32), forward).numpy()
     np.testing.assert_allclose(got[:3], RANGES[:3] * np.abs(DIRECTIONS[:3, 2]), rtol=1e-6)
     np.testing.assert_array_equal(got[3:], [INF, -INF, NAN])

@@ -101,6 +101,21 @@ def test_bad_input_goes_to_stderr_without_a_traceback(tmp_path: Path) -> None:
     assert done.stderr == f"{tmp_path / 'no.yaml'}: cannot be read: No such file or directory\n"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["vaildate", "rig.yaml"], "no command 'vaildate', expected one of init, run, "),
+        (["vaildate", "rig.yaml"], "did you mean 'validate'?"),
+        (["run", "robot.xml"], "robot.xml: a MuJoCo model, expected a rig file; `rigcast init robot.xml` writes one"),
+        (["watch", "gone.yaml"], "gone.yaml: no such file, expected a rig"),
+    ],
+)
+def test_what_newcomers_mistype_is_put_right(arguments: list[str], message: str) -> None:
+    code, output = call(*arguments)
+    assert code == 2
+    assert message in output
+
+
 @pytest.mark.parametrize("arguments", [["validat"], ["validate"], ["presets", "--bogus"]])
 def test_bad_usage_exits_with_2(arguments: list[str]) -> None:
     assert call(*arguments)[0] == 2

@@ -1,13 +1,23 @@
-"""Every command and code block of the README and of docs/ works as it stands there."""
+"""Every command and code block of the README and of docs/ works as it stands there.
+
+A page is worked through in a folder that has what a clone has: its YAML blocks are files by the names in their first
+lines, a CSV block is rays.csv; then its commands run one after another, and its Python as one script.
+"""
 
 import re
 import shlex
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+
+import rigcast
+from rigcast.config import open_rig
+from rigcast.export.formats import FORMATS
+from rigcast.export.options import Export
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 PAGES = [CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").glob("*.md"))]
@@ -16,22 +26,32 @@ COMMANDS = [
     (page, line) for page in BLOCKS for kind, block in BLOCKS[page] if kind == "sh" for line in block.splitlines()
 ]
 OURS = [(page, line) for page, line in COMMANDS if line.startswith("rigcast")]
-# What a block needs that is not among what the tests install.
-NEEDS = {"python": "torch"}
+FILES = [
+    (page, "rays.csv" if kind == "csv" else block.split()[1], block)
+    for page in BLOCKS
+    for kind, block in BLOCKS[page]
+    if kind in ("yaml", "csv")
+]
+HEAVY = ("torch",)  # what some blocks import and the tests do not install
+RIGS = [(page, name) for page, name, block in FILES if re.search("^(sensors:$|extends: configs)", block, re.MULTILINE)]
+
+
+def script(page: str) -> str:
+    return "".join(block for kind, block in BLOCKS[page] if kind == "python")
 
 
 @pytest.fixture(scope="module")
 def clone_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """For each page a folder with what its commands find in a clone, and the rigs that the page has, by their names."""
+    """The folder of each page."""
     folders: dict[str, Path] = {}
 
     def folder_of(page: str) -> Path:
         if page not in folders:
             folders[page] = tmp_path_factory.mktemp(page)
             (folders[page] / "configs").symlink_to(CHECKOUT / "configs")
-            for kind, block in BLOCKS[page]:
-                if kind == "yaml":
-                    (folders[page] / block.split()[1]).write_text(block)
+            for where, name, block in FILES:
+                if where == page:
+                    (folders[page] / name).write_text(block)
         return folders[page]
 
     return folder_of
@@ -44,6 +64,11 @@ def test_the_readme_has_blocks_of_each_kind() -> None:
 def test_every_block_is_of_a_kind_that_is_tried() -> None:
     kinds = {kind for blocks in BLOCKS.values() for kind, _ in blocks}
     assert kinds <= {"sh", "python", "yaml", "text", "csv"}
+
+
+@pytest.mark.parametrize(("page", "name"), RIGS)
+def test_a_rig_is_valid(page: str, name: str, clone_of: Callable[[str], Path]) -> None:
+    open_rig(clone_of(page) / name)
 
 
 @pytest.mark.parametrize("page", BLOCKS)
@@ -61,17 +86,31 @@ def test_other_commands_are_targets_of_the_makefile(command: str) -> None:
     assert re.search(rf"^{target}:", (CHECKOUT / "Makefile").read_text(), re.MULTILINE)
 
 
-@pytest.mark.parametrize("page", [page for page in BLOCKS if "python" in dict(BLOCKS[page])])
+@pytest.mark.parametrize("page", [page for page in BLOCKS if script(page)])
 def test_the_python_of_a_page_runs_as_one_script(page: str, clone_of: Callable[[str], Path]) -> None:
-    if page in NEEDS:
-        pytest.importorskip(NEEDS[page])
-    code = "".join(block for kind, block in BLOCKS[page] if kind == "python")
-    done = subprocess.run([sys.executable, "-c", code], cwd=clone_of(page), capture_output=True, text=True, timeout=300)
+    for module in HEAVY:
+        if f"import {module}" in script(page) and find_spec(module) is None:
+            pytest.skip(f"{module} is not installed")
+    command = [sys.executable, "-c", script(page)]
+    done = subprocess.run(command, cwd=clone_of(page), capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_links_lead_somewhere(page: Path) -> None:
+def test_links_and_pictures_lead_somewhere(page: Path) -> None:
     links = re.findall(r"\]\(([^)#\s]+)", re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL))
     missing = [link for link in links if "://" not in link and not (page.parent / link).exists()]
     assert missing == []
+
+
+def test_every_format_and_setting_is_described() -> None:
+    text = (CHECKOUT / "docs" / "exporting.md").read_text()
+    rows = " ".join(line.split("|")[1] for line in text.splitlines() if line.startswith("| `"))
+    assert set(FORMATS) <= set(re.findall(r"`(\w+)`", rows))
+    (settings,) = (block for page, name, block in FILES if (page, name) == ("exporting", "export.yaml"))
+    assert set(Export.model_fields) == set(re.findall(r"^  (\w+):", settings, re.MULTILINE))
+
+
+def test_every_public_name_is_in_the_api_reference() -> None:
+    described = re.findall(r"^::: rigcast\.(\w+)$", (CHECKOUT / "docs" / "api.md").read_text(), re.MULTILINE)
+    assert sorted(described) == sorted(rigcast.__all__)

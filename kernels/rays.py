@@ -1,0 +1,104 @@
+"""Rays of a sensor, in one world or in many, frozen or fired one after the other."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import warp as wp
+
+from .packets.sorting import Packets
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+
+@wp.struct
+class RayArrays:
+    """Rays, where a kernel reads them; empty arrays for what Rays has None of."""
+
+    count: int  # of the rays of one world
+    directions: wp.array[wp.vec3d]
+    origins: wp.array[wp.vec3d]
+    firing: wp.array[int]
+    # of every firing of every world:
+    firings: int  # in one world
+    position: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]
+    span: wp.array[int]
+    fraction: wp.array[wp.float64]
+
+
+@dataclass(frozen=True)
+class Rays:
+    """N rays in the frame of a sensor, the same in each of W worlds, as Warp arrays on one device.
+
+    A *firing* is what leaves at one time, from one pose of the sensor: all rays of a frozen reading, or those of a
+    column of a spinning lidar. Of F firings in W worlds, firing f of world w is entry w F + f.
+
+    directions: (N,) vec3d, unit, or (W, N) where worlds differ. origins: likewise [m], or (1,) for all rays.
+    position, rotation: (W F,) vec3d [m] and mat33d, the sensor's poses in the world; columns are its axes. The rays of
+    a pose that is not finite, such as one in a world that is not to be looked at, give NaN.
+    packets: the same N rays sorted, on the CPU, where they have one origin; None to cast each alone.
+    firing: (N,) int32, which of the F firings each ray belongs to; None where there is one.
+    span: (W F,) int32, in which span of the geometry each firing is; None for world w in span w.
+    fraction: (W F,) float64, how far from the first instant of its span to the second, 0 to 1; None for 0.
+    """
+
+    directions: wp.array
+    origins: wp.array
+    position: wp.array
+    rotation: wp.array
+    packets: Packets | None = None
+    worlds: int = 1
+    firing: wp.array | None = None
+    span: wp.array | None = None
+    fraction: wp.array | None = None
+
+    @property
+    def total(self) -> int:
+        """W N, the rays of all worlds."""
+        return int(self.directions.shape[-1]) * self.worlds
+
+    @cached_property
+    def arrays(self) -> RayArrays:
+        """The same for a kernel."""
+        arrays = RayArrays()
+        arrays.count = self.directions.shape[-1]
+        arrays.directions, arrays.origins = self.directions.flatten(), self.origins.flatten()
+        arrays.firings = self.position.size // self.worlds
+        arrays.position, arrays.rotation = self.position, self.rotation
+        arrays.firing, arrays.span, arrays.fraction = self.firing, self.span, self.fraction
+        return arrays
+
+
+@wp.func
+def firing_of(rays: RayArrays, k: int) -> int:
+    """The firing, among those of all worlds, of ray k, among those of all worlds."""
+    world = int(k / rays.count)
+    if rays.firing.shape[0] == 0:
+        return world
+    return world * rays.firings + rays.firing[k % rays.count]
+
+
+@wp.func
+def direction_of(rays: RayArrays, k: int) -> wp.vec3d:
+    """Of ray k of all worlds, in the sensor's frame."""
+    return rays.directions[k % rays.directions.shape[0]]
+
+
+@wp.func
+def origin_of(rays: RayArrays, k: int) -> wp.vec3d:
+    """Of ray k of all worlds, in the sensor's frame [m]."""
+    return rays.origins[k % rays.origins.shape[0]]
+
+
+@wp.func
+def span_of(rays: RayArrays, firing: int) -> int:
+    if rays.span.shape[0] == 0:
+        return int(firing / rays.firings)
+    return rays.span[firing]
+
+
+@wp.func
+def fraction_of(rays: RayArrays, firing: int) -> wp.float64:
+    if rays.fraction.shape[0] == 0:
+        return wp.float64(0.0)
+    return rays.fraction[firing]

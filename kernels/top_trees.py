@@ -1,0 +1,144 @@
+"""The trees over the shapes of a geometry, one for each span: planted, refitted, and built anew when they are loose."""
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from .geometry import Geometry
+from .launch import launch_over_rays
+from .top_level import REBUILD_RATIO, Fits, first_boxes, plant, refit, turn_shapes
+from .tree import NO_CHILD, Node, build_tree, empty_nodes, join_trees
+
+LEAVES_PER_SLICE = 4096
+"""Shapes that one CPU thread fits trees to before it takes more."""
+
+
+class TopTrees:
+    """Of a geometry whose shapes and poses are set; it keeps `top`, `anchor`, `top_reach` and `turn` up to date.
+
+    All trees have the same nodes but for their boxes: the heuristic's, for the shapes where they were when the trees
+    were last built, each in the first span in which it was anywhere.
+    """
+
+    def __init__(self, geometry: Geometry, device: wp.Device) -> None:
+        self._geometry, self._device = geometry, device
+        self._anchor_shape = 0
+        self._built_area = -1.0
+        self._spans, self._instants = 0, 0
+        self._seen: wp.array | None = None
+        self._is_seen: wp.Event | None = None
+        self._set_nodes(empty_nodes(1))
+
+    def fit(self, worlds: int, instants: int) -> None:
+        """Fit the trees to the poses of so many worlds at so many instants each."""
+        shapes = self._geometry.kind.size
+        spans = worlds * max(instants - 1, 1)
+        if (spans, instants) != (self._spans, self._instants):
+            self._plant(spans, instants)
+        if instants > 1:
+            launch_over_rays(turn_shapes, spans * shapes, [self._geometry], [], self._device)
+        self._refit()
+        if self._mean_area() > REBUILD_RATIO * self._built_area:
+            self._build()
+
+    def _build(self) -> None:
+        """Build the trees anew, and anchor them at a shape in the midst."""
+        lower, upper = self._first_boxes()
+        is_bounded = np.isfinite(lower[:, 0])
+        nodes = _tree_over(np.flatnonzero(is_bounded), lower, upper)
+        if not is_bounded.all():
+            # those without bounds, and those that are nowhere yet
+            nowhere = np.zeros_like(lower)
+            nodes = join_trees(nodes, _tree_over(np.flatnonzero(~is_bounded), nowhere, nowhere))
+        bounded = np.flatnonzero(is_bounded)
+        if bounded.size:
+            # near the median, as one shape that has gone astray must not loosen the boxes of all others
+            center = 0.5 * lower[bounded] + 0.5 * upper[bounded]
+            offset = np.abs(center - np.median(center, axis=0)).max(axis=1)
+            self._anchor_shape = int(bounded[np.argmin(offset)])
+        self._set_nodes(nodes)
+        self._plant(self._spans, self._instants)
+        self._refit()
+        self._built_area = float(self._area.numpy().mean())
+
+    def _set_nodes(self, nodes: npt.NDArray[np.void]) -> None:
+        nodes, self._levels = _by_level(nodes)
+        self._nodes = wp.array(nodes, dtype=Node, device=self._device)
+
+    def _plant(self, spans: int, instants: int) -> None:
+        """Make room for the trees of so many spans."""
+        g, device = self._geometry, self._device
+        count = spans * self._nodes.size
+        g.instants = instants
+        g.turn = wp.empty(spans * g.kind.size if instants > 1 else 0, dtype=wp.vec3d, device=device)
+        g.top = wp.empty(count, dtype=Node, device=device)
+        launch_over_rays(plant, count, [self._nodes], [g.top], device)
+        if spans != self._spans:
+            g.anchor = wp.zeros(spans, dtype=wp.vec3d, device=device)
+            g.top_reach = wp.zeros(spans, dtype=float, device=device)
+            self._area = wp.zeros(spans, dtype=float, device=device)
+        self._fits = Fits()
+        self._fits.lower, self._fits.upper = (wp.empty(count, dtype=wp.vec3, device=device) for _ in range(2))
+        self._fits.area, self._fits.reach = (wp.empty(count, dtype=float, device=device) for _ in range(2))
+        self._spans, self._instants = spans, instants
+
+    def _refit(self) -> None:
+        """Fit all nodes: on the CPU, a thread for some of the trees; on CUDA, one for every node of a level."""
+        inputs, outputs = [self._anchor_shape, self._geometry, self._fits], [self._area]
+        if self._device.is_cpu:
+            trees = max(1, LEAVES_PER_SLICE // max(1, self._geometry.kind.size))
+            launch_over_rays(
+                refit, self._spans, [1, 0, self._nodes.size, *inputs], outputs, self._device, slice_size=trees
+            )
+            return
+        for begin, end in reversed(self._levels):
+            threads = end - begin
+            launch_over_rays(refit, self._spans * threads, [threads, begin, end, *inputs], outputs, self._device)
+
+    def _first_boxes(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        shapes = self._geometry.kind.size
+        boxes = [wp.empty(shapes, dtype=wp.vec3, device=self._device) for _ in range(2)]
+        launch_over_rays(first_boxes, shapes, [self._geometry, self._anchor_shape], boxes, self._device)
+        lower, upper = (box.numpy() for box in boxes)
+        return lower, upper
+
+    def _mean_area(self) -> float:
+        """Of the trees' boxes; on CUDA, once they are built, that of an earlier fit, so as not to wait for this one."""
+        if self._device.is_cpu or self._built_area < 0:
+            return float(self._area.numpy().mean())
+        if self._device.is_capturing:
+            return 0.0
+        if self._seen is None or self._seen.size != self._spans:
+            self._seen, self._is_seen = wp.zeros(self._spans, dtype=float, device="cpu", pinned=True), None
+        if self._is_seen is not None and not self._is_seen.is_complete:
+            return 0.0
+        area = float(self._seen.numpy().mean())
+        wp.copy(self._seen, self._area)
+        self._is_seen = wp.record_event()
+        return area
+
+
+def _by_level(nodes: npt.NDArray[np.void]) -> tuple[npt.NDArray[np.void], list[tuple[int, int]]]:
+    """The nodes level by level from the root, and where each level begins and ends."""
+    depth = np.zeros(len(nodes), int)
+    for at, child in enumerate(nodes["child"]):
+        depth[child[child >= 0]] = depth[at] + 1
+    order = np.argsort(depth, kind="stable")
+    place = np.empty(len(nodes), np.int32)
+    place[order] = np.arange(len(nodes))
+    nodes = nodes[order]
+    child = nodes["child"]
+    nodes["child"] = np.where(child >= 0, place[np.maximum(child, 0)], child)
+    ends = np.cumsum(np.bincount(depth)).tolist()
+    return nodes, list(zip([0, *ends], ends, strict=False))
+
+
+def _tree_over(
+    shapes: npt.NDArray[np.intp], lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32]
+) -> npt.NDArray[np.void]:
+    """Nodes of a tree over some of the shapes; leaf ~k is shape k."""
+    tree = build_tree(lower[shapes], upper[shapes], leaf_size=1)
+    child = tree.nodes["child"]
+    is_leaf = (child < 0) & (child != NO_CHILD)
+    child[is_leaf] = ~shapes[tree.order[tree.leaf_first[~child[is_leaf]]]].astype(np.int32)
+    return tree.nodes

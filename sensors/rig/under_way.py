@@ -1,0 +1,62 @@
+"""Readings of sensors that move: begun at one step, over at a later one."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from rigcast.sensors.scene.scene import Scene
+
+from .motion import History, Knot, Track
+from .mounted import Aim, Mounted
+
+
+class Begun(NamedTuple):
+    """A reading that began at `time` [s] and is under way."""
+
+    time: float
+    mounted: Mounted
+
+    @property
+    def end(self) -> float:
+        """When its last ray is fired [s]."""
+        assert self.mounted.firings is not None
+        return self.time + self.mounted.firings.end
+
+
+class UnderWay:
+    """The readings under way of the sensors of one scene that move, and the steps that they span.
+
+    rounding: by how much less than a time [s] the clock may show when it has reached it, for each sensor.
+    """
+
+    def __init__(self, scene: Scene, moving: Sequence[Mounted], rounding: Mapping[str, float]) -> None:
+        self.moving = moving
+        self._scene, self._rounding = scene, rounding
+        self._history = History()
+        self._begun: list[Begun] = []
+
+    def start_over(self) -> None:
+        """Forget all that has begun."""
+        self._begun.clear()
+        self._history.clear()
+
+    def step(self, data: mujoco.MjData, due: Iterable[tuple[float, Mounted]]) -> list[Begun]:
+        """Go on to the world of `data`, and begin what falls due; the readings whose last ray has been fired."""
+        self._begun += [Begun(time, mounted) for time, mounted in due]
+        self._history.forget_before(min([data.time, *(each.time for each in self._begun)]))
+        poses = {m.spec.name: m.pose(data) for m in self.moving}
+        self._history.add(Knot(data.time, self._scene.read(data), poses))
+        over = [each for each in self._begun if each.end <= data.time + self._rounding[each.mounted.spec.name]]
+        self._begun = [each for each in self._begun if each not in over]
+        return over
+
+    def aim(self, begun: Begun) -> Aim:
+        """Bring the scene to the steps that a reading spans; its rays through them."""
+        name, firings = begun.mounted.spec.name, begun.mounted.firings
+        assert firings is not None
+        knots = self._history.over(begun.time, begun.end)
+        self._scene.sweep([knot.shapes for knot in knots])
+        pose = Track.along(knots, name, np.array([begun.time])).pose()
+        return Aim(begun.time, pose, begun.mounted.rays_along(Track.along(knots, name, begun.time + firings.times)))
