@@ -75,7 +75,8 @@ def _entered(
     tree: npt.NDArray[np.void], root: int, origin: Floats, direction: Floats, reach: float
 ) -> tuple[int, Sequence[int]]:
     """Return how many nodes, and which leaves, a ray enters before it has come `reach` [m] far."""
-    stack, leaves, count = [int(root)], [], 0
+    stack, count = [int(root)], 0
+    leaves: list[int] = []
     with np.errstate(divide="ignore", invalid="ignore"):
         while stack:
             node = tree[stack.pop()]

@@ -10,7 +10,7 @@ over the shapes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -87,6 +87,10 @@ class TriangleTree:
     lower: npt.NDArray[np.float32]
     upper: npt.NDArray[np.float32]
     dropped: int
+
+    def outline(self) -> "TriangleTree":
+        """The same without nodes and triangles: what is left to know once a World holds them."""
+        return replace(self, nodes=self.nodes[:0].copy(), blocks=self.blocks[:0].copy())
 
 
 def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> TriangleTree:

@@ -5,6 +5,7 @@ Triangle trees are copied there once. Poses are taken at every update, and the t
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,8 +60,12 @@ class World:
 
     def _join_trees(self) -> None:
         nodes, blocks, self._roots = join_triangle_trees(self._trees)
-        self.geometry.nodes = wp.array(nodes, dtype=Node, device=self.device)
-        self.geometry.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device)
+        self.geometry.nodes = wp.array(nodes, dtype=Node, device=self.device, copy=False)
+        self.geometry.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
+        # the triangles of all trees are held once
+        ends = np.cumsum([len(tree.blocks) for tree in self._trees])
+        own = np.split(blocks, ends)[:-1]
+        self._trees = [replace(tree, blocks=part) for tree, part in zip(self._trees, own, strict=True)]
 
     def _overwrite_tree(self, index: int) -> None:
         tree = self._trees[index]

@@ -83,6 +83,8 @@ class Scene:
             Props(model, props),
         ]
         self._world = World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
+        for part in self._parts:
+            part.trees = [tree.outline() for tree in part.trees]
         owners = np.concatenate([np.full(len(part.ids), part.owner) for part in self._parts])
         ids = np.concatenate([part.ids for part in self._parts])
         in_use = {"geom"} | {part.owner for part in self._parts if len(part.ids)}
