@@ -92,8 +92,19 @@ class TileRays:
     first_ray: int  # of that world
     first_packet: int
     packets: wp.array[Packet]
-    # PACKETS entries from first_slot on:
-    first_slot: int
+    first_slot: int  # of PACKETS
+    best: wp.array[PacketHits]
+    directions: wp.array[Directions]
+
+
+@wp.struct
+class PacketRays:
+    """One packet of a tile: its rays, and where their hits are kept. Small, for functions copy what they are given."""
+
+    ray: WorldRay  # all but the direction
+    packet: int
+    packets: wp.array[Packet]
+    slot: int
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
 
@@ -147,6 +158,31 @@ def world_ray(rays: TileRays, slot: int, i: int) -> WorldRay:
 
 
 @wp.func
+def packet_of(rays: TileRays, k: int) -> PacketRays:
+    """Packet k of a tile."""
+    packet = PacketRays()
+    packet.ray.origin = rays.origin
+    packet.ray.when = rays.when
+    packet.ray.limit = rays.limit
+    packet.ray.cull = rays.cull
+    packet.packet = rays.first_packet + k
+    packet.packets = rays.packets
+    packet.slot = rays.first_slot + k
+    packet.best = rays.best
+    packet.directions = rays.directions
+    return packet
+
+
+@wp.func
+def ray_of_lane(packet: PacketRays, i: int) -> WorldRay:
+    """The ray of lane i, in the world."""
+    d = packet.slot
+    ray = packet.ray
+    ray.direction = wp.vec3d(packet.directions[d].x[i], packet.directions[d].y[i], packet.directions[d].z[i])
+    return ray
+
+
+@wp.func
 def hit_of_lane(hits: PacketHits, i: int) -> Hit:
     hit = Hit()
     hit.near = hits.near[i]
@@ -157,14 +193,13 @@ def hit_of_lane(hits: PacketHits, i: int) -> Hit:
 
 
 @wp.func
-def offer(
-    g: Geometry, rays: TileRays, slot: int, near: lanes, far: lanes, shape: int, triangle: int, reach: float
-) -> float:
+def offer(g: Geometry, packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int, reach: float) -> float:
     """Let a packet's rays take the hits (near, far) of one shape or triangle where they are first; return its reach."""
-    best_near = rays.best[slot].near
-    best_far = rays.best[slot].far
-    best_shape = rays.best[slot].shape
-    best_triangle = rays.best[slot].triangle
+    slot = packet.slot
+    best_near = packet.best[slot].near
+    best_far = packet.best[slot].far
+    best_shape = packet.best[slot].shape
+    best_triangle = packet.best[slot].triangle
     nearer = int(0)
     open = int(0)
     for i in range(LANES):
@@ -178,30 +213,30 @@ def offer(
         open = open | (is_open << i)
     if nearer == 0 and open == 0:
         return reach
-    rays.best[slot].near = best_near
-    rays.best[slot].far = best_far
-    rays.best[slot].shape = best_shape
-    rays.best[slot].triangle = best_triangle
+    packet.best[slot].near = best_near
+    packet.best[slot].far = best_far
+    packet.best[slot].shape = best_shape
+    packet.best[slot].triangle = best_triangle
     while open != 0:
         i = lowest_bit(open)
         open = open & (open - 1)
-        decide_lane_of_packet(g, rays, slot, i, near[i], far[i], shape, triangle)
-    return APART * farthest(rays.best[slot].far)
+        decide_lane_of_packet(g, packet, i, near[i], far[i], shape, triangle)
+    return APART * farthest(packet.best[slot].far)
 
 
 @wp.func
 def decide_lane_of_packet(
-    g: Geometry, rays: TileRays, slot: int, i: int, near: float, far: float, shape: int, triangle: int
+    g: Geometry, packet: PacketRays, i: int, near: float, far: float, shape: int, triangle: int
 ) -> None:
     hit = Hit()
     hit.near = near
     hit.far = far
     hit.shape = shape
     hit.triangle = triangle
-    hits = rays.best[slot]
-    first = decided(g, hit_of_lane(hits, i), hit, world_ray(rays, slot, i))
+    hits = packet.best[packet.slot]
+    first = decided(g, hit_of_lane(hits, i), hit, ray_of_lane(packet, i))
     hits.near[i] = first.near
     hits.far[i] = first.far
     hits.shape[i] = first.shape
     hits.triangle[i] = first.triangle
-    rays.best[slot] = hits
+    packet.best[packet.slot] = hits

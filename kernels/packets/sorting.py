@@ -1,7 +1,12 @@
 """Sorting rays from one origin into packets of neighbours, as rigcast.kernels.packets casts them.
 
-The rays are halved, across the axis on which their directions differ most, until a tile of them is left, and the tile
-is halved in the same way into its packets. Rays that have no near neighbours go alone.
+There are two ways, and the one is taken whose packets are expected to meet less. *Blocks*: the rays are halved, across
+the axis on which their directions differ most, until a tile of them is left, and the tile is halved in the same way
+into its packets. *Runs*: a packet is LANES rays that follow each other in the pattern, a tile PACKETS neighbouring
+runs. A run along the row of a lidar whose rows are far apart is wide but has no height, and so lies between most of
+what is smaller than the gap between rows; a block would meet all of it.
+
+Rays that have no near neighbours go alone.
 """
 
 from dataclasses import dataclass
@@ -20,6 +25,10 @@ WIDEST = np.cos(np.radians(45.0))
 """No ray of a tile is farther than 45 degrees from its axis."""
 SPARSE = 0.005
 """Rays that take up more than this of p q each are faster alone."""
+WIDEST_RUN = np.cos(np.radians(10.0))
+"""No ray of a run is farther than 10 degrees from its axis: those that go on in the next row of an image are."""
+SEEN = 0.01
+"""How large, in p and q, the boxes are that packets are held against, for the choice between blocks and runs."""
 SLACK = 1e-6
 """By how much ranges of p and q are widened: more than float32 rounds them."""
 
@@ -40,21 +49,85 @@ class Packets:
     firing: wp.array | None = None
 
 
+@dataclass(frozen=True)
+class _Arrangement:
+    """Rays in tiles (tiles, PACKETS, LANES), a negative ~k for no ray where k is, and those that go alone.
+
+    bases, places: as of `_places`. low, high: (tiles, PACKETS, 2) ranges of p and q.
+    """
+
+    tiles: Indices
+    singles: Indices
+    firing: npt.NDArray[np.int32]
+    bases: Doubles
+    places: Doubles
+    low: Doubles
+    high: Doubles
+
+    @staticmethod
+    def of(tiles: Indices, singles: Indices, firing: npt.NDArray[np.int32], directions: Doubles) -> "_Arrangement":
+        """Of tiles as they are, but for those whose rays are far apart: they go alone."""
+        bases, places = _places(tiles, directions)
+        low, high = places[..., :2].min(axis=2) - SLACK, places[..., :2].max(axis=2) + SLACK
+        is_dense = np.prod(high - low, axis=-1).sum(axis=1) < SPARSE * (tiles >= 0).sum(axis=(1, 2))
+        sparse = tiles[~is_dense]
+        kept = (a[is_dense] for a in (firing, bases, places, low, high))
+        return _Arrangement(tiles[is_dense], np.concatenate([singles, sparse[sparse >= 0]]), *kept)
+
+    @property
+    def cost(self) -> float:
+        """The boxes of size SEEN that its packets and single rays are expected to meet, up to a factor."""
+        packets = np.prod(self.high - self.low + SEEN, axis=-1)[(self.tiles >= 0).any(axis=2)]
+        return float(packets.sum() + len(self.singles) * SEEN**2)
+
+
 def sort_into_packets(directions: Doubles, firing: npt.NDArray[np.int32] | None = None) -> Packets:
     """Sort rays with unit directions (n, 3); those of a tile belong to one firing, (n,), where there are several."""
+    found = _in_blocks(directions, firing)
+    if firing is None and _least_cost_of_runs(directions) < found.cost:
+        found = min(found, _in_runs(directions), key=lambda arrangement: arrangement.cost)
+    return Packets(
+        wp.array(_tile_structs(found.tiles, found.bases, found.low, found.high), dtype=Tile, device="cpu"),
+        wp.array(_packet_structs(found.tiles, found.places, directions), dtype=Packet, device="cpu"),
+        wp.array(found.singles, dtype=int, device="cpu"),
+        None if firing is None else wp.array(found.firing, dtype=int, device="cpu"),
+    )
+
+
+def _in_blocks(directions: Doubles, firing: npt.NDArray[np.int32] | None) -> _Arrangement:
     rays, of_tile, singles = _tiles_of_firings(directions, firing)
     tiles = _halved_to(rays, directions, LANES).reshape(-1, PACKETS, LANES)
-    bases, places = _places(tiles, directions)
-    low, high = places[..., :2].min(axis=2) - SLACK, places[..., :2].max(axis=2) + SLACK
-    is_dense = np.prod(high - low, axis=-1).sum(axis=1) < SPARSE * (tiles >= 0).sum(axis=(1, 2))
-    sparse = tiles[~is_dense]
-    tiles, bases, places, low, high, of_tile = (a[is_dense] for a in (tiles, bases, places, low, high, of_tile))
-    return Packets(
-        wp.array(_tile_structs(tiles, bases, low, high), dtype=Tile, device="cpu"),
-        wp.array(_packet_structs(tiles, places, directions), dtype=Packet, device="cpu"),
-        wp.array(np.concatenate([singles, sparse[sparse >= 0]]), dtype=int, device="cpu"),
-        None if firing is None else wp.array(of_tile, dtype=int, device="cpu"),
-    )
+    return _Arrangement.of(tiles, singles, of_tile, directions)
+
+
+def _least_cost_of_runs(directions: Doubles) -> float:
+    """What the cost of runs would be if they were straight lines."""
+    count = len(directions) // LANES * LANES
+    length = np.linalg.norm(directions[LANES - 1 : count : LANES] - directions[:count:LANES], axis=1)
+    return float((length + SEEN).sum() * SEEN)
+
+
+def _in_runs(directions: Doubles) -> _Arrangement:
+    """Runs that are narrow in tiles that are, and all other rays in blocks."""
+    runs = np.arange(len(directions) // LANES * LANES).reshape(-1, LANES)
+    middle = directions[runs].mean(axis=1)
+    runs = runs[_along(directions[runs], middle) > WIDEST_RUN]
+    tiles = _tiles_of_runs(runs, directions)
+    tiles = tiles[_is_narrow(directions[_or_near(tiles)].reshape(-1, TILE, 3))]
+    rest = np.setdiff1d(np.arange(len(directions)), tiles)
+    blocks, singles = _tiles_of(directions[rest])
+    blocks = _halved_to(np.where(blocks >= 0, rest[blocks], ~rest[~blocks]), directions, LANES)
+    tiles = np.concatenate([tiles, blocks.reshape(-1, PACKETS, LANES)])
+    return _Arrangement.of(tiles, rest[singles], np.zeros(len(tiles), np.int32), directions)
+
+
+def _tiles_of_runs(runs: Indices, directions: Doubles) -> Indices:
+    """(tiles, PACKETS, LANES): neighbouring runs (m, LANES); a tile that is not full is filled up with ~rays."""
+    if len(runs) == 0:
+        return np.empty((0, PACKETS, LANES), np.int64)
+    parts = _in_parts(np.arange(len(runs)), directions[runs].mean(axis=1), PACKETS)
+    filled = [np.concatenate([runs[part], ~np.resize(runs[part], (PACKETS - len(part), LANES))]) for part in parts]
+    return np.stack(filled)
 
 
 def _tiles_of_firings(
@@ -141,9 +214,12 @@ def _narrow_tiles(rays: Indices, directions: Doubles) -> tuple[list[Indices], li
 
 def _is_narrow(d: Doubles) -> npt.NDArray[np.bool_]:
     """(...) whether all of (..., n, 3) directions are close to their mean."""
-    mean = d.mean(axis=-2)
-    along = np.einsum("...nk,...k->...n", d, mean).min(axis=-1, initial=1.0)
-    return along > WIDEST * np.linalg.norm(mean, axis=-1)
+    return _along(d, d.mean(axis=-2)) > WIDEST
+
+
+def _along(d: Doubles, axis: Doubles) -> Doubles:
+    """(...) the least cosine between (..., n, 3) unit directions and an axis (..., 3) of any length."""
+    return np.einsum("...nk,...k->...n", d, axis).min(axis=-1, initial=1.0) / np.linalg.norm(axis, axis=-1)
 
 
 def _in_parts(rays: Indices, directions: Doubles, size: int) -> list[Indices]:

@@ -12,9 +12,21 @@ from rigcast.kernels.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
 
 from .frustum import Frustum, enter_frustum, frustum_of, packets_at_box
-from .packet import LANES, PACKETS, PacketHits, TileRays, Vectors, double_lanes, lanes, offer, view_from
+from .packet import (
+    LANES,
+    PACKETS,
+    PacketHits,
+    PacketRays,
+    TileRays,
+    Vectors,
+    double_lanes,
+    lanes,
+    offer,
+    packet_of,
+    view_from,
+)
 from .solids import intersect_closed_forms
-from .triangles import cast_packet_through_triangles, packet_rays
+from .triangles import cast_packet_through_triangles, packet_among_triangles
 
 
 @wp.struct
@@ -27,12 +39,12 @@ class TileSought:
 
 @wp.func
 def visit_closed_form(
-    g: Geometry, rays: TileRays, slot: int, shape: int, to_local: wp.mat33d, origin: wp.vec3, reach: float
+    g: Geometry, packet: PacketRays, shape: int, to_local: wp.mat33d, origin: wp.vec3, reach: float
 ) -> float:
     """A packet against one closed form: lane by lane what a single ray does."""
-    x = rays.directions[slot].x
-    y = rays.directions[slot].y
-    z = rays.directions[slot].z
+    x = packet.directions[packet.slot].x
+    y = packet.directions[packet.slot].y
+    z = packet.directions[packet.slot].z
     local_x = lanes()
     local_y = lanes()
     local_z = lanes()
@@ -45,14 +57,16 @@ def visit_closed_form(
     directions.x = local_x
     directions.y = local_y
     directions.z = local_z
-    t = intersect_closed_forms(g.kind[shape], g.size[rays.when.first_shape + shape], origin, directions, rays.cull)
-    return offer(g, rays, slot, t, t, shape, 0, reach)
+    t = intersect_closed_forms(
+        g.kind[shape], g.size[packet.ray.when.first_shape + shape], origin, directions, packet.ray.cull
+    )
+    return offer(g, packet, t, t, shape, 0, reach)
 
 
 @wp.func
-def visit_shape_of_tile(g: Geometry, sought: TileSought, shape: int, distance: float, reach: vec8) -> vec8:
+def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: float, reach: vec8) -> vec8:
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
-    rays = sought.rays
+    rays = tile.rays
     kind = g.kind[shape]
     if not rays.visible[rays.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
         return reach
@@ -66,10 +80,10 @@ def visit_shape_of_tile(g: Geometry, sought: TileSought, shape: int, distance: f
         k = lowest_bit(packets)
         packets = packets & (packets - 1)
         if has_triangles(kind):
-            packet = packet_rays(rays, view, k, shape, cull)
-            reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[at], packet, reach[k])
+            sought = packet_among_triangles(rays, view, k, shape, cull)
+            reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[at], sought, reach[k])
         else:
-            reach[k] = visit_closed_form(g, rays, rays.first_slot + k, shape, to_local, view.origin, reach[k])
+            reach[k] = visit_closed_form(g, packet_of(rays, k), shape, to_local, view.origin, reach[k])
     return reach
 
 

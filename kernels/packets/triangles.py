@@ -18,7 +18,7 @@ from rigcast.kernels.triangle import ROUNDING as HEIGHT_ROUNDING
 from rigcast.kernels.vectors import larger, lowest_bit, norm1, smaller
 
 from .frustum import Frustum, enter_frustum, frustum_of
-from .packet import LANES, TileRays, View, lanes, offer
+from .packet import LANES, PacketRays, TileRays, View, lanes, offer, packet_of
 
 SIDE_ROUNDING = wp.constant(12.0 * 2.0**-23)  # 24u
 DISTANCE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
@@ -47,16 +47,15 @@ class Edges:
 
 
 @wp.struct
-class PacketRays:
+class Sought:
     """A packet as the triangles of one shape see it."""
 
-    rays: TileRays
-    slot: int
-    packet: int
+    packet: PacketRays
     shape: int
     cull: int
     view: View
     frustum: Frustum
+    # the middle of its range of p and q, and half its size:
     p: float
     q: float
     p_half: float
@@ -64,26 +63,24 @@ class PacketRays:
 
 
 @wp.func
-def packet_rays(rays: TileRays, view: View, k: int, shape: int, cull: int) -> PacketRays:
+def packet_among_triangles(rays: TileRays, view: View, k: int, shape: int, cull: int) -> Sought:
     """Packet k of a tile as one shape sees it."""
     tile = rays.tile
-    packet = PacketRays()
-    packet.rays = rays
-    packet.slot = rays.first_slot + k
-    packet.packet = rays.first_packet + k
-    packet.shape = shape
-    packet.cull = cull
-    packet.view = view
-    packet.frustum = frustum_of(view, tile.p_low[k], tile.p_high[k], tile.q_low[k], tile.q_high[k])
-    packet.p = 0.5 * (tile.p_low[k] + tile.p_high[k])
-    packet.q = 0.5 * (tile.q_low[k] + tile.q_high[k])
-    packet.p_half = 0.5 * (tile.p_high[k] - tile.p_low[k])
-    packet.q_half = 0.5 * (tile.q_high[k] - tile.q_low[k])
-    return packet
+    sought = Sought()
+    sought.packet = packet_of(rays, k)
+    sought.shape = shape
+    sought.cull = cull
+    sought.view = view
+    sought.frustum = frustum_of(view, tile.p_low[k], tile.p_high[k], tile.q_low[k], tile.q_high[k])
+    sought.p = 0.5 * (tile.p_low[k] + tile.p_high[k])
+    sought.q = 0.5 * (tile.q_low[k] + tile.q_high[k])
+    sought.p_half = 0.5 * (tile.p_high[k] - tile.p_low[k])
+    sought.q_half = 0.5 * (tile.q_high[k] - tile.q_low[k])
+    return sought
 
 
 @wp.func
-def edges_of(block: TriangleBlock, packet: PacketRays) -> Edges:
+def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
     x0 = block.x0
     y0 = block.y0
     z0 = block.z0
@@ -96,15 +93,15 @@ def edges_of(block: TriangleBlock, packet: PacketRays) -> Edges:
     normal_x = block.normal_x
     normal_y = block.normal_y
     normal_z = block.normal_z
-    origin = packet.view.origin
-    rest = packet.view.origin_rest
-    a = packet.view.axis
-    u = packet.view.u
-    v = packet.view.v
-    p = packet.p
-    q = packet.q
-    p_half = packet.p_half
-    q_half = packet.q_half
+    origin = sought.view.origin
+    rest = sought.view.origin_rest
+    a = sought.view.axis
+    u = sought.view.u
+    v = sought.view.v
+    p = sought.p
+    q = sought.q
+    p_half = sought.p_half
+    q_half = sought.q_half
     scale = SIDE_ROUNDING * (1.0 + wp.abs(p) + p_half + wp.abs(q) + q_half)
     s0a = vec8()
     s0u = vec8()
@@ -186,39 +183,41 @@ def edges_of(block: TriangleBlock, packet: PacketRays) -> Edges:
     return edges
 
 
+@wp.struct
+class Met:
+    """From where to where each ray's distance to a triangle may be, and whether (some != 0) any ray may hit it."""
+
+    near: lanes
+    far: lanes
+    some: int
+
+
 @wp.func
-def visit_triangle(g: Geometry, packet: PacketRays, edges: Edges, j: int, triangle: int, reach: float) -> float:
-    """A packet against one triangle, as triage_triangle has it."""
-    p = packet.rays.packets[packet.packet].p
-    q = packet.rays.packets[packet.packet].q
-    length = packet.rays.packets[packet.packet].length
-    cull = packet.cull
-    a0 = edges.side0_a[j]
-    u0 = edges.side0_u[j]
-    v0 = edges.side0_v[j]
-    a1 = edges.side1_a[j]
-    u1 = edges.side1_u[j]
-    v1 = edges.side1_v[j]
-    a2 = edges.side2_a[j]
-    u2 = edges.side2_u[j]
-    v2 = edges.side2_v[j]
-    na = edges.slope_a[j]
-    nu = edges.slope_u[j]
-    nv = edges.slope_v[j]
-    rounding = edges.rounding[j]
-    height = edges.height[j]
-    size = edges.reach[j]
+def meet_triangle(
+    p: lanes,
+    q: lanes,
+    length: lanes,
+    side0: wp.vec3,
+    side1: wp.vec3,
+    side2: wp.vec3,
+    slopes: wp.vec3,
+    rounding: float,
+    height: float,
+    size: float,
+    cull: int,
+) -> Met:
+    """The rays of a packet against one triangle, as triage_triangle has it; side0 and so on are those of Edges."""
     is_high = wp.where(wp.abs(height) > HEIGHT_ROUNDING * size, 1, 0)
     near = lanes()
     far = lanes()
     some = int(0)
     # conditions are numbers: a loop with `and` and `or` is not vectorised
     for i in range(LANES):
-        s0 = a0 + p[i] * u0 + q[i] * v0
-        s1 = a1 + p[i] * u1 + q[i] * v1
-        s2 = a2 + p[i] * u2 + q[i] * v2
+        s0 = side0[0] + p[i] * side0[1] + q[i] * side0[2]
+        s1 = side1[0] + p[i] * side1[1] + q[i] * side1[2]
+        s2 = side2[0] + p[i] * side2[1] + q[i] * side2[2]
         inside = larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
-        slope = na + p[i] * nu + q[i] * nv
+        slope = slopes[0] + p[i] * slopes[1] + q[i] * slopes[2]
         per_slope = length[i] / slope
         t = height * per_slope
         error = DISTANCE_ROUNDING * (size + wp.abs(t)) * wp.abs(per_slope)
@@ -228,26 +227,43 @@ def visit_triangle(g: Geometry, packet: PacketRays, edges: Edges, j: int, triang
         near[i] = wp.where(is_hit == 1, wp.where(is_sure == 1, t - error, 0.0), wp.inf)
         far[i] = wp.where(is_hit & is_sure == 1, t + error, wp.inf)
         some = some | is_hit
-    if some == 0:
-        return reach
-    return offer(g, packet.rays, packet.slot, near, far, packet.shape, triangle, reach)
+    met = Met()
+    met.near = near
+    met.far = far
+    met.some = some
+    return met
 
 
 @wp.func
-def visit_block_of_packet(g: Geometry, packet: PacketRays, index: int, distance: float, reach: float) -> float:  # noqa: ARG001
+def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: float, reach: float) -> float:  # noqa: ARG001
     """A packet against the triangles of one block; returns how far its rays still reach."""
-    edges = edges_of(g.blocks[index], packet)
+    edges = edges_of(g.blocks[index], sought)
+    at = sought.packet.packet
     possible = edges.possible
     while possible != 0:
         j = lowest_bit(possible)
         possible = possible & (possible - 1)
-        reach = visit_triangle(g, packet, edges, j, index * WIDTH + j, reach)
+        met = meet_triangle(
+            sought.packet.packets[at].p,
+            sought.packet.packets[at].q,
+            sought.packet.packets[at].length,
+            wp.vec3(edges.side0_a[j], edges.side0_u[j], edges.side0_v[j]),
+            wp.vec3(edges.side1_a[j], edges.side1_u[j], edges.side1_v[j]),
+            wp.vec3(edges.side2_a[j], edges.side2_u[j], edges.side2_v[j]),
+            wp.vec3(edges.slope_a[j], edges.slope_u[j], edges.slope_v[j]),
+            edges.rounding[j],
+            edges.height[j],
+            edges.reach[j],
+            sought.cull,
+        )
+        if met.some != 0:
+            reach = offer(g, sought.packet, met.near, met.far, sought.shape, index * WIDTH + j, reach)
     return reach
 
 
 @wp.func
-def enter_of_packet(node: Node, packet: PacketRays, reach: float) -> Entered:
-    return enter_frustum(node, packet.frustum, smaller(reach, packet.rays.limit))
+def enter_of_packet(node: Node, sought: Sought, reach: float) -> Entered:
+    return enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
 
 
 @wp.func
@@ -256,5 +272,5 @@ def reach_of_packet(reach: float) -> float:
 
 
 cast_packet_through_triangles = traversal(
-    "cast_packet_through_triangles", PacketRays, float, enter_of_packet, reach_of_packet, visit_block_of_packet
+    "cast_packet_through_triangles", Sought, float, enter_of_packet, reach_of_packet, visit_block_of_packet
 )

@@ -59,6 +59,8 @@ def axes(count: int) -> Doubles:
 PATTERNS: dict[str, Doubles] = {
     "64 beams": lidar(64, 128),
     "16 beams, far apart": lidar(16, 100, 15.0),
+    "rows far apart": lidar(16, 600, 15.0),
+    "rows that end within a run": lidar(9, 500, 8.0),
     "up to the poles": lidar(30, 60, 90.0),
     "one ring": lidar(1, 360, 0.0),
     "camera": camera(64, 48),
@@ -110,6 +112,12 @@ def test_packets_are_compact() -> None:
     pixel = np.tan(np.radians(30.0)) * 2 / 640
     width, height = (np.median(tiles[f"{k}_high"] - tiles[f"{k}_low"]) for k in "pq")
     assert width * height < 3 * LANES * pixel**2
+
+
+def test_rows_that_are_far_apart_are_not_mixed() -> None:
+    columns = 640
+    rays = sort_into_packets(lidar(16, columns, 15.0)).packets.numpy()["ray"]
+    assert (np.ptp(rays // columns, axis=1) == 0).all()
 
 
 @pytest.mark.parametrize("name", PATTERNS)
