@@ -65,14 +65,16 @@ def page(measured: dict[str, Any], results: Sequence[Result], scaling: Sequence[
 def _comparison(results: Sequence[Result]) -> Iterator[str]:
     names = list(dict.fromkeys(speed.caster for result in results for speed in result.speeds))
     others = names[1:]
-    yield f"| scene and rays | rigcast, M rays/s | {' | '.join(others)} |\n|---|--:|{'--:|' * len(others)}"
+    yield f"| scene and rays | geoms | triangles | rigcast, M rays/s | {' | '.join(others)} |"
+    yield f"|---|--:|--:|--:|{'--:|' * len(others)}"
     for result in results:
         by_name = {speed.caster: speed for speed in result.speeds}
         where = f"{result.workload}, {result.sensor} {' x '.join(map(str, result.shape))}"
         ratios = " | ".join(_ratio(by_name[name]) if name in by_name else "" for name in others)
-        yield f"| {where} | {by_name['rigcast'].mrays.median:.3g} | {ratios} |"
+        speed = f"{by_name['rigcast'].mrays.median:.3g}"
+        yield f"| {where} | {result.geoms} | {result.triangles} | {speed} | {ratios} |"
     means = " | ".join(f"**{geometric_mean(results, name):.2f}**" for name in others)
-    yield f"| geometric mean | | {means} |\n"
+    yield f"| geometric mean | | | | {means} |"
     yield RIGHT
     yield f"| scene and rays | {' | '.join(names)} |\n|---|{'--:|' * len(names)}"
     for result in results:
@@ -177,8 +179,8 @@ HEAD = """# Performance
 
 *Written by `make performance` (`python benchmarks/performance.py`); not edited by hand.*
 
-Measured on {processor} ({machine}), {threads} threads of {cores} cores, {rounds} rounds in turn, with {packages}.
-{meanwhile}
+Measured on {processor} ({machine}), {threads} threads of {cores} cores, {rounds} rounds in turn, with
+{packages}. {meanwhile}
 
 ## Beside other casters
 
@@ -225,6 +227,9 @@ likely to need both sides. *Trees on disk* are read at the second start with the
 The vectors are as wide as the CPU's: Warp compiles kernels where they run, for the CPU that it finds there, and can
 compile for no other. With Warp 1.19 `warp.config.cpu_compiler_flags` can make them narrower or switch them off, which
 changes no bit of any answer (`tests/kernels/test_cpu_flags.py`). Older versions of Warp have no such option.
+
+*Tried, without gain here:* vectors of 512 bits by `-mprefer-vector-width=512`, on a CPU that has 256; kernels without
+`-march=native`, which were as fast within noise, as Warp generates code for the CPU at hand either way.
 """
 GPU = """
 ## On a GPU: not measured

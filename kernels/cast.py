@@ -1,21 +1,30 @@
 """The cast: the rays of a sensor, through the geometry, to hits."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import warp as wp
 
 from .geometry import FARTHEST, Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
-from .launch import TURN, launch_over_rays, launch_over_tiles, thread_count
+from .launch import RAYS_PER_SLICE, TURN, launch_over_rays, launch_over_tiles, thread_count
+from .moving import at_firings
 from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, int_lanes, world_ray
 from .packets.places import Places, places_on_shape
 from .packets.tile import cast_tile, clear_packet
-from .poses import first_of_world, moment_of, world_of
+from .poses import scope_of
 from .ray import cast_ray
-from .rays import RayArrays, Rays, direction_of, firing_of, fraction_of, origin_of, span_of
+from .rays import RayArrays, Rays, direction_of, firing_of, origin_of, span_of
 from .vectors import lowest_bit, to_double
 
+RAYS_PER_THREAD = 32
+"""On the CPU: for each thread that a kernel is launched over, Warp copies its arguments."""
+
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
+
+
+BYTES_PER_HIT = 24
+"""Of a ray in HitArrays."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +45,12 @@ class HitArrays:
         out = Out()
         out.distance, out.shape, out.face, out.normal = self.distance, self.shape, self.face, self.normal
         return out
+
+    def of_world(self, world: int, worlds: int) -> "HitArrays":
+        """Those of one of so many worlds, without a copy."""
+        count = self.distance.size // worlds
+        rays = slice(world * count, (world + 1) * count)
+        return HitArrays(self.distance[rays], self.shape[rays], self.face[rays], self.normal[rays])
 
     @staticmethod
     def empty(count: int, device: wp.DeviceLike) -> "HitArrays":
@@ -95,6 +110,8 @@ def write_hit(g: Geometry, out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
 @wp.kernel
 def cast_rays(
     first: int,
+    per_thread: int,
+    count: int,
     # scene:
     g: Geometry,
     visible: wp.array[wp.bool],
@@ -105,21 +122,24 @@ def cast_rays(
     cull: int,
     out: Out,
 ) -> None:
-    i = first + wp.tid()
-    if which.shape[0] > 0:
-        i = i / which.shape[0] * rays.count + which[i % which.shape[0]]
-    firing = firing_of(rays, i)
-    rotation = rays.rotation[firing]
-    ray = WorldRay()
-    ray.origin = rays.position[firing] + rotation * origin_of(rays, i)
-    ray.direction = rotation * direction_of(rays, i)
-    ray.when = moment_of(g, span_of(rays, firing), fraction_of(rays, firing))
-    ray.limit = limit
-    ray.cull = cull
-    if is_castable(ray):
-        write_hit(g, out, i, cast_ray(g, visible, ray), ray)
-    else:
-        write_miss(out, i, wp.nan)
+    """So many rays per thread, of this count."""
+    begin = (first + wp.tid()) * per_thread
+    for k in range(begin, wp.min(begin + per_thread, count)):
+        i = int(k)
+        if which.shape[0] > 0:
+            i = k / which.shape[0] * rays.count + which[k % which.shape[0]]
+        firing = firing_of(rays, i)
+        rotation = rays.rotation[firing]
+        ray = WorldRay()
+        ray.origin = rays.position[firing] + rotation * origin_of(rays, i)
+        ray.direction = rotation * direction_of(rays, i)
+        ray.scope = scope_of(g, visible, span_of(rays, firing), firing)
+        ray.limit = limit
+        ray.cull = cull
+        if is_castable(ray):
+            write_hit(g, out, i, cast_ray(g, visible, ray), ray)
+        else:
+            write_miss(out, i, wp.nan)
 
 
 @wp.func
@@ -169,9 +189,11 @@ def write_places(out: Out, rays: TileRays, numbers: int_lanes, which: int, shape
 
 
 @wp.func
-def tile_of_thread(thread: int, threads: int, i: int) -> int:
-    """The i-th tile of a thread. Threads take turns at runs of neighbouring tiles, whose hits share cache lines."""
-    return (i / TURN * threads + thread) * TURN + i % TURN
+def tile_after(index: int, threads: int) -> int:
+    """The next tile of a thread. Threads take turns at runs of neighbouring tiles, whose hits share cache lines."""
+    if (index + 1) % TURN == 0:
+        return index + 1 + (threads - 1) * TURN
+    return index + 1
 
 
 @wp.kernel
@@ -195,42 +217,41 @@ def cast_packets(
     out: Out,
 ) -> None:
     """The tiles of one of so many threads, one after the other, world after world."""
-    index = tile_of_thread(thread, threads, wp.tid())
-    if index >= worlds * tiles.shape[0]:
-        return
-    world = index / tiles.shape[0]
-    index = index % tiles.shape[0]
-    firing = world * own.firings
-    if firing_of_tile.shape[0] > 0:
-        firing += firing_of_tile[index]
-    rotation = own.rotation[firing]
-    rays = TileRays()
-    rays.tile = tiles[index]
-    rays.origin = own.position[firing] + rotation * own.origins[0]
-    rays.axis = rotation * rays.tile.axis
-    rays.u = rotation * rays.tile.u
-    rays.v = rotation * rays.tile.v
-    rays.when = moment_of(g, span_of(own, firing), fraction_of(own, firing))
-    rays.first_visible = first_of_world(visible.shape[0], g.kind.shape[0], world_of(g, rays.when.span))
-    rays.first_ray = world * own.count
-    rays.limit = limit
-    rays.cull = cull
-    rays.visible = visible
-    rays.first_packet = index * PACKETS
-    rays.packets = packets
-    rays.first_slot = thread * PACKETS
-    rays.best = best
-    rays.directions = world_directions
-    for k in range(PACKETS):
-        clear_packet(rays, k, rotation)
-    is_sound = is_castable(world_ray(rays, rays.first_slot, 0))
-    if is_sound:
-        cast_tile(g, rays)
-    for k in range(PACKETS):
+    at = thread * TURN
+    while at < worlds * tiles.shape[0]:
+        world = at / tiles.shape[0]
+        index = at % tiles.shape[0]
+        firing = world * own.firings
+        if firing_of_tile.shape[0] > 0:
+            firing += firing_of_tile[index]
+        rotation = own.rotation[firing]
+        rays = TileRays()
+        rays.tile = tiles[index]
+        rays.origin = own.position[firing] + rotation * own.origins[0]
+        rays.axis = rotation * rays.tile.axis
+        rays.u = rotation * rays.tile.u
+        rays.v = rotation * rays.tile.v
+        rays.scope = scope_of(g, visible, span_of(own, firing), firing)
+        rays.first_ray = world * own.count
+        rays.limit = limit
+        rays.cull = cull
+        rays.visible = visible
+        rays.first_packet = index * PACKETS
+        rays.packets = packets
+        rays.first_slot = thread * PACKETS
+        rays.best = best
+        rays.directions = world_directions
+        for k in range(PACKETS):
+            clear_packet(rays, k, rotation)
+        is_sound = is_castable(world_ray(rays, rays.first_slot, 0))
         if is_sound:
-            write_packet(g, out, rays, k)
-        else:
-            miss_packet(out, rays, k, wp.nan)
+            cast_tile(g, rays)
+        for k in range(PACKETS):
+            if is_sound:
+                write_packet(g, out, rays, k)
+            else:
+                miss_packet(out, rays, k, wp.nan)
+        at = tile_after(at, threads)
 
 
 def cast(
@@ -248,19 +269,27 @@ def cast(
     """
     device = rays.directions.device
     hits = HitArrays.empty(rays.total, device) if out is None else out
-    scene, how = [geometry, visible], [rays.arrays, limit, cull]
+    placed = geometry if geometry.instants == 1 else at_firings(geometry, rays)
+    scene, how = [placed, visible], [rays.arrays, limit, cull]
     if rays.packets is None:
-        everything = wp.empty(0, dtype=int, device=device)
-        launch_over_rays(cast_rays, rays.total, [*scene, everything, *how], [hits.out()], device)
+        _cast_alone(scene, wp.empty(0, dtype=int, device=device), rays.total, how, hits)
         return hits
     packets, worlds = rays.packets, rays.worlds
     scratch = [wp.empty(thread_count() * PACKETS, dtype=kind, device="cpu") for kind in (PacketHits, Directions)]
     sorted_rays = [packets.tiles, packets.packets, packets.firing, *how]
-    launch_over_tiles(cast_packets, worlds * packets.tiles.size, [worlds, *scene, *sorted_rays, *scratch], [hits.out()])
-    if packets.singles.size:
-        singles = [*scene, packets.singles, *how]
-        launch_over_rays(cast_rays, worlds * packets.singles.size, singles, [hits.out()], device)
+    inputs = [worlds, *scene, *sorted_rays, *scratch]
+    launch_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()])
+    _cast_alone(scene, packets.singles, worlds * packets.singles.size, how, hits)
     return hits
+
+
+def _cast_alone(scene: list[Any], which: wp.array, count: int, how: list[Any], hits: HitArrays) -> None:
+    """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
+    device = hits.distance.device
+    per_thread = RAYS_PER_THREAD if device.is_cpu else 1
+    threads, slice_size = -(-count // per_thread), max(1, RAYS_PER_SLICE // per_thread)
+    inputs = [per_thread, count, *scene, which, *how]
+    launch_over_rays(cast_rays, threads, inputs, [hits.out()], device, slice_size)
 
 
 @wp.kernel

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from .fit import REBUILD_RATIO, Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
 from .geometry import FARTHEST, NO_FACE, Shapes, TriangleBlock, TriangleTree
-from .top_level import REBUILD_RATIO, refit
-from .tree import WIDTH, Node, build_tree, empty_box, join, struct_zeros
+from .tree import NO_CHILD, WIDTH, Node, build_tree, empty_box, join, set_child, struct_zeros
 from .vectors import to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
@@ -67,6 +67,35 @@ def fill_blocks(
     upper[i] = box.upper
 
 
+@wp.kernel
+def fit_tree(
+    # boxes of the leaves:
+    lower: wp.array[wp.vec3],
+    upper: wp.array[wp.vec3],
+    # in and out:
+    nodes: wp.array[Node],
+    # out:
+    fits: wp.array[Fit],
+) -> None:
+    """One thread: fit the boxes of all nodes to those of the leaves, children first; leaf ~k has box k."""
+    for k in range(nodes.shape[0]):
+        at = nodes.shape[0] - 1 - k
+        node = nodes[at]
+        whole = no_fit()
+        for j in range(WIDTH):
+            child = node.child[j]
+            if child != NO_CHILD:
+                fit = Fit()
+                if child >= 0:  # noqa: SIM108
+                    fit = fits[child]
+                else:
+                    fit = fit_of_leaf(make_box(lower[-1 - child], upper[-1 - child]))
+                node = set_child(node, j, fit.box, child)
+                whole = with_child(whole, fit)
+        nodes[at] = node
+        fits[at] = with_own_box(whole)
+
+
 class DeformingTree:
     """A tree over triangles whose vertices move. A face is not hit while it has no area.
 
@@ -86,7 +115,6 @@ class DeformingTree:
             raise ValueError(f"face {face}: got vertices {corners[face].tolist()}, expected 0 to {len(start) - 1}")
         self._faces = corners.astype(np.int32)
         self._faces_on_cpu = wp.array(self._faces, dtype=wp.vec3i, device="cpu")
-        self._area, self._reach = (wp.zeros(1, dtype=float, device="cpu") for _ in range(2))
         self._build(_checked(start))
 
     @property
@@ -105,7 +133,7 @@ class DeformingTree:
         """
         moved = _checked(np.asarray(vertices, np.float32))
         self._refit(moved)
-        if self._area.numpy()[0] > REBUILD_RATIO * self._built_area:
+        if self._area > REBUILD_RATIO * self._built_area:
             self._build(moved)
         return self.tree
 
@@ -123,17 +151,21 @@ class DeformingTree:
         self._nodes = wp.array(built.nodes, dtype=Node, device="cpu")
         self._blocks = wp.array(blocks, dtype=TriangleBlock, device="cpu")
         self._boxes = [wp.empty(len(blocks), dtype=wp.vec3, device="cpu") for _ in range(2)]
-        self._node_boxes = [wp.empty(len(built.nodes), dtype=wp.vec3, device="cpu") for _ in range(2)]
+        self._fits = wp.empty(len(built.nodes), dtype=Fit, device="cpu")
         self._refit(vertices)
-        self._built_area = float(self._area.numpy()[0])
+        self._built_area = self._area
 
     def _refit(self, vertices: npt.NDArray[np.float32]) -> None:
         """Corners, normals and boxes of the present structure, for vertices that have moved."""
         places = wp.array(vertices, dtype=wp.vec3, device="cpu")
         outputs = [self._blocks, *self._boxes]
         wp.launch(fill_blocks, len(self._blocks), inputs=[places, self._faces_on_cpu], outputs=outputs, device="cpu")
-        inputs = [*self._boxes, *self._node_boxes, self._nodes]
-        wp.launch(refit, 1, inputs=inputs, outputs=[self._area, self._reach], device="cpu")
+        wp.launch(fit_tree, 1, inputs=self._boxes, outputs=[self._nodes, self._fits], device="cpu")
+
+    @property
+    def _area(self) -> float:
+        """Of all boxes of the tree."""
+        return float(self._fits.numpy()["area"][0])
 
 
 def _checked(vertices: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -10,7 +10,7 @@ over the shapes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -62,7 +62,7 @@ class Geometry:
     center: wp.array[wp.vec3]  # of the shape's box in its own frame, and the half size
     half: wp.array[wp.vec3]
     reach: wp.array[float]  # largest |coordinate| of the shape in its own frame
-    # poses (W I n,), in float64 or in float32; the other two are empty:
+    # poses (W I n,), in float64 or in float32, the others are empty; of shapes that move, (firings n,) for the cast:
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]  # columns: the shape's axes in the world
     position_float: wp.array[wp.vec3]
@@ -70,7 +70,8 @@ class Geometry:
     instants: int  # I
     turn: wp.array[wp.vec3d]  # (S n,) rotation vector from a span's first instant to its second; empty where I is 1
     # the trees over the shapes, relative to an anchor each:
-    top: wp.array[Node]  # (S m,) with m nodes each
+    top: wp.array[Node]  # (S m,)
+    top_count: int  # m, the nodes of each
     anchor: wp.array[wp.vec3d]  # (S,)
     top_reach: wp.array[float]  # (S,) largest |coordinate| of the tree's boxes
 
@@ -87,10 +88,6 @@ class TriangleTree:
     lower: npt.NDArray[np.float32]
     upper: npt.NDArray[np.float32]
     dropped: int
-
-    def outline(self) -> "TriangleTree":
-        """The same without nodes and triangles: what is left to know once a World holds them."""
-        return replace(self, nodes=self.nodes[:0].copy(), blocks=self.blocks[:0].copy())
 
 
 def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> TriangleTree:

@@ -9,7 +9,7 @@ shape, then of the lower triangle.
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .poses import Moment, pose_of
+from .poses import Scope, pose_of
 from .solids import SHEET, closed_form_normal, has_triangles, intersect_closed_form
 from .tree import WIDTH
 from .triangle import CULL_NONE, GRAZING, decide_triangle
@@ -26,7 +26,7 @@ class WorldRay:
 
     origin: wp.vec3d
     direction: wp.vec3d
-    when: Moment
+    scope: Scope
     limit: float
     cull: int
 
@@ -72,7 +72,7 @@ def decide_lane(block: TriangleBlock, j: int, origin: wp.vec3d, direction: wp.ve
 @wp.func
 def distance_of(g: Geometry, shape: int, triangle: int, ray: WorldRay) -> wp.float64:
     """Distance to a closed form, or to one triangle of a shape, +inf on a miss."""
-    pose = pose_of(g, shape, ray.when)
+    pose = pose_of(g, shape, ray.scope)
     to_local = wp.transpose(pose.rotation)
     origin = to_local * (ray.origin - pose.position)
     direction = to_local * ray.direction
@@ -80,7 +80,7 @@ def distance_of(g: Geometry, shape: int, triangle: int, ray: WorldRay) -> wp.flo
     if has_triangles(kind):
         cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
         return decide_lane(g.blocks[triangle / WIDTH], triangle % WIDTH, origin, direction, cull)
-    size = g.size[ray.when.first_shape + shape]
+    size = g.size[ray.scope.first_shape + shape]
     t = intersect_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
     return wp.float64(t)
 
@@ -131,7 +131,7 @@ class Place:
 @wp.func
 def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
     kind = g.kind[hit.shape]
-    pose = pose_of(g, hit.shape, ray.when)
+    pose = pose_of(g, hit.shape, ray.scope)
     offset = ray.origin - pose.position
     place = Place()
     if has_triangles(kind):
@@ -147,7 +147,7 @@ def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
         place.face = block.face[lane]
     else:
         place.distance = larger(hit.near, 0.0)  # which makes +0 of -0
-        size = g.size[ray.when.first_shape + hit.shape]
+        size = g.size[ray.scope.first_shape + hit.shape]
         place.normal = normal_of_closed_form(kind, size, pose.rotation, offset, ray.direction, hit.near)
         place.face = -1
     return place

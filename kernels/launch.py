@@ -44,16 +44,14 @@ def launch_over_rays(
 
 
 def launch_over_tiles(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
-    """Launch a CPU kernel over tiles 0..count-1, in turns of TURN tiles.
+    """Launch a CPU kernel over tiles 0..count-1: once in each thread, to take turns at TURN tiles.
 
-    Its first arguments are the number of a thread and of all threads; indices from count on are to be left out.
+    Its first arguments are the number of a thread and of all threads.
     """
-    turns = -(-count // TURN)
-    threads = min(thread_count(), turns)
+    threads = min(thread_count(), -(-count // TURN))
 
     def launch(thread: int) -> None:
-        size = TURN * -(-(turns - thread) // threads)
-        wp.launch(kernel, size, inputs=[thread, threads, *inputs], outputs=outputs, device="cpu")
+        wp.launch(kernel, 1, inputs=[thread, threads, *inputs], outputs=outputs, device="cpu")
 
     if kernel not in _launched:
         wp.load_module(kernel.module, device="cpu")

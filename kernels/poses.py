@@ -1,11 +1,4 @@
-"""Where the shapes stand for a ray: in its world, at its time.
-
-Between two instants a position moves on a straight line, and a rotation turns about one axis at an even rate:
-
-    x(f) = x0 + f (x1 - x0)      R(f) = R0 exp(f [w])      exp([w]) = R0^T R1, |w| <= pi
-
-which is what slerp does with quaternions. w is kept for each shape, in the shape's own frame.
-"""
+"""Where the shapes stand for a ray, in the arrays of a geometry."""
 
 import warp as wp
 
@@ -14,13 +7,13 @@ from .vectors import to_double
 
 
 @wp.struct
-class Moment:
-    """Of what world a ray is, and when: where in the arrays of a Geometry the shapes are as it meets them."""
+class Scope:
+    """Of a ray: the span it is cast through, and where in arrays of shapes those that it meets begin."""
 
     span: int
-    first_pose: int  # of shape 0, at the span's first instant
-    first_shape: int  # of its size and box
-    fraction: wp.float64  # of the way to the span's second instant
+    first_pose: int
+    first_shape: int  # of sizes and boxes
+    first_visible: int
 
 
 @wp.struct
@@ -32,20 +25,22 @@ class Pose:
 
 
 @wp.func
-def world_of(g: Geometry, span: int) -> int:
-    return span / wp.max(g.instants - 1, 1)
+def scope_of(g: Geometry, visible: wp.array[wp.bool], span: int, firing: int) -> Scope:
+    shapes = g.kind.shape[0]
+    world = world_of(g, span)
+    scope = Scope()
+    scope.span = span
+    scope.first_pose = wp.where(g.instants == 1, span, firing) * shapes
+    scope.first_shape = first_of_world(g.size.shape[0], shapes, world)
+    scope.first_visible = first_of_world(visible.shape[0], shapes, world)
+    return scope
 
 
 @wp.func
-def moment_of(g: Geometry, span: int, fraction: wp.float64) -> Moment:
-    shapes = g.kind.shape[0]
-    world = world_of(g, span)
-    moment = Moment()
-    moment.span = span
-    moment.first_pose = (world * g.instants + span % wp.max(g.instants - 1, 1)) * shapes
-    moment.first_shape = first_of_world(g.size.shape[0], shapes, world)
-    moment.fraction = fraction
-    return moment
+def world_of(g: Geometry, span: int) -> int:
+    if g.instants == 1:
+        return span
+    return int(span / (g.instants - 1))
 
 
 @wp.func
@@ -55,55 +50,27 @@ def first_of_world(size: int, shapes: int, world: int) -> int:
 
 
 @wp.func
-def root_of_top(g: Geometry, span: int) -> int:
-    """The node at which the tree over the shapes begins."""
-    return span * (g.top.shape[0] / g.anchor.shape[0])
+def pose_of(g: Geometry, shape: int, scope: Scope) -> Pose:
+    """Where a shape stands for a ray."""
+    return pose_at(g, scope.first_pose + shape)
 
 
 @wp.func
-def kept_pose(g: Geometry, at: int) -> Pose:
+def pose_at(g: Geometry, entry: int) -> Pose:
     pose = Pose()
     if g.position.shape[0] > 0:
-        pose.position = g.position[at]
-        pose.rotation = g.rotation[at]
+        pose.position = g.position[entry]
+        pose.rotation = g.rotation[entry]
     else:
-        pose.position = to_double(g.position_float[at])
-        pose.rotation = wp.mat33d(g.rotation_float[at])
+        pose.position = to_double(g.position_float[entry])
+        pose.rotation = wp.mat33d(g.rotation_float[entry])
     return pose
 
 
 @wp.func
-def pose_of(g: Geometry, shape: int, when: Moment) -> Pose:
-    """Where a shape stands at a moment."""
-    at = when.first_pose + shape
-    pose = kept_pose(g, at)
-    if when.fraction == wp.float64(0.0):
-        return pose
+def first_instant_of(g: Geometry, span: int) -> int:
+    """Entry of the pose of shape 0 at the first instant of a span; n on is that at the second."""
     shapes = g.kind.shape[0]
-    pose.position += when.fraction * (kept_pose(g, at + shapes).position - pose.position)
-    pose.rotation = pose.rotation * rotation_by(when.fraction * g.turn[when.span * shapes + shape])
-    return pose
-
-
-@wp.func
-def rotation_by(w: wp.vec3d) -> wp.mat33d:
-    """exp([w]), the rotation about w by |w| [rad]: I + sin a [k] + 2 sin^2(a / 2) [k]^2 with a = |w|, k = w / a."""
-    identity = wp.identity(n=3, dtype=wp.float64)
-    angle = wp.length(w)
-    if angle == wp.float64(0.0):
-        return identity
-    k = wp.skew(w / angle)
-    half = wp.sin(wp.float64(0.5) * angle)
-    return identity + wp.sin(angle) * k + (wp.float64(2.0) * half * half) * (k * k)
-
-
-@wp.func
-def turn_between(a: wp.mat33d, b: wp.mat33d) -> wp.vec3d:
-    """w [rad] with b = a exp([w]), |w| <= pi."""
-    q = wp.quat_from_matrix(wp.transpose(a) * b)
-    v = wp.vec3d(q[0], q[1], q[2])
-    sine = wp.length(v)
-    if sine == wp.float64(0.0):
-        return v
-    toward = wp.where(q[3] < wp.float64(0.0), wp.float64(-1.0), wp.float64(1.0))
-    return (toward * wp.float64(2.0) * wp.atan2(sine, wp.abs(q[3])) / sine) * v
+    if g.instants == 1:
+        return span * shapes
+    return (span + world_of(g, span)) * shapes

@@ -4,7 +4,7 @@ import warp as wp
 
 from .geometry import Geometry, TriangleBlock
 from .hits import APART, Hit, WorldRay, first_of, hit_at, no_hit
-from .poses import first_of_world, pose_of, root_of_top, world_of
+from .poses import pose_of
 from .solids import SHEET, has_triangles, intersect_closed_form
 from .traverse import Entered, traversal
 from .tree import WIDTH, Node, vec8
@@ -30,7 +30,6 @@ class Ray:
     # in the world:
     world: WorldRay
     visible: wp.array[wp.bool]
-    first_visible: int  # entry of shape 0 of the ray's world
 
 
 @wp.func
@@ -174,10 +173,10 @@ cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_in_
 @wp.func
 def visit_shape(g: Geometry, ray: Ray, shape: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
     """The ray against one shape, if it is visible."""
-    if not ray.visible[ray.first_visible + shape]:
+    scope = ray.world.scope
+    if not ray.visible[scope.first_visible + shape]:
         return best
-    when = ray.world.when
-    pose = pose_of(g, shape, when)
+    pose = pose_of(g, shape, scope)
     to_local = wp.transpose(pose.rotation)
     origin = to_local * (ray.world.origin - pose.position)
     direction = to_local * ray.world.direction
@@ -185,11 +184,11 @@ def visit_shape(g: Geometry, ray: Ray, shape: int, distance: float, best: Hit) -
     if kind == SHEET and ray.cull == CULL_FRONT:
         return best
     if has_triangles(kind):
-        local = in_frame_of_tree(ray, origin, direction, g.reach[when.first_shape + shape])
+        local = in_frame_of_tree(ray, origin, direction, g.reach[scope.first_shape + shape])
         local.shape = shape
         local.cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
-        return cast_through_triangles(g, g.nodes, g.root[when.first_shape + shape], local, best)
-    size = g.size[when.first_shape + shape]
+        return cast_through_triangles(g, g.nodes, g.root[scope.first_shape + shape], local, best)
+    size = g.size[scope.first_shape + shape]
     t = intersect_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
     return first_of(g, best, hit_at(t, shape, 0), ray.world)
 
@@ -204,7 +203,6 @@ def cast_ray(g: Geometry, visible: wp.array[wp.bool], world: WorldRay) -> Hit:
     ray.world = world
     ray.visible = visible
     ray.cull = world.cull
-    span = world.when.span
-    ray.first_visible = first_of_world(visible.shape[0], g.kind.shape[0], world_of(g, span))
+    span = world.scope.span
     ray = in_frame_of_tree(ray, world.origin - g.anchor[span], world.direction, g.top_reach[span])
-    return cast_through_shapes(g, g.top, root_of_top(g, span), ray, no_hit())
+    return cast_through_shapes(g, g.top, span * g.top_count, ray, no_hit())

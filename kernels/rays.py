@@ -1,6 +1,6 @@
 """Rays of a sensor, in one world or in many, frozen or fired one after the other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import warp as wp
@@ -57,6 +57,25 @@ class Rays:
         """W N, the rays of all worlds."""
         return int(self.directions.shape[-1]) * self.worlds
 
+    def of_world(self, world: int) -> "Rays":
+        """Those of one of the worlds, as if it were the only one."""
+        firings = self.position.size // self.worlds
+        own = slice(world * firings, (world + 1) * firings)
+        return replace(
+            self,
+            directions=self._own(self.directions, world),
+            origins=self._own(self.origins, world),
+            position=self.position[own],
+            rotation=self.rotation[own],
+            worlds=1,
+            span=None,
+            fraction=None,
+        )
+
+    @staticmethod
+    def _own(vectors: wp.array, world: int) -> wp.array:
+        return vectors if vectors.ndim == 1 else vectors[world]
+
     @cached_property
     def arrays(self) -> RayArrays:
         """The same for a kernel."""
@@ -72,27 +91,41 @@ class Rays:
 @wp.func
 def firing_of(rays: RayArrays, k: int) -> int:
     """The firing, among those of all worlds, of ray k, among those of all worlds."""
-    world = int(k / rays.count)
-    if rays.firing.shape[0] == 0:
+    world = int(0)
+    if k >= rays.count:
+        world = int(k / rays.count)
+    if rays.firings == 1:
         return world
-    return world * rays.firings + rays.firing[k % rays.count]
+    return world * rays.firings + rays.firing[k - world * rays.count]
 
 
 @wp.func
 def direction_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame."""
-    return rays.directions[k % rays.directions.shape[0]]
+    return rays.directions[within(k, rays.directions.shape[0])]
 
 
 @wp.func
 def origin_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame [m]."""
-    return rays.origins[k % rays.origins.shape[0]]
+    return rays.origins[within(k, rays.origins.shape[0])]
+
+
+@wp.func
+def within(k: int, size: int) -> int:
+    """k modulo size, without a division where none is needed."""
+    if k < size:
+        return k
+    if size == 1:
+        return 0
+    return k % size
 
 
 @wp.func
 def span_of(rays: RayArrays, firing: int) -> int:
     if rays.span.shape[0] == 0:
+        if rays.firings == 1:
+            return firing
         return int(firing / rays.firings)
     return rays.span[firing]
 

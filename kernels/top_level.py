@@ -11,33 +11,14 @@ whose second derivative is a^2 r. What runs on chords stays within the box of bo
 
 import warp as wp
 
+from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
 from .geometry import FARTHEST, Geometry
-from .poses import Pose, kept_pose, moment_of, turn_between
-from .tree import NO_CHILD, OUTWARDS, WIDTH, Box, Node, empty_box, half_area, join, set_child
+from .moving import turn_between
+from .poses import Pose, first_instant_of, first_of_world, pose_at, world_of
+from .tree import NO_CHILD, OUTWARDS, WIDTH, Box, Node, empty_box, join, set_child
 from .vectors import to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
-
-REBUILD_RATIO = 1.5
-"""The trees are built anew when the area of their boxes has grown this much by refitting."""
-
-
-@wp.struct
-class Fits:
-    """What has been fitted around all that is beneath each node of each tree."""
-
-    lower: wp.array[wp.vec3]
-    upper: wp.array[wp.vec3]
-    area: wp.array[float]  # sum over all finite boxes
-    reach: wp.array[float]  # largest |coordinate| of a finite box
-
-
-@wp.func
-def make_box(lower: wp.vec3, upper: wp.vec3) -> Box:
-    box = Box()
-    box.lower = lower
-    box.upper = upper
-    return box
 
 
 @wp.func
@@ -75,15 +56,15 @@ def is_empty(box: Box) -> bool:
 @wp.func
 def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
     """The box of a shape during a span, relative to the anchor; empty where it has none at either end."""
-    start = moment_of(g, span, wp.float64(0.0))
-    at = start.first_pose + shape
-    center = g.center[start.first_shape + shape]
-    half = g.half[start.first_shape + shape]
-    box = shape_box(kept_pose(g, at), center, half, anchor)
+    shapes = g.kind.shape[0]
+    entry = first_instant_of(g, span) + shape
+    sized = first_of_world(g.size.shape[0], shapes, world_of(g, span)) + shape
+    center = g.center[sized]
+    half = g.half[sized]
+    box = shape_box(pose_at(g, entry), center, half, anchor)
     if g.instants == 1 or is_empty(box):
         return box
-    shapes = g.kind.shape[0]
-    end = shape_box(kept_pose(g, at + shapes), center, half, anchor)
+    end = shape_box(pose_at(g, entry + shapes), center, half, anchor)
     if is_empty(end):
         return end
     bulge = float(0.0)
@@ -98,47 +79,29 @@ def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
 def anchor_of(g: Geometry, span: int, shape: int) -> wp.vec3d:
     """Where this shape stands when the span begins; where it was if it stands nowhere now."""
     if shape < g.kind.shape[0]:
-        position = kept_pose(g, moment_of(g, span, wp.float64(0.0)).first_pose + shape).position
+        position = pose_at(g, first_instant_of(g, span) + shape).position
         if wp.max(wp.abs(position)) <= wp.float64(FARTHEST):
             return position
     return g.anchor[span]
 
 
 @wp.func
-def largest_coordinate(box: Box) -> float:
-    """0 for a box that is empty or infinite."""
-    if not (wp.isfinite(box.lower) and wp.isfinite(box.upper)):
-        return 0.0
-    return wp.max(wp.max(wp.abs(box.lower)), wp.max(wp.abs(box.upper)))
-
-
-@wp.func
-def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: Fits) -> None:
+def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: wp.array[Fit]) -> None:
     """Fit the boxes of a node to its children, which have been fitted before."""
     node = g.top[at]
-    whole = empty_box()
-    area = float(0.0)
-    reach = float(0.0)
+    whole = no_fit()
     for j in range(WIDTH):
         child = node.child[j]
         if child != NO_CHILD:
-            box = empty_box()
-            if child >= 0:
-                box = make_box(fits.lower[child], fits.upper[child])
-                area += fits.area[child]
-                reach = wp.max(reach, fits.reach[child])
+            fit = Fit()
+            if child >= 0:  # noqa: SIM108
+                fit = fits[child]
             else:
-                box = span_box(g, span, -1 - child, anchor)
-            node = set_child(node, j, box, child)
-            whole = join(whole, box.lower, box.upper)
-            reach = wp.max(reach, largest_coordinate(box))
-            if largest_coordinate(box) > 0.0:
-                area += half_area(box)
+                fit = fit_of_leaf(span_box(g, span, -1 - child, anchor))
+            node = set_child(node, j, fit.box, child)
+            whole = with_child(whole, fit)
     g.top[at] = node
-    fits.lower[at] = whole.lower
-    fits.upper[at] = whole.upper
-    fits.area[at] = area
-    fits.reach[at] = reach
+    fits[at] = with_own_box(whole)
 
 
 @wp.kernel
@@ -150,7 +113,7 @@ def refit(
     anchor_shape: int,
     # in and out:
     g: Geometry,
-    fits: Fits,
+    fits: wp.array[Fit],
     # out:
     area: wp.array[float],
 ) -> None:
@@ -160,15 +123,15 @@ def refit(
     """
     span = (first + wp.tid()) / threads
     anchor = anchor_of(g, span, anchor_shape)
-    root = span * (g.top.shape[0] / g.anchor.shape[0])
+    root = span * g.top_count
     node = end - 1 - (first + wp.tid()) % threads
     while node >= begin:
         fit_node(g, span, root + node, anchor, fits)
         node -= threads
     if begin == 0:
         g.anchor[span] = anchor
-        g.top_reach[span] = fits.reach[root]
-        area[span] = fits.area[root]
+        g.top_reach[span] = fits[root].reach
+        area[span] = fits[root].area
 
 
 @wp.kernel
@@ -201,5 +164,5 @@ def turn_shapes(first: int, g: Geometry) -> None:
     """The turn of each shape during each span."""
     i = first + wp.tid()
     shapes = g.kind.shape[0]
-    at = moment_of(g, i / shapes, wp.float64(0.0)).first_pose + i % shapes
-    g.turn[i] = turn_between(kept_pose(g, at).rotation, kept_pose(g, at + shapes).rotation)
+    entry = first_instant_of(g, i / shapes) + i % shapes
+    g.turn[i] = turn_between(pose_at(g, entry).rotation, pose_at(g, entry + shapes).rotation)

@@ -4,9 +4,10 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from .fit import REBUILD_RATIO, Fit
 from .geometry import Geometry
 from .launch import launch_over_rays
-from .top_level import REBUILD_RATIO, Fits, first_boxes, plant, refit, turn_shapes
+from .top_level import first_boxes, plant, refit, turn_shapes
 from .tree import NO_CHILD, Node, build_tree, empty_nodes, join_trees
 
 LEAVES_PER_SLICE = 4096
@@ -29,14 +30,25 @@ class TopTrees:
         self._is_seen: wp.Event | None = None
         self._set_nodes(empty_nodes(1))
 
+    @property
+    def bytes_per_tree(self) -> int:
+        """With what is fitted around its nodes."""
+        fitted = 2 * wp.types.type_size_in_bytes(wp.vec3) + 2 * wp.types.type_size_in_bytes(float)
+        return self._nodes.size * (wp.types.type_size_in_bytes(Node) + fitted)
+
     def fit(self, worlds: int, instants: int) -> None:
         """Fit the trees to the poses of so many worlds at so many instants each."""
-        shapes = self._geometry.kind.size
+        g, device = self._geometry, self._device
         spans = worlds * max(instants - 1, 1)
         if (spans, instants) != (self._spans, self._instants):
-            self._plant(spans, instants)
+            self._spans, self._instants, g.instants = spans, instants, instants
+            g.turn = wp.empty(spans * g.kind.size if instants > 1 else 0, dtype=wp.vec3d, device=device)
+            g.anchor = wp.zeros(spans, dtype=wp.vec3d, device=device)
+            g.top_reach = wp.zeros(spans, dtype=float, device=device)
+            self._area = wp.zeros(spans, dtype=float, device=device)
+            self._plant()
         if instants > 1:
-            launch_over_rays(turn_shapes, spans * shapes, [self._geometry], [], self._device)
+            launch_over_rays(turn_shapes, g.turn.size, [g], [], device)
         self._refit()
         if self._mean_area() > REBUILD_RATIO * self._built_area:
             self._build()
@@ -57,7 +69,7 @@ class TopTrees:
             offset = np.abs(center - np.median(center, axis=0)).max(axis=1)
             self._anchor_shape = int(bounded[np.argmin(offset)])
         self._set_nodes(nodes)
-        self._plant(self._spans, self._instants)
+        self._plant()
         self._refit()
         self._built_area = float(self._area.numpy().mean())
 
@@ -65,22 +77,13 @@ class TopTrees:
         nodes, self._levels = _by_level(nodes)
         self._nodes = wp.array(nodes, dtype=Node, device=self._device)
 
-    def _plant(self, spans: int, instants: int) -> None:
-        """Make room for the trees of so many spans."""
-        g, device = self._geometry, self._device
-        count = spans * self._nodes.size
-        g.instants = instants
-        g.turn = wp.empty(spans * g.kind.size if instants > 1 else 0, dtype=wp.vec3d, device=device)
-        g.top = wp.empty(count, dtype=Node, device=device)
-        launch_over_rays(plant, count, [self._nodes], [g.top], device)
-        if spans != self._spans:
-            g.anchor = wp.zeros(spans, dtype=wp.vec3d, device=device)
-            g.top_reach = wp.zeros(spans, dtype=float, device=device)
-            self._area = wp.zeros(spans, dtype=float, device=device)
-        self._fits = Fits()
-        self._fits.lower, self._fits.upper = (wp.empty(count, dtype=wp.vec3, device=device) for _ in range(2))
-        self._fits.area, self._fits.reach = (wp.empty(count, dtype=float, device=device) for _ in range(2))
-        self._spans, self._instants = spans, instants
+    def _plant(self) -> None:
+        """Make a tree of the present nodes for every span."""
+        count = self._spans * self._nodes.size
+        self._fits = wp.empty(count, dtype=Fit, device=self._device)
+        self._geometry.top_count = self._nodes.size
+        self._geometry.top = wp.empty(count, dtype=Node, device=self._device)
+        launch_over_rays(plant, count, [self._nodes], [self._geometry.top], self._device)
 
     def _refit(self) -> None:
         """Fit all nodes: on the CPU, a thread for some of the trees; on CUDA, one for every node of a level."""

@@ -18,6 +18,12 @@ def to_double(a: wp.vec3) -> wp.vec3d:
 
 
 @wp.func
+def of_ray(vectors: wp.array[wp.vec3d], i: int) -> wp.vec3d:
+    """That of ray i of all worlds: there is one for all rays, one for each of a world, or one for each of all."""
+    return vectors[i % vectors.shape[0]]
+
+
+@wp.func
 def norm1(a: wp.vec3) -> float:
     return wp.abs(a[0]) + wp.abs(a[1]) + wp.abs(a[2])
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .sensors.rig.frame import Frame as Frame
     from .sensors.rig.frame import LidarFrame as LidarFrame
     from .sensors.rig.rig import Rig as Rig
+    from .sensors.scene.batch.worlds import Worlds as Worlds
     from .sensors.scene.hits import Hits as Hits
     from .sensors.scene.scene import Scene as Scene
     from .sensors.specs.depth_camera import DepthCamera as DepthCamera
@@ -62,6 +63,7 @@ _HOME = {
     "Surface": "sensors.specs.surface",
     "TimeOfFlight": "sensors.specs.ranging",
     "Weather": "sensors.specs.lidar_effects",
+    "Worlds": "sensors.scene.batch.worlds",
     "from_model": "sensors.specs.imported",
     "load_rig": "config",
     "overlay": "overlay",

@@ -84,7 +84,7 @@ def test_installed_presets_are_listed(bin_folder: Path, tmp_path: Path) -> None:
 def test_installed_rig_gives_one_frame(bin_folder: Path, tmp_path: Path) -> None:
     (package,) = bin_folder.parent.rglob("site-packages/rigcast")
     rig = package / "configs" / "minimal.yaml"
-    run(bin_folder / "rigcast", "run", rig, "--duration", "0.1", "--out", "out", cwd=tmp_path)
+    run(bin_folder / "rigcast", "run", rig, "--duration", "0.2", "--out", "out", cwd=tmp_path)
     clouds = list((tmp_path / "out" / "top").glob("*.ply"))
     assert len(clouds) == 1, clouds
     assert clouds[0].stat().st_size > 1000

@@ -15,6 +15,7 @@ import warp as wp
 
 from rigcast.kernels.launch import launch_over_rays
 from rigcast.kernels.rays import Rays
+from rigcast.kernels.vectors import of_ray
 
 from .random import RandomSource, random_normal
 
@@ -71,7 +72,7 @@ def aim_beams(
     aimed: wp.array[wp.vec3d],
 ) -> None:
     i = first + wp.tid()
-    d = directions[i]
+    d = of_ray(directions, i)
     h = horizontal_of(d)
     v = wp.cross(d, h)
     noise = wp.vec2(0.0, 0.0)
@@ -88,12 +89,12 @@ def repeat_origins(first: int, origins: wp.array[wp.vec3d], times: int, repeated
     repeated[i] = origins[i / times]
 
 
-def aim(rays: Rays, spread: wp.array, source: RandomSource, angle_std: float) -> wp.array:
-    """(n S,) vec3d directions of the sub-rays of n rays, in their frame.
+def aim(rays: Rays, spread: wp.array, source: RandomSource, angle_std: float, worlds: int = 1) -> wp.array:
+    """(worlds n S,) vec3d directions of the sub-rays of n rays, in their frame.
 
     spread: (S,) vec2 [rad]. angle_std: standard deviation of the noise about each of the two axes [rad].
     """
-    count, device = rays.directions.size, rays.directions.device
+    count, device = worlds * rays.directions.size, rays.directions.device
     aimed = wp.empty(count * spread.size, dtype=wp.vec3d, device=device)
     launch_over_rays(aim_beams, count, [rays.directions, spread, source, angle_std], [aimed], device)
     return aimed

@@ -25,11 +25,13 @@ import warp as wp
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
 from rigcast.kernels.rays import RayArrays, Rays, firing_of
-from rigcast.kernels.vectors import to_double
+from rigcast.kernels.vectors import of_ray, to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 NEAREST = wp.constant(1.0e-3)  # [m], nearer echoes have the power of this range
+BYTES_PER_PATH = 56  # of Paths
+BYTES_PER_ECHO = 28  # of Echoes
 SHALLOWEST = wp.constant(0.05)  # least cosine by which the way past a surface is lengthened
 
 
@@ -57,7 +59,8 @@ class Echoes:
 class Paths:
     """Light on its way, one per sub-ray, in the rays' frame. A direction of NaN is light that does not go on.
 
-    origin: one each, or one for all. travelled: from the sensor to the origin [m]. share: of the power that is left.
+    travelled: from the sensor to the origin [m]. share: of the power that is left. Any of these may be the same in all
+    worlds, as light leaves the sensor, and origin the same for all.
     """
 
     direction: wp.array[wp.vec3d]
@@ -104,11 +107,10 @@ def diffuse_share(surfaces: SurfaceArrays, shape: int, cosine: float) -> float:
 @wp.func
 def go_on(paths: Paths, j: int, direction: wp.vec3d, distance: float, share: float, out: Paths) -> None:
     """Light that goes on from this far along path j, a share of it each way."""
-    start = paths.origin[wp.min(j, paths.origin.shape[0] - 1)]
     out.direction[j] = direction
-    out.origin[j] = start + wp.float64(distance) * paths.direction[j]
-    out.travelled[j] = paths.travelled[j] + distance
-    out.share[j] = paths.share[j] * share * share
+    out.origin[j] = of_ray(paths.origin, j) + wp.float64(distance) * of_ray(paths.direction, j)
+    out.travelled[j] = paths.travelled[j % paths.travelled.shape[0]] + distance
+    out.share[j] = paths.share[j % paths.share.shape[0]] * share * share
 
 
 @wp.kernel
@@ -144,11 +146,12 @@ def reflect_paths(
         if first_slot == 0:
             echoes.distance[slot] = distance[j]  # +inf, or NaN
         return
-    travelled = paths.travelled[j] + distance[j]
+    travelled = paths.travelled[j % paths.travelled.shape[0]] + distance[j]
     if travelled > limit:
         return
     rotation = rays.rotation[firing_of(rays, j)]
-    d = rotation * paths.direction[j]
+    direction = of_ray(paths.direction, j)
+    d = rotation * direction
     n = to_double(normal[j])
     along = wp.dot(d, n)
     cosine = wp.min(float(wp.abs(along)), 1.0)
@@ -158,7 +161,7 @@ def reflect_paths(
     if cosine >= lobe_cosine:
         reflected += mirrored
     echoes.distance[slot] = travelled
-    echoes.power[slot] = spread_power(paths.share[j] * reflected, travelled, extinction)
+    echoes.power[slot] = spread_power(paths.share[j % paths.share.shape[0]] * reflected, travelled, extinction)
     echoes.shape[slot] = hit
     echoes.face[slot] = face[j]
     echoes.normal[slot] = normal[j]
@@ -166,7 +169,7 @@ def reflect_paths(
     # a little on, so as not to hit the same surface again
     step = 1.0e-5 * (1.0 + distance[j]) / wp.max(cosine, SHALLOWEST)
     if beyond.direction.shape[0] > 0 and let_through > 0.0:
-        go_on(paths, j, paths.direction[j], distance[j] + step, let_through, beyond)
+        go_on(paths, j, direction, distance[j] + step, let_through, beyond)
     is_seen_aside = aside.direction.shape[0] > 0 and mirrored > 0.0 and cosine < lobe_cosine
     # one bounce: the first mirror on the way
     # nested, as older versions of Warp evaluate the whole of an `and`, and aside may be empty
@@ -191,7 +194,8 @@ def new_echoes(slots: int, beams: int, device: wp.DeviceLike) -> Echoes:
 def started(rays: Rays, travelled: wp.array, share: wp.array) -> Paths:
     """The light of rays as it leaves the sensor."""
     paths = Paths()
-    paths.direction, paths.origin, paths.travelled, paths.share = rays.directions, rays.origins, travelled, share
+    paths.direction, paths.origin = rays.directions.flatten(), rays.origins.flatten()
+    paths.travelled, paths.share = travelled, share
     return paths
 
 

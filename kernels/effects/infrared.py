@@ -11,7 +11,7 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
-from rigcast.kernels.vectors import to_double
+from rigcast.kernels.vectors import of_ray, to_double
 
 from .random import RandomSource, random_uniform
 
@@ -47,7 +47,7 @@ def intensity_of_hits(
     i = first + wp.tid()
     intensity[i] = 0.0
     if shape[i] >= 0:
-        cosine = cos_incidence(normal[i], directions[i])
+        cosine = cos_incidence(normal[i], of_ray(directions, i))
         intensity[i] = returned(reflectivity[shape[i]], cosine, distance[i])
 
 
@@ -58,9 +58,9 @@ def infrared(hits: HitArrays, directions: wp.array, reflectivity: wp.array) -> w
         hits: with normals in the frame of the directions.
         reflectivity: float per shape, 0 to 1.
     """
-    out = wp.empty(directions.size, dtype=float, device=directions.device)
+    out = wp.empty(hits.distance.size, dtype=float, device=directions.device)
     inputs = [reflectivity, directions, hits.distance, hits.shape, hits.normal]
-    launch_over_rays(intensity_of_hits, directions.size, inputs, [out], directions.device)
+    launch_over_rays(intensity_of_hits, out.size, inputs, [out], directions.device)
     return out
 
 
@@ -91,7 +91,7 @@ def lose_some(
     if shape[i] < 0 or not wp.isfinite(distance[i]):
         return
     u = random_uniform(source, i, DRAW_LOSS)
-    cosine = cos_incidence(normal[i], directions[i])
+    cosine = cos_incidence(normal[i], of_ray(directions, i))
     is_lost = u[0] < losses.dropout or cosine < losses.min_cosine
     is_lost = is_lost or (u[1] < losses.untextured_dropout and not textured[shape[i]])
     is_dark = returned(reflectivity[shape[i]], cosine, distance[i]) < losses.min_intensity
@@ -104,4 +104,4 @@ def lose(
 ) -> None:
     """Make the distance NaN where a pixel is lost. tables: reflectivity and whether it has a texture, per shape."""
     inputs = [losses, source, *tables, directions, hits.shape, hits.normal]
-    launch_over_rays(lose_some, directions.size, inputs, [hits.distance], directions.device)
+    launch_over_rays(lose_some, hits.distance.size, inputs, [hits.distance], directions.device)

@@ -18,6 +18,7 @@ A shift of a pixel is made by casting its ray anew.
 import warp as wp
 
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.vectors import of_ray
 
 from .infrared import cos_incidence
 from .random import RandomSource, random_normal
@@ -69,23 +70,22 @@ def shift_pixels(
     i = first + wp.tid()
     sigma = float(0.5)
     if model == NGUYEN:
-        theta = incidence(normal[i], directions[i])
+        theta = incidence(normal[i], of_ray(directions, i))
         sigma = 0.8 + 0.035 * theta / wp.max(HALF_PI - theta, 1.0e-6)
     shift = random_normal(source, i, DRAW_SHIFT)
-    u = float(i % width) + sigma * shift[0]
-    v = float(i / width) + sigma * shift[1]
+    pixel = i % (width * height)
+    u = float(pixel % width) + sigma * shift[0]
+    v = float(pixel / width) + sigma * shift[1]
     shifted[i] = ray_through(directions, width, height, u, v)
 
 
 def shift(model: int, size: tuple[int, int], source: RandomSource, directions: wp.array, normal: wp.array) -> wp.array:
-    """(n,) vec3d: the rays of an image of this width and height, each shifted by the lateral error.
+    """(n,) vec3d, n as of the normals: the rays of an image of this width and height, shifted by the lateral error.
 
     model: NGUYEN, which needs the normals of what the rays meet, or DISPARITY.
     """
-    out = wp.empty(directions.size, dtype=wp.vec3d, device=directions.device)
-    launch_over_rays(
-        shift_pixels, directions.size, [model, *size, source, directions, normal], [out], directions.device
-    )
+    out = wp.empty(normal.size, dtype=wp.vec3d, device=directions.device)
+    launch_over_rays(shift_pixels, out.size, [model, *size, source, directions, normal], [out], directions.device)
     return out
 
 
@@ -98,12 +98,12 @@ def keep_depth(
     distance: wp.array[float],
 ) -> None:
     i = first + wp.tid()
-    distance[i] = distance[i] * float(shifted[i][2] / directions[i][2])
+    distance[i] = distance[i] * float(shifted[i][2] / of_ray(directions, i)[2])
 
 
 def at_own_pixel(distance: wp.array, shifted: wp.array, directions: wp.array) -> None:
     """Turn distances along shifted rays into those along the pixels' own that have the same depth, in place."""
-    launch_over_rays(keep_depth, directions.size, [shifted, directions], [distance], directions.device)
+    launch_over_rays(keep_depth, distance.size, [shifted, directions], [distance], directions.device)
 
 
 @wp.func
@@ -123,14 +123,15 @@ def disturb_depth(
     distance: wp.array[float],
 ) -> None:
     i = first + wp.tid()
-    along = float(directions[i][2])
+    direction = of_ray(directions, i)
+    along = float(direction[2])
     z = distance[i] * along
     if not (wp.isfinite(distance[i]) and z > 0.0):
         return
     chance = random_normal(source, i, DRAW_DEPTH)[0]
     measured = float(0.0)
     if model == NGUYEN:
-        measured = z + nguyen_sigma(z, incidence(normal[i], directions[i])) * chance
+        measured = z + nguyen_sigma(z, incidence(normal[i], direction)) * chance
     else:
         centimetres = wp.max(wp.round(100.0 * z), 1.0)
         measured = 0.01 * EIGHTHS / wp.round(EIGHTHS / centimetres + chance / 6.0 + 0.5)
@@ -140,4 +141,4 @@ def disturb_depth(
 def measure_depth(model: int, source: RandomSource, directions: wp.array, normal: wp.array, distance: wp.array) -> None:
     """Give distances the axial error, in place."""
     inputs = [model, source, directions, normal]
-    launch_over_rays(disturb_depth, directions.size, inputs, [distance], directions.device)
+    launch_over_rays(disturb_depth, distance.size, inputs, [distance], directions.device)

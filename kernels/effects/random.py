@@ -26,23 +26,32 @@ TWO_PI = wp.constant(6.283185307179586)
 
 @wp.struct
 class RandomSource:
-    """Which numbers a sensor draws for one frame; made by `random_source`."""
+    """Which numbers a sensor draws for one frame; made by `random_source`.
+
+    Rays are counted through all worlds: number i is ray i % rays of the world that is called worlds[i / rays].
+    """
 
     key: wp.vec2ui
     frame: wp.uint32
-    world: wp.uint32
+    worlds: wp.array[wp.uint32]
+    rays: int
 
 
-def random_source(seed: int, sensor: str, frame: int, world: int = 0) -> RandomSource:
+def random_source(
+    seed: int, sensor: str, frame: int, worlds: wp.array | None = None, rays: int = 2**31 - 1
+) -> RandomSource:
     """The numbers of one frame of one sensor.
 
-    seed: 0 to 2^64 - 1. frame, world: taken modulo 2^32. The key is BLAKE2b of the name, keyed with the seed.
+    seed: 0 to 2^64 - 1. frame: taken modulo 2^32. The key is BLAKE2b of the name, keyed with the seed.
+    worlds: (nworld,) uint32, the worlds in which these numbers are drawn, None for world 0. rays: of each world.
     """
     digest = hashlib.blake2b(sensor.encode(), digest_size=8, key=seed.to_bytes(8, "little")).digest()
     source = RandomSource()
     source.key = wp.vec2ui(int.from_bytes(digest[:4], "little"), int.from_bytes(digest[4:], "little"))
     source.frame = wp.uint32(frame % 2**32)
-    source.world = wp.uint32(world % 2**32)
+    source.rays = rays
+    if worlds is not None:
+        source.worlds = worlds
     return source
 
 
@@ -64,7 +73,10 @@ def philox(counter: wp.vec4ui, key: wp.vec2ui) -> wp.vec4ui:
 @wp.func
 def random_bits(source: RandomSource, ray: int, draw: int) -> wp.vec4ui:
     """Four words of 32 random bits."""
-    return philox(wp.vec4ui(wp.uint32(draw), wp.uint32(ray), source.frame, source.world), source.key)
+    world = wp.uint32(0)
+    if source.worlds.shape[0] > 0:
+        world = source.worlds[ray / source.rays]
+    return philox(wp.vec4ui(wp.uint32(draw), wp.uint32(ray % source.rays), source.frame, world), source.key)
 
 
 @wp.func

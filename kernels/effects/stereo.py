@@ -17,6 +17,7 @@ import warp as wp
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
 from rigcast.kernels.rays import Rays
+from rigcast.kernels.vectors import of_ray, to_double, to_float
 
 from .infrared import cos_incidence
 from .random import RandomSource, random_normal
@@ -57,7 +58,7 @@ def look_from_second(
 ) -> None:
     """Rays from the second imager to the points; not finite where there is no point."""
     i = first + wp.tid()
-    point = wp.float64(distance[i]) * directions[i]
+    point = wp.float64(distance[i]) * of_ray(directions, i)
     offset = point - wp.vec3d(wp.float64(baseline), wp.float64(0.0), wp.float64(0.0))
     towards[i] = offset / wp.length(offset)
     length[i] = float(wp.length(offset))
@@ -97,17 +98,19 @@ class SecondView:
 def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
     """From the second imager to each hit of the camera's rays."""
     device = rays.directions.device
-    towards = wp.empty(rays.directions.size, dtype=wp.vec3d, device=device)
-    length = wp.empty(rays.directions.size, dtype=float, device=device)
+    towards = wp.empty(hits.distance.size, dtype=wp.vec3d, device=device)
+    length = wp.empty(hits.distance.size, dtype=float, device=device)
     inputs = [pair.baseline, rays.directions, hits.distance]
     launch_over_rays(look_from_second, towards.size, inputs, [towards, length], device)
     origin = wp.array([[pair.baseline, 0.0, 0.0]], dtype=wp.vec3d, device=device)
-    return SecondView(replace(rays, directions=towards, origins=origin, packets=None), length)
+    return SecondView(
+        replace(rays, directions=towards.reshape((rays.worlds, -1)), origins=origin, packets=None), length
+    )
 
 
 def hide(hits: HitArrays, view: SecondView, met: HitArrays, pair: StereoPair) -> None:
     """Make the distance NaN of hits that the second imager does not see, where its rays met something else."""
-    inputs = [pair, view.rays.directions, view.length, met.distance, hits.normal]
+    inputs = [pair, view.rays.directions.flatten(), view.length, met.distance, hits.normal]
     launch_over_rays(hide_unseen, hits.distance.size, inputs, [hits.distance], hits.distance.device)
 
 
@@ -133,17 +136,20 @@ def fatten_edges(
     On the plane n . p = c the inverse depth along a ray (x, y, 1) is n . (x, y, 1) / c: a slanted surface is no edge.
     """
     i = first + wp.tid()
-    ray = directions[i]
+    ray = of_ray(directions, i)
     n = surface_normal[i]
-    c = float(wp.dot(wp.vec3d(wp.float64(n[0]), wp.float64(n[1]), wp.float64(n[2])), ray)) * surface_distance[i]
+    c = float(wp.dot(to_double(n), ray)) * surface_distance[i]
     nearest = i
     inverse = float(0.0)
-    for v in range(wp.max(i / pair.width - half, 0), wp.min(i / pair.width + half + 1, pair.height)):
-        for u in range(wp.max(i % pair.width - half, 0), wp.min(i % pair.width + half + 1, pair.width)):
-            j = v * pair.width + u
-            z = matched[j] * float(directions[j][2])
+    pixel = i % (pair.width * pair.height)
+    row = pixel / pair.width
+    column = pixel % pair.width
+    for v in range(wp.max(row - half, 0), wp.min(row + half + 1, pair.height)):
+        for u in range(wp.max(column - half, 0), wp.min(column + half + 1, pair.width)):
+            j = i - pixel + v * pair.width + u
+            other = to_float(of_ray(directions, j))
+            z = matched[j] * other[2]
             if wp.isfinite(z) and z > 0.0 and 1.0 / z > inverse:
-                other = wp.vec3(float(directions[j][0]), float(directions[j][1]), float(directions[j][2]))
                 plane = float(0.0)
                 if surface_shape[i] >= 0 and c != 0.0:
                     plane = wp.max(wp.dot(n, other) / (c * other[2]), 0.0)
@@ -178,7 +184,7 @@ def disturb_disparity(
     distance: wp.array[float],
 ) -> None:
     i = first + wp.tid()
-    along = float(directions[i][2])
+    along = float(of_ray(directions, i)[2])
     z = distance[i] * along
     if not wp.isfinite(distance[i]):
         return
@@ -209,4 +215,4 @@ def measure_disparity(
 ) -> None:
     """Give distances the error of a measured disparity [pixels], in place; beyond the greatest it is -inf."""
     inputs = [pair, std, step, greatest, source, directions]
-    launch_over_rays(disturb_disparity, directions.size, inputs, [hits.distance], directions.device)
+    launch_over_rays(disturb_disparity, hits.distance.size, inputs, [hits.distance], directions.device)

@@ -9,6 +9,7 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.vectors import of_ray
 
 from .infrared import cos_incidence, returned
 from .random import RandomSource, random_normal
@@ -41,7 +42,7 @@ def mix_subrays(
     brightest = i * subrays
     for j in range(i * subrays, (i + 1) * subrays):
         if ray_shape[j] >= 0:
-            cosine = cos_incidence(ray_normal[j], directions[j])
+            cosine = cos_incidence(ray_normal[j], of_ray(directions, j))
             weight = returned(wp.max(reflectivity[ray_shape[j]], BLACKEST), wp.max(cosine, BLACKEST), ray_distance[j])
             light += weight
             light_times_range += weight * ray_distance[j]
@@ -58,7 +59,7 @@ def mix_subrays(
 def mix(rays: HitArrays, directions: wp.array, reflectivity: wp.array, subrays: int) -> HitArrays:
     """One reading per pixel from its sub-rays, which follow each other; shape and normal are the brightest one's."""
     device = directions.device
-    out = HitArrays.empty(directions.size // subrays, device)
+    out = HitArrays.empty(rays.distance.size // subrays, device)
     inputs = [subrays, reflectivity, directions, rays.distance, rays.shape, rays.normal]
     launch_over_rays(mix_subrays, out.distance.size, inputs, [out.distance, out.shape, out.normal], device)
     return out

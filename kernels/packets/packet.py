@@ -4,7 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import APART, Hit, WorldRay, decided
-from rigcast.kernels.poses import Moment
+from rigcast.kernels.poses import Scope
 from rigcast.kernels.ray import box_margin
 from rigcast.kernels.tree import vec8
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
@@ -84,12 +84,11 @@ class TileRays:
     u: wp.vec3d
     v: wp.vec3d
     tile: Tile
-    when: Moment
+    scope: Scope
     limit: float
     cull: int
     visible: wp.array[wp.bool]
-    first_visible: int  # entry of shape 0 of the rays' world
-    first_ray: int  # of that world
+    first_ray: int  # of their world
     first_packet: int
     packets: wp.array[Packet]
     first_slot: int  # of PACKETS
@@ -151,7 +150,7 @@ def world_ray(rays: TileRays, slot: int, i: int) -> WorldRay:
     ray = WorldRay()
     ray.origin = rays.origin
     ray.direction = wp.vec3d(rays.directions[slot].x[i], rays.directions[slot].y[i], rays.directions[slot].z[i])
-    ray.when = rays.when
+    ray.scope = rays.scope
     ray.limit = rays.limit
     ray.cull = rays.cull
     return ray
@@ -162,7 +161,7 @@ def packet_of(rays: TileRays, k: int) -> PacketRays:
     """Packet k of a tile."""
     packet = PacketRays()
     packet.ray.origin = rays.origin
-    packet.ray.when = rays.when
+    packet.ray.scope = rays.scope
     packet.ray.limit = rays.limit
     packet.ray.cull = rays.cull
     packet.packet = rays.first_packet + k

@@ -38,7 +38,7 @@ def places_on_triangles(g: Geometry, rays: TileRays, slot: int, shape: int) -> P
     shapes = rays.best[slot].shape
     triangle = rays.best[slot].triangle
     kind = g.kind[shape]
-    pose = pose_of(g, shape, rays.when)
+    pose = pose_of(g, shape, rays.scope)
     rotation = pose.rotation
     offset = rays.origin - pose.position
     face = int_lanes()
@@ -87,7 +87,7 @@ def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) ->
     y = rays.directions[slot].y
     z = rays.directions[slot].z
     distance = rays.best[slot].near
-    pose = pose_of(g, shape, rays.when)
+    pose = pose_of(g, shape, rays.scope)
     rotation = pose.rotation
     to_local = wp.transpose(rotation)
     offset = rays.origin - pose.position
@@ -110,7 +110,7 @@ def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) ->
         distance[i] = larger(distance[i], 0.0)
     points = vectors(point_x, point_y, point_z)
     directions = vectors(direction_x, direction_y, direction_z)
-    local = closed_form_normals(g.kind[shape], g.size[rays.when.first_shape + shape], points, directions, distance)
+    local = closed_form_normals(g.kind[shape], g.size[rays.scope.first_shape + shape], points, directions, distance)
     local_x = local.x
     local_y = local.y
     local_z = local.z

@@ -4,7 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE
-from rigcast.kernels.poses import pose_of, root_of_top
+from rigcast.kernels.poses import pose_of
 from rigcast.kernels.solids import SHEET, has_triangles
 from rigcast.kernels.traverse import Entered, traversal
 from rigcast.kernels.tree import Node, vec8
@@ -58,7 +58,7 @@ def visit_closed_form(
     directions.y = local_y
     directions.z = local_z
     t = intersect_closed_forms(
-        g.kind[shape], g.size[packet.ray.when.first_shape + shape], origin, directions, packet.ray.cull
+        g.kind[shape], g.size[packet.ray.scope.first_shape + shape], origin, directions, packet.ray.cull
     )
     return offer(g, packet, t, t, shape, 0, reach)
 
@@ -68,11 +68,11 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
     rays = tile.rays
     kind = g.kind[shape]
-    if not rays.visible[rays.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
+    if not rays.visible[rays.scope.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
         return reach
-    pose = pose_of(g, shape, rays.when)
+    pose = pose_of(g, shape, rays.scope)
     to_local = wp.transpose(pose.rotation)
-    at = rays.when.first_shape + shape
+    at = rays.scope.first_shape + shape
     view = view_from(to_local * (rays.origin - pose.position), to_local, rays, g.reach[at])
     packets = packets_at_box(view, rays.tile, g.center[at], g.half[at], distance, reach)
     cull = wp.where(kind == SHEET, CULL_NONE, rays.cull)
@@ -150,7 +150,7 @@ def cast_tile(g: Geometry, rays: TileRays) -> None:
     identity = wp.identity(n=3, dtype=wp.float64)
     sought = TileSought()
     sought.rays = rays
-    span = rays.when.span
+    span = rays.scope.span
     view = view_from(rays.origin - g.anchor[span], identity, rays, g.top_reach[span])
     sought.frustum = frustum_of(view, p_low, p_high, q_low, q_high)
-    cast_tile_through_shapes(g, g.top, root_of_top(g, span), sought, reach)
+    cast_tile_through_shapes(g, g.top, span * g.top_count, sought, reach)

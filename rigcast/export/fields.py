@@ -6,7 +6,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import Frame
 
 Fields = dict[str, NDArray[Any]]
@@ -39,10 +38,7 @@ def fields_of(frame: Frame) -> Fields:
 
     Raises InputError for a batch of worlds: a file holds the frames of one.
     """
-    if np.shape(frame.pose) != (4, 4):
-        raise InputError(
-            f"sensor {frame.sensor!r}: got a frame of {len(frame.pose)} worlds, expected one of one world to export"
-        )
+    frame.require_one_world()
     if frame not in _on_host:
         _on_host[frame] = _fetch(frame)
     return dict(_on_host[frame])

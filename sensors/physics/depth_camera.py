@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.effects.infrared import Losses, lose
-from rigcast.kernels.effects.random import RandomSource, random_source
+from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.packets.firings import repeat_firing, sort_rays
 from rigcast.kernels.packets.sorting import Packets
 from rigcast.kernels.rays import Rays
@@ -64,10 +64,16 @@ class DepthPhysics:
         self._scene, self._spec = scene, spec
         self._read = _ReadStereo(spec.stereo, pattern) if spec.stereo else _ReadTimeOfFlight(scene, spec, pattern, rays)
 
-    def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> DepthReading:
+    @property
+    def bytes_per_ray(self) -> int:
+        """The most memory that a reading takes for each of its rays: of every cast, its hits and its directions."""
+        flight = self._spec.time_of_flight
+        casts = 4 if flight is None else 2 + flight.subrays**2
+        return casts * (BYTES_PER_HIT + 24)
+
+    def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> DepthReading:
         """One reading of the scene, with rays through the pixels' centres."""
-        look = _Look(self._scene, rays, visible, random_source(seed, self._spec.name, frame))
-        reading = self._read(look)
+        reading = self._read(_Look(self._scene, rays, visible, source))
         bound(reading.hits, self._spec.min_range, self._spec.max_range)
         return reading
 
@@ -99,7 +105,7 @@ class _ReadStereo:
         assert self._spec.kinect_v1 is not None
         model, size = _KINECT_V1[self._spec.kinect_v1], (self._pair.width, self._pair.height)
         shifted = kinect_v1.shift(model, size, look.source, look.rays.directions, seen.normal)
-        hits = look.cast(shifted, None, look.rays.firing)
+        hits = look.cast(shifted.reshape((look.rays.worlds, -1)), None, look.rays.firing)
         kinect_v1.at_own_pixel(hits.distance, shifted, look.rays.directions)
         return hits
 

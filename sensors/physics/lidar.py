@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
-from rigcast.kernels.effects.random import RandomSource, random_source
+from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.packets.firings import repeat_firing, sort_rays
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import read
@@ -53,6 +53,20 @@ class LidarPhysics:
         self._fog = weather.fog_of(_fog_response(spec, self._extinction), scene.device)
         self._noise = _range_noise(spec)
 
+    @property
+    def bytes_per_ray(self) -> int:
+        """The most memory that a reading takes for each of its rays: hits, sub-rays, light on its way, echoes."""
+        spec, returns_kept = self.spec, 2 if self.spec.returns == "dual" else 1
+        ways = self.sub_rays * (1 + (spec.max_surfaces > 1) + spec.mirrors)
+        slots = self.sub_rays * (spec.max_surfaces + spec.mirrors) + 2 * (spec.weather is not None)
+        aimed = self.sub_rays * 24 if self._angle_std > 0 else 0
+        return (
+            aimed
+            + self.sub_rays * BYTES_PER_HIT
+            + ways * echoes.BYTES_PER_PATH
+            + (slots + returns_kept) * echoes.BYTES_PER_ECHO
+        )
+
     def along(self, rays: Rays) -> "LidarPhysics":
         """The same effects on as many other rays."""
         other = copy(self)
@@ -68,19 +82,19 @@ class LidarPhysics:
             self._firing = repeat_firing(rays.firing, self.sub_rays)
             self._packets = None if rays.packets is None else sort_rays(self._directions, self._firing)
 
-    def read(self, rays: Rays, visible: wp.array, seed: int, frame: int) -> Reading:
+    def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
         """One reading of the scene. rays: those it was made with, in the sensor's pose now."""
-        spec, source = self.spec, random_source(seed, self.spec.name, frame)
+        spec, count = self.spec, self.count * rays.worlds
         aimed = {"directions": self._directions, "origins": self._origins}
         sub_rays = replace(rays, **aimed, packets=self._packets, firing=self._firing)
         if self._angle_std > 0:
-            directions = beams.aim(rays, self._angles, source, self._angle_std)
-            sub_rays = replace(sub_rays, directions=directions, packets=None)
+            directions = beams.aim(rays, self._angles, source, self._angle_std, rays.worlds)
+            sub_rays = replace(sub_rays, directions=directions.reshape((rays.worlds, -1)), packets=None)
         found = self._echoes(sub_rays, visible, source)
         least_power = spec.detection.least_power if spec.detection else 0.0
         gap = 0.5 * weather.SPEED_OF_LIGHT * spec.pulse_length
-        hits, power = returns.choose(found, self.count, gap, least_power, _MODES[spec.returns])
-        per_beam = hits.distance.size // self.count
+        hits, power = returns.choose(found, count, gap, least_power, _MODES[spec.returns])
+        per_beam = hits.distance.size // count
         limits = (spec.min_range, spec.max_range)
         intensity = ranging.measure(hits, power, per_beam, self._noise, source, limits)
         read(hits, rays, spec.min_range)
@@ -88,11 +102,13 @@ class LidarPhysics:
 
     def _echoes(self, rays: Rays, visible: wp.array, source: RandomSource) -> echoes.Echoes:
         """All that comes back: of surface after surface, of what is seen in a mirror, of rain and fog."""
-        spec, looks, device, count = self.spec, self.scene.looks(), self.scene.device, rays.directions.size
+        spec, looks, device = self.spec, self.scene.looks(), self.scene.device
+        beams_cast = self.count * rays.worlds
+        count = beams_cast * self.sub_rays
         layers = spec.max_surfaces if looks.has_transparent else 1
         shows_mirrors = spec.mirrors and looks.has_mirrors
         slots = self.sub_rays * (layers + shows_mirrors)
-        found = echoes.new_echoes(slots + 2 * (spec.weather is not None), self.count, device)
+        found = echoes.new_echoes(slots + 2 * (spec.weather is not None), beams_cast, device)
         setting = self._setting(looks, rays)
         nowhere = echoes.new_paths(0, device)
         aside = echoes.new_paths(count, device) if shows_mirrors else nowhere
@@ -106,7 +122,7 @@ class LidarPhysics:
             hits = self.scene.cast_rays(_along(aside, rays), visible, spec.max_range)
             echoes.reflect(setting, hits, aside, layers * self.sub_rays, found, nowhere, nowhere)
         if spec.weather is not None:
-            weather.add_weather(self._rain, self._fog, source, self._extinction, found, self.count, slots)
+            weather.add_weather(self._rain, self._fog, source, self._extinction, found, beams_cast, slots)
         return found
 
     def _setting(self, looks: Looks, rays: Rays) -> echoes.Setting:
@@ -121,7 +137,8 @@ class LidarPhysics:
 
 def _along(paths: echoes.Paths, rays: Rays) -> Rays:
     """The rays of light on its way, in the frame of these rays."""
-    return replace(rays, directions=paths.direction, origins=paths.origin, packets=None)
+    each = (rays.worlds, -1)
+    return replace(rays, directions=paths.direction.reshape(each), origins=paths.origin.reshape(each), packets=None)
 
 
 def _sub_rays(spec: Lidar) -> tuple[np.ndarray, np.ndarray]:

@@ -2,9 +2,9 @@
 
 import io
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import warp as wp
@@ -15,12 +15,16 @@ from rigcast.kernels import reading
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.stamps import stamps
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.scene.part import Owner
 from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+_MOST_AXES = 4  # of a Warp array
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +38,17 @@ class Frame:
     to the frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out when asked
     for.
 
+    Of a batch of worlds every field of each ray has a first axis for the world, and time (nworld,) and pose (nworld, 4,
+    4) are Warp arrays of float64; `world(k)` is the frame of one of them. Frames of worlds that are not active are NaN.
+    With two returns as well, vectors are vec3 and vec3d, as Warp's arrays have at most four axes: only `numpy()` and
+    DLPack show the fifth.
+
     Where `range` is not finite: points are NaN, ids -1, normals 0. A hit on a flex, skin or prop has `geom_id` -1.
     """
 
     sensor: str
-    time: float
-    pose: NDArray[np.float64]
+    time: float | wp.array
+    pose: NDArray[np.float64] | wp.array
     shape: tuple[int, ...]
     _hits: HitArrays
     _rays: Rays
@@ -96,9 +105,38 @@ class Frame:
     @cached_property
     def stamp(self) -> wp.array:
         """(...) float64 [s]: when each ray was fired, `time` plus its firing time in the pattern."""
-        if self._firing_times is not None:
-            return stamps(self.time, self._firing_times.flatten()).reshape(self.shape)
-        return wp.full(self.shape, self.time, dtype=wp.float64, device=self._hits.distance.device)
+        device = self._hits.distance.device
+        begun = self.time if isinstance(self.time, wp.array) else wp.full(1, self.time, dtype=wp.float64, device=device)
+        return stamps(begun, self._firing_times, self._hits.distance.size).reshape(self.shape)
+
+    def world(self, k: int) -> Self:
+        """The frame of one of many worlds, which shares memory with this one."""
+        if not isinstance(self.time, wp.array):
+            raise InputError(f"Frame.world: sensor {self.sensor!r}: got a frame of one world, expected one of many")
+        count = self.time.size
+        if not 0 <= k < count:
+            raise InputError(f"Frame.world: sensor {self.sensor!r}: no world {k}, expected 0 to {count - 1}")
+        return replace(self, **self._of_world(k, count))
+
+    def require_one_world(self) -> None:
+        """Raise InputError for a frame of many worlds."""
+        if np.shape(self.pose) != (4, 4):
+            raise InputError(
+                f"sensor {self.sensor!r}: got a frame of {len(self.pose)} worlds, expected one of one world, such as "
+                "frame.world(0)"
+            )
+
+    def _of_world(self, k: int, count: int) -> dict[str, Any]:
+        """The fields of the frame of world k of so many."""
+        time: wp.array = self.time
+        pose: wp.array = self.pose
+        return {
+            "time": float(time[k : k + 1].numpy()[0]),
+            "pose": pose[k : k + 1].numpy()[0],
+            "shape": self.shape[1:],
+            "_hits": self._hits.of_world(k, count),
+            "_rays": self._rays.of_world(k),
+        }
 
     def picture(self) -> Image.Image:
         """The reading as a picture, 1200 pixels wide, with scales in metres; notebooks show it by themselves.
@@ -107,6 +145,7 @@ class Frame:
         """
         from rigcast.sensors.preview import draw_preview  # which knows frames
 
+        self.require_one_world()
         return draw_preview(self._pattern, self)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
@@ -118,10 +157,13 @@ class Frame:
         """
         from rigcast.sensors.preview.plot import plot_frame
 
+        self.require_one_world()
         return plot_frame(self._pattern, self, ax)
 
-    def _repr_png_(self) -> bytes:
-        """What Jupyter shows."""
+    def _repr_png_(self) -> bytes | None:
+        """What Jupyter shows; None of many worlds, which have no picture."""
+        if np.shape(self.pose) != (4, 4):
+            return None
         png = io.BytesIO()
         self.picture().save(png, format="png")
         return png.getvalue()
@@ -131,7 +173,9 @@ class Frame:
         return None if table is None else reading.take(table, self._hits.shape).reshape(self.shape)
 
     def _vectors(self, array: wp.array, scalar: type) -> wp.array:
-        """n vectors as scalars of shape (..., 3), without a copy."""
+        """n vectors as scalars of shape (..., 3), without a copy; as vectors where that is one axis too many."""
+        if len(self.shape) == _MOST_AXES:
+            return array.reshape(self.shape)
         return array.view(scalar).reshape((*self.shape, 3))
 
 
@@ -153,6 +197,10 @@ class LidarFrame(Frame):
         reflectivity cos(incidence) of a plain surface in clear air; 0 where the range is not finite.
         """
         return self._intensity().reshape(self.shape)
+
+    def _of_world(self, k: int, count: int) -> dict[str, Any]:
+        own = {"ring": self.ring[k], "column": self.column[k], "_intensity": lambda: self.intensity[k]}
+        return super()._of_world(k, count) | own
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,3 +234,6 @@ class CameraFrame(Frame):
         it: where `stereo` or `time_of_flight` give no reading it is that of what is there.
         """
         return self._intensity().reshape(self.shape)
+
+    def _of_world(self, k: int, count: int) -> dict[str, Any]:
+        return super()._of_world(k, count) | {"_intensity": lambda: self.intensity[k]}

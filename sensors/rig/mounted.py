@@ -1,5 +1,6 @@
 """A sensor on a scene: where it is, and the rays of its readings on the device."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import count
@@ -10,10 +11,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from rigcast.kernels.cast import BYTES_PER_HIT
+from rigcast.kernels.mounts import BYTES_PER_FRAME, Frames
 from rigcast.kernels.packets.firings import sort_rays
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
+from rigcast.sensors.scene.batch.worlds import Standing
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
@@ -34,18 +38,23 @@ class WorldRays(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """The rays of a reading that begins at `time` [s], and the pose (4, 4) in which the sensor is then."""
+    """The rays of a reading that begins at `time` [s], and the pose (4, 4) in which the sensor is then.
 
-    time: float
-    pose: NDArray[np.float64]
+    Of many worlds these are (nworld,) and (nworld, 4, 4), and `worlds` is (nworld,) uint32, their ids.
+    """
+
+    time: float | wp.array
+    pose: NDArray[np.float64] | wp.array
     rays: Rays
+    worlds: wp.array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Mounted:
     """A sensor on a scene, with the rays of one reading on the device.
 
-    firings: of a sensor that moves during a reading, None of others.
+    firings: of a sensor that moves during a reading, None of others. frames: numbers readings whose errors are drawn,
+    batches: those of many worlds.
     """
 
     scene: Scene
@@ -60,6 +69,7 @@ class Mounted:
     physics: LidarPhysics | None
     depth_physics: DepthPhysics | None
     frames: Iterator[int]
+    batches: Iterator[int]
 
     @staticmethod
     def on(scene: Scene, spec: Sensor) -> "Mounted":
@@ -69,7 +79,7 @@ class Mounted:
         return Mounted(
             scene,
             spec,
-            spec.mount.bind(scene.model),
+            spec.mount.bind(scene.model).turned(spec.frame_rotation),
             pattern,
             firings,
             rays,
@@ -78,6 +88,7 @@ class Mounted:
             _upload(pattern.column, wp.int32, spec, scene.device),
             LidarPhysics(scene, spec, rays) if isinstance(spec, Lidar) and spec.has_effects else None,
             DepthPhysics(scene, spec, pattern, rays) if isinstance(spec, DepthCamera) and spec.has_effects else None,
+            count(),
             count(),
         )
 
@@ -100,6 +111,13 @@ class Mounted:
         )
 
     @property
+    def bytes_per_world(self) -> int:
+        """The most memory that one reading of one of many worlds takes, while it is made."""
+        poses = BYTES_PER_FRAME * (1 if self.firings is None else len(self.firings.times))
+        physics = self.physics or self.depth_physics
+        return poses + math.prod(self.pattern.shape) * (BYTES_PER_HIT if physics is None else physics.bytes_per_ray)
+
+    @property
     def frame_shape(self) -> tuple[int, ...]:
         """That of a frame's fields: the pattern's, with a last axis for several returns."""
         copies = _returns(self.spec)
@@ -109,10 +127,7 @@ class Mounted:
         """(4, 4) the sensor's frame in the world."""
         with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
             pose = self.mount.pose(data)
-        if self.spec.yaw_aligned:
-            pose = yaw_only(pose)
-        pose[:3, :3] = pose[:3, :3] @ self.spec.frame_rotation
-        return pose
+            return yaw_only(pose) if self.spec.yaw_aligned else pose
 
     def visible(self) -> wp.array:
         return self.scene.visible(self.spec.filter)
@@ -134,11 +149,38 @@ class Mounted:
             fraction=wp.array(track.fraction, dtype=wp.float64, device=device),
         )
 
+    def in_worlds(self, worlds: Standing) -> "tuple[Mounted, Aim]":
+        """The sensor with the pattern of its next reading of many worlds, and its rays in them.
+
+        Where a pattern is another one in each reading, that of reading k is the one of time k / rate_hz, in all worlds.
+        """
+        number = next(self.batches)
+        fired = self.at(number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.duration)
+        count = worlds.count
+        firings = 1 if fired.firings is None else len(fired.firings.times)
+        frames = Frames.empty(count, firings, self.scene.device)
+        where = (worlds.carriers(self.mount.parent), self.mount.id, self.mount.offset)
+        frames.place(0, *where, yaw_aligned=self.spec.yaw_aligned, active=worlds.active, times=firings)
+        position, rotation = frames.position.flatten(), frames.rotation.flatten()
+        rays = replace(fired.fixed_rays, position=position, rotation=rotation, worlds=count)
+        ring, column = _same_in_each(fired.ring, count), _same_in_each(fired.column, count)
+        return replace(fired, ring=ring, column=column), Aim(worlds.times(), frames.poses(), rays, worlds.ids)
+
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)
         directions = self.pattern.directions @ pose[:3, :3].T
         local = np.zeros(3) if self.pattern.origins is None else self.pattern.origins
         return WorldRays(np.broadcast_to(local @ pose[:3, :3].T + pose[:3, 3], directions.shape), directions)
+
+
+def _same_in_each(values: wp.array | None, worlds: int) -> wp.array | None:
+    """(worlds, ...) of an array (...), which is there only once."""
+    if values is None:
+        return None
+    shape, strides = (worlds, *values.shape), (0, *values.strides)
+    repeated = wp.array(ptr=values.ptr, dtype=values.dtype, shape=shape, strides=strides, device=values.device)
+    repeated._ref = values  # which keeps the memory
+    return repeated
 
 
 def _firings(spec: Sensor, pattern: Pattern, scene: Scene) -> Firings | None:

@@ -12,9 +12,12 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects.infrared import infrared
+from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.scene.batch.sources import Batch
+from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.props import as_props
 from rigcast.sensors.scene.scene import Scene
@@ -27,6 +30,7 @@ from rigcast.sensors.specs.surface import Surface
 
 from .frame import CameraFrame, Frame, LidarFrame
 from .mounted import Aim, Mounted, Sensor, WorldRays
+from .room import require_room
 from .schedule import Schedule
 from .under_way import UnderWay
 
@@ -83,13 +87,25 @@ class Rig:
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
 
-    def sense(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Frame]:
-        """One frame of each of these sensors (None: of all), of the world at `data.time`.
+    def sense(self, data: mujoco.MjData | Batch, names: Sequence[str] | None = None) -> dict[str, Frame]:
+        """One frame of each of these sensors (None: of all).
 
+        Of an MjData: of the world at `data.time`. Kinematics are worked out on a private copy; `data` is only read.
         The world stands still for it, with `motion` and rolling shutters too: only `step` knows how it moves.
-        Kinematics are worked out on a private copy; `data` is only read.
+
+        Of a batch of worlds, which is whatever `Worlds` takes, or a `Worlds`: frames of all of them, with a first axis
+        for the world. Poses are taken as they stand, as `mj_ray` does: after a step they lag `qpos` by that step.
+
+        Raises:
+            InputError: no sensor of this name, data of another model, or more than memory holds.
         """
         mounted = self._select(names)
+        if is_batch(data):
+            worlds = as_worlds(data)
+            needs = {"scene": self.scene.bytes_per_world, **{m.spec.name: m.bytes_per_world for m in mounted}}
+            require_room(worlds.count, needs, self.scene.device)
+            standing = self.scene.update_worlds(worlds)
+            return {m.spec.name: self._read(*m.in_worlds(standing)) for m in mounted}
         self._look(data)
         return {m.spec.name: self._frame(m, data.time) for m in mounted}
 
@@ -206,7 +222,7 @@ class Rig:
             read(hits, rays, spec.min_range)
             bright = partial(intensity, hits, rays, self.scene.looks().surfaces)
         else:
-            reading = mounted.physics.read(rays, visible, self.seed, next(mounted.frames))
+            reading = mounted.physics.read(rays, visible, self._random(mounted, aim))
             hits, bright = reading.hits, partial(wp.array.flatten, reading.intensity)
         common = self._common(mounted, aim, hits)
         return LidarFrame(**common, ring=mounted.ring, column=mounted.column, _intensity=bright)
@@ -217,17 +233,21 @@ class Rig:
             hits = seen = self.scene.cast_rays(rays, visible, spec.max_range)
             read(hits, rays, spec.min_range)
         else:
-            reading = mounted.depth_physics.read(rays, visible, self.seed, next(mounted.frames))
+            reading = mounted.depth_physics.read(rays, visible, self._random(mounted, aim))
             hits, seen = reading.hits, reading.seen
-        bright = partial(infrared, seen, rays.directions, self.scene.looks().reflectivity)
         assert pattern.intrinsics is not None
         return CameraFrame(
             **self._common(mounted, aim, hits),
             intrinsics=pattern.intrinsics,
             lens=pattern.lens,
             depth_scale=spec.depth_scale,
-            _intensity=bright,
+            _intensity=partial(infrared, seen, rays.directions, self.scene.looks().reflectivity),
         )
+
+    def _random(self, mounted: Mounted, aim: Aim) -> RandomSource:
+        """The random numbers of the next reading of a sensor."""
+        rays = math.prod(mounted.pattern.shape)
+        return random_source(self.seed, mounted.spec.name, next(mounted.frames), aim.worlds, rays)
 
     def _common(self, mounted: Mounted, aim: Aim, hits: HitArrays) -> dict[str, Any]:
         """What every frame is made with."""
@@ -235,7 +255,7 @@ class Rig:
             "sensor": mounted.spec.name,
             "time": aim.time,
             "pose": aim.pose,
-            "shape": mounted.frame_shape,
+            "shape": mounted.frame_shape if aim.worlds is None else (aim.worlds.size, *mounted.frame_shape),
             "_hits": hits,
             "_rays": aim.rays,
             "_ids_of_shape": self.scene.ids_in_use,

@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import FARTHEST, TriangleTree
+from rigcast.kernels.geometry import FARTHEST, Shapes, TriangleTree
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.specs.filter import Filter
 
 from .lost import Lost
-from .model_geometry import hfield_data, read_model, read_shapes
+from .model_geometry import assets_in_use, hfield_data, needs_asset, read_model, read_shapes
 from .part import Owner, Snapshot
 
 
@@ -32,7 +32,7 @@ class Geoms:
         self.ids = np.arange(model.ngeom, dtype=np.int32)
         self.bodies = model.geom_bodyid.astype(np.int32)
         self._supported = geometry.supported
-        self._lost = Lost(lambda geom: model.geom(geom).name or f"geom {geom}")
+        self._lost = Lost(self.name)
         self._assets = geometry.assets
         self._fields = [k for k, asset in enumerate(self._assets) if asset.kind == "hfield"]
         self._kinds, self._sizes = self._read_kinds(), model.geom_size.tobytes()
@@ -41,12 +41,16 @@ class Geoms:
 
     def update(self, data: mujoco.MjData) -> Snapshot:
         """Raises InputError for a size or height field that has become unusable, and for a geom of another kind."""
-        trees = self._renew()
-        is_finite = (np.abs(data.geom_xpos) <= FARTHEST).all(axis=1) & np.isfinite(data.geom_xmat).all(axis=1)
+        trees = self.renew()
+        is_finite = has_finite_pose(data.geom_xpos, data.geom_xmat)
         self._lost.warn(data.time, is_finite)
         # an infinite plane would be hit even where one of its in-plane axes is NaN
         position = np.where(is_finite[:, None], data.geom_xpos, np.nan)
         return Snapshot(position, data.geom_xmat, None if trees is None else self.shapes, trees or {})
+
+    def name(self, geom: int) -> str:
+        """What a message calls a geom."""
+        return self.model.geom(geom).name or f"geom {geom}"
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         return filter.visible(self.model) & self._supported
@@ -63,8 +67,11 @@ class Geoms:
             raise InputError(f"Scene.refresh: no mesh or height field {name!r}, {expected_one_of(name, names)}")
         self._to_refresh |= {k for k, asset in enumerate(self._assets) if ids[asset.kind] == asset.id}
 
-    def _renew(self) -> dict[int, TriangleTree] | None:
-        """Read anew what has changed: the changed trees, None if nothing at all has."""
+    def renew(self) -> dict[int, TriangleTree] | None:
+        """Read anew what has changed in the model: the changed trees, None if nothing at all has.
+
+        Raises InputError for a size or height field that has become unusable, and for a geom of another kind.
+        """
         if self._read_kinds() != self._kinds:
             raise InputError("Scene.update: geom_type or geom_dataid has changed; make a new Scene of the model")
         sizes = self.model.geom_size.tobytes()
@@ -76,9 +83,13 @@ class Geoms:
         self._require_finite_sizes()
         renewed = {k: self._assets[k].tree(self.model) for k in sorted(stale)}
         self.trees = [renewed.get(k, tree) for k, tree in enumerate(self.trees)]
-        self.shapes = read_shapes(self.model, self._assets, self.trees)
+        self.shapes = self.shapes_with(self.model.geom_size, self.model.geom_dataid)
         self._sizes, self._elevations, self._to_refresh = sizes, elevations, set()
         return renewed
+
+    def shapes_with(self, size: NDArray[np.float64], dataid: NDArray[np.int32]) -> Shapes:
+        """The geoms with these sizes (..., ngeom, 3) and meshes (..., ngeom); several worlds follow each other."""
+        return read_shapes(self.model, self._assets, self.trees, size, dataid)
 
     def _require_finite_sizes(self) -> None:
         bad = np.flatnonzero(~(np.abs(self.model.geom_size) <= FARTHEST).all(axis=1))
@@ -89,9 +100,27 @@ class Geoms:
                 f"geom {name}: size: got {geom.size.tolist()}, expected finite numbers up to {FARTHEST:g} m"
             )
 
+    def add_assets(self, dataid: NDArray[np.int32]) -> bool:
+        """Whether geoms have meshes or height fields by `dataid` (..., ngeom) that had no tree yet; they have now."""
+        added = [asset for asset in assets_in_use(self.model, dataid) if asset not in self._assets]
+        self._assets = self._assets + added
+        self.trees = self.trees + [asset.tree(self.model) for asset in added]
+        self._fields = [k for k, asset in enumerate(self._assets) if asset.kind == "hfield"]
+        self._elevations = [self._read_elevations(k) for k in self._fields]
+        return bool(added)
+
+    def is_present(self, dataid: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """(..., ngeom): all but what has a mesh or height field in the model and -1 here."""
+        return ~(needs_asset(self.model) & (dataid < 0))
+
     def _read_kinds(self) -> tuple[bytes, bytes]:
         return self.model.geom_type.tobytes(), self.model.geom_dataid.tobytes()
 
     def _read_elevations(self, tree: int) -> tuple[bytes, bytes]:
         hfield = self._assets[tree].id
         return self.model.hfield_size[hfield].tobytes(), hfield_data(self.model, hfield).tobytes()
+
+
+def has_finite_pose(position: NDArray[np.floating], rotation: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(n,) of positions (n, 3) and rotations (n, 9)."""
+    return np.asarray((np.abs(position) <= FARTHEST).all(axis=1) & np.isfinite(rotation).all(axis=1))

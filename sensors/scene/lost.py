@@ -18,7 +18,7 @@ class Lost:
         self._name = name
         self._lost: set[int] = set()
 
-    def warn(self, time: float, is_finite: NDArray[np.bool_]) -> None:
+    def warn(self, time: float | None, is_finite: NDArray[np.bool_]) -> None:
         """time [s]: of the data. is_finite: (n,) whose poses are. One warning names up to ten that are new."""
         lost = set(np.flatnonzero(~is_finite).tolist())
         new = sorted(lost - self._lost)
@@ -26,5 +26,6 @@ class Lost:
         if new:
             names = ", ".join(self._name(k) for k in new[:10])
             more = f" and {len(new) - 10} more" if len(new) > 10 else ""
-            message = f"pose not finite at t = {time:g} s, not hit: {names}{more}"
+            when = "" if time is None else f" at t = {time:g} s"
+            message = f"pose not finite{when}, not hit: {names}{more}"
             warn_user(message, RuntimeWarning)

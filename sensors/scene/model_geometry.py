@@ -67,29 +67,54 @@ class ModelGeometry:
 
 def read_model(model: mujoco.MjModel) -> ModelGeometry:
     """The geometry of a model: one triangle tree for each mesh and height field in use."""
-    asset_of = _assets(model)
-    assets = sorted({asset for asset in asset_of if asset}, key=lambda asset: (asset.kind, asset.id))
+    assets = assets_in_use(model, model.geom_dataid)
     trees = [asset.tree(model, cached_triangle_tree) for asset in assets]
-    return ModelGeometry(assets, trees, read_shapes(model, assets, trees), _is_supported(model))
+    shapes = read_shapes(model, assets, trees, model.geom_size, model.geom_dataid)
+    return ModelGeometry(assets, trees, shapes, _is_supported(model))
 
 
-def read_shapes(model: mujoco.MjModel, assets: list[Asset], trees: list[TriangleTree]) -> Shapes:
-    """The sizes and boxes of the geoms, given the tree of each asset."""
-    index = {asset: k for k, asset in enumerate(assets)}
-    tree = np.array([index[asset] if asset else -1 for asset in _assets(model)], np.int32).reshape(-1)
+def read_shapes(
+    model: mujoco.MjModel,
+    assets: list[Asset],
+    trees: list[TriangleTree],
+    size: NDArray[np.float64],
+    dataid: NDArray[np.int32],
+) -> Shapes:
+    """Geoms with these sizes (..., ngeom, 3) and meshes or height fields (..., ngeom), given the tree of each asset.
+
+    Those of several worlds follow each other.
+    """
     kind = np.array([_KIND.get(int(k), solids.SPHERE) for k in model.geom_type], np.int32)
-    center, half = _local_boxes(model, tree, trees)
-    return Shapes(kind, model.geom_size.astype(np.float32), tree, center, half)
+    types, kinds = (np.broadcast_to(each, size.shape[:-1]).reshape(-1) for each in (model.geom_type, kind))
+    tree = _trees_of(model, assets, np.broadcast_to(dataid, size.shape[:-1]))
+    flat = size.reshape(-1, 3)
+    center, half = _local_boxes(types, flat, tree, trees)
+    return Shapes(kinds, flat.astype(np.float32), tree, center, half)
 
 
-def _assets(model: mujoco.MjModel) -> list[Asset | None]:
-    """The mesh or height field of each geom, None for those that have none."""
-    return [
-        Asset("hfield" if kind == _GEOM.mjGEOM_HFIELD else "mesh", int(data_id))
-        if is_supported and _KIND[int(kind)] == solids.TRIANGLES
-        else None
-        for kind, data_id, is_supported in zip(model.geom_type, model.geom_dataid, _is_supported(model), strict=True)
-    ]
+def assets_in_use(model: mujoco.MjModel, dataid: NDArray[np.int32]) -> list[Asset]:
+    """The meshes and height fields that geoms have by `dataid` (..., ngeom), by kind and id."""
+    present = needs_asset(model) & (dataid >= 0)
+    is_hfield = np.broadcast_to(model.geom_type == _GEOM.mjGEOM_HFIELD, dataid.shape)
+    hfields, meshes = np.unique(dataid[present & is_hfield]), np.unique(dataid[present & ~is_hfield])
+    return [Asset("hfield", int(k)) for k in hfields] + [Asset("mesh", int(k)) for k in meshes]
+
+
+def needs_asset(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """(ngeom,) which geoms are triangles: of a mesh, or a height field."""
+    triangles = [kind for kind, solid in _KIND.items() if solid == solids.TRIANGLES]
+    return np.isin(model.geom_type, triangles) & _is_supported(model)
+
+
+def _trees_of(model: mujoco.MjModel, assets: list[Asset], dataid: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(n,) the tree of each geom of each world, -1 where it has none."""
+    of_asset = {"mesh": np.full(model.nmesh + 1, -1, np.int32), "hfield": np.full(model.nhfield + 1, -1, np.int32)}
+    for tree, asset in enumerate(assets):
+        of_asset[asset.kind][asset.id] = tree
+    is_hfield = model.geom_type == _GEOM.mjGEOM_HFIELD
+    mesh = np.where(needs_asset(model) & ~is_hfield, dataid, -1)
+    hfield = np.where(is_hfield, dataid, -1)
+    return np.maximum(of_asset["mesh"][mesh], of_asset["hfield"][hfield]).reshape(-1)
 
 
 def _is_supported(model: mujoco.MjModel) -> NDArray[np.bool_]:
@@ -172,10 +197,9 @@ def _box_triangles(size: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _local_boxes(
-    model: mujoco.MjModel, tree: NDArray[np.int32], trees: list[TriangleTree]
+    types: NDArray[np.int32], size: NDArray[np.float64], tree: NDArray[np.int32], trees: list[TriangleTree]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Centre and half size (ngeom, 3) of each geom's box in its own frame; half +inf where it has none."""
-    size = model.geom_size
+    """Centre and half size (n, 3) of each geom's box in its own frame; half +inf where it has none."""
     zero = np.zeros(len(size))
     by_type = {
         _GEOM.mjGEOM_PLANE: np.stack([*np.where(size[:, :2] > 0, size[:, :2], np.inf).T, zero], axis=-1),
@@ -187,10 +211,11 @@ def _local_boxes(
     }
     center, half = np.zeros((2, len(size), 3))
     for kind, extent in by_type.items():
-        half = np.where((model.geom_type == kind)[:, None], extent, half)
-    for geom in np.flatnonzero(tree >= 0):
-        lower, upper = trees[tree[geom]].lower.astype(float), trees[tree[geom]].upper.astype(float)
-        center[geom], half[geom] = (lower + upper) / 2, (upper - lower) / 2
+        half = np.where((types == kind)[:, None], extent, half)
+    placed = np.flatnonzero(tree >= 0)
+    lower, upper = (np.array([getattr(t, end) for t in trees], float).reshape(-1, 3) for end in ("lower", "upper"))
+    lower, upper = lower[tree[placed]], upper[tree[placed]]
+    center[placed], half[placed] = (lower + upper) / 2, (upper - lower) / 2
     rounded = center.astype(np.float32)
     # float64 to float32 may round a half size down
     return rounded, ((half + np.abs(center - rounded)) * (1 + 1e-6)).astype(np.float32)

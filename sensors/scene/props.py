@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree
+from rigcast.kernels.mounts import Frames
 from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 
+from .batch.worlds import Standing
 from .lost import Lost
 from .part import Owner, Snapshot
 from .tree_cache import cached_triangle_tree
@@ -45,6 +47,11 @@ class Props:
         self._lost.warn(data.time, is_finite)
         position = np.where(is_finite[:, None], poses[:, :3, 3], np.nan)
         return Snapshot(position, poses[:, :3, :3].reshape(-1, 9))
+
+    def place(self, frames: Frames, first: int, worlds: Standing) -> None:
+        """Make frames first, first + 1, ... those of the props in many worlds."""
+        for k, mount in enumerate(self._mounts):
+            frames.place(first + k, worlds.carriers(mount.parent), mount.id, mount.offset)
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         return ~filter.hidden_bodies(self.model)[self.bodies]

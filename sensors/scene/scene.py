@@ -11,8 +11,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.cast import HitArrays, as_double, cast, unit_directions
-from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.kernels.cast import HitArrays, cast
+from rigcast.kernels.geometry import Shapes
+from rigcast.kernels.mounts import BYTES_PER_FRAME, Carriers, Frames
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
@@ -23,10 +24,15 @@ from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
 from rigcast.sensors.threads import require_thread_count
 
+from .batch.differences import Differences
+from .batch.sources import Batch
+from .batch.worlds import Standing, Worlds, as_worlds, is_batch
 from .flexes import Flexes
 from .geoms import Geoms
+from .given_rays import GivenRays, take_rays, upload
 from .hits import Hits
 from .looks import Looks, LooksTable
+from .lost import Lost
 from .model_geometry import unsupported_parts
 from .part import OWNERS, Owner, Part, ShapePoses
 from .props import Props
@@ -43,6 +49,10 @@ _LOOKS = (
     *("skin_rgba", "skin_matid", "skin_group"),
     *("mat_reflectance", "mat_texid"),
 )
+
+
+_NO_DIFFERENCES = Differences()
+_BYTES_PER_SIZE = 44  # of a shape, with its tree, its box and its reach
 
 
 class Scene:
@@ -75,16 +85,14 @@ class Scene:
         self.model = model
         require_thread_count()
         self.device = _find_device(device)
-        self._geoms = Geoms(model)
+        self._geoms, self._props = Geoms(model), Props(model, props)
         self._parts: list[Part] = [
             self._geoms,
             *([Flexes(model)] if model.nflex else []),
             *([Skins(model)] if model.nskin else []),
-            Props(model, props),
+            self._props,
         ]
-        self._world = World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
-        for part in self._parts:
-            part.trees = [tree.outline() for tree in part.trees]
+        self._world = self._make_world()
         owners = np.concatenate([np.full(len(part.ids), part.owner) for part in self._parts])
         ids = np.concatenate([part.ids for part in self._parts])
         in_use = {"geom"} | {part.owner for part in self._parts if len(part.ids)}
@@ -100,9 +108,14 @@ class Scene:
         self._looks_read: list[bytes] = []
         self._visible: dict[Filter, wp.array] = {}
         self._looks: Looks | None = None
+        self._worlds: int | None = None  # how many there are, if it is a batch of them
+        self._differences = _NO_DIFFERENCES
+        self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
 
-    def update(self, data: mujoco.MjData) -> None:
+    def update(self, data: mujoco.MjData | Batch) -> None:
         """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
+
+        `data` may be a batch of worlds, whatever `Worlds` takes: they are cast against together.
 
         After `mj_step` these lag `qpos` by one step; run `mj_kinematics` first to see the world at `data.time`, and
         for flexes (`flexvert_xpos`) `mj_comPos` and `mj_flex` too.
@@ -115,8 +128,11 @@ class Scene:
             InputError: `data` belongs to another model, a size or an elevation that is not finite, or a geom that
                 has got another type, mesh or height field.
         """
+        if is_batch(data):
+            self.update_worlds(as_worlds(data))
+            return
         self._world.update(*self.read(data))
-        self._stale = ""
+        self._stale, self._worlds = "", None
 
     def read(self, data: mujoco.MjData) -> ShapePoses:
         """Where everything stands in `data`, for a `sweep`; rays are cast at it after the next `update` or `sweep`."""
@@ -134,8 +150,9 @@ class Scene:
             if snapshot.shapes is not None:
                 part.shapes = snapshot.shapes
             first_tree += len(part.trees)
-        if any(snapshot.shapes is not None for snapshot in snapshots):
+        if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
             self._world.set_shapes(self._shapes())
+            self._differences, self._visible = _NO_DIFFERENCES, {}
         return ShapePoses(
             np.concatenate([snapshot.position for snapshot in snapshots]),
             np.concatenate([snapshot.rotation for snapshot in snapshots]),
@@ -148,6 +165,65 @@ class Scene:
         skins are those of the last `read`.
         """
         self._world.sweep(np.array([each.position for each in poses]), np.array([each.rotation for each in poses]))
+
+    def update_worlds(self, worlds: Worlds) -> Standing:
+        """Take many worlds as they stand, and give them on the device.
+
+        Raises:
+            InputError: worlds of another model, or a model with flexes or skins, or too little memory.
+        """
+        worlds.require_model(self.model)
+        deforming = [part.owner for part in self._parts if part.owner in ("flex", "skin")]
+        if deforming:
+            raise InputError(f"Scene: many worlds of a model with a {deforming[0]}, expected a model without one")
+        standing = worlds.at(self.model, self.device)
+        self._take_differences(worlds)
+        poses = self._poses(standing)
+        if standing.geom_is_finite is not None:
+            self._lost_in_worlds.warn(None, standing.geom_is_finite.reshape(-1))
+        self._world.update(poses.position, poses.rotation)
+        self._stale, self._worlds = "", worlds.count
+        return standing
+
+    def _take_differences(self, worlds: Worlds) -> None:
+        """Take what has changed in the model, and the sizes and meshes in which worlds differ."""
+        differences = worlds.differences
+        if differences.dataid is not None and self._geoms.add_assets(differences.dataid):
+            self._world, self._differences = self._make_world(), _NO_DIFFERENCES
+        renewed = self._geoms.renew()
+        for index, tree in (renewed or {}).items():
+            self._world.set_tree(index, tree)
+        if renewed is None and differences.same_as(self._differences):
+            return
+        self._world.set_shapes(
+            self._shapes()
+            if differences.same_as(_NO_DIFFERENCES)
+            else differences.shapes(self._geoms, self._props.shapes, worlds.count)
+        )
+        self._differences, self._visible = differences, {}
+
+    def _poses(self, worlds: Standing) -> Carriers:
+        """(nworld, nshape) poses of all shapes: those of the geoms where they are, if there are no props."""
+        geoms, props = worlds.carriers("geom"), len(self._props.ids)
+        if not props:
+            return geoms
+        frames = Frames.empty(worlds.count, self.model.ngeom + props, self.device)
+        frames.copy(geoms)
+        self._props.place(frames, self.model.ngeom, worlds)
+        return Carriers(frames.position, frames.rotation)
+
+    @property
+    def bytes_per_world(self) -> int:
+        """What each of many worlds takes, if its poses have to be copied and its sizes are its own."""
+        return self._world.bytes_per_world + len(self._shapes().kind) * (BYTES_PER_FRAME + _BYTES_PER_SIZE)
+
+    def _make_world(self) -> World:
+        """A world of all parts, which take over its trees: their triangles are held once."""
+        world = World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
+        trees = iter(world.trees)
+        for part in self._parts:
+            part.trees = [next(trees) for _ in part.trees]
+        return world
 
     def refresh(self, name: str) -> None:
         """Say that a mesh (`mesh_vert`, `mesh_face`) or height field of this name has been edited in the model.
@@ -178,7 +254,7 @@ class Scene:
 
         Args:
             origins: (3,), one for all rays, or like directions [m], in the world.
-            directions: (..., 3), of any length but 0, in the world.
+            directions: (..., 3), of any length but 0, in the world; (nworld, ..., 3) after an update with many worlds.
             max_distance: greatest distance at which something is hit, inclusive [m].
             cull: "back" drops hits on surfaces that face along the ray (d . n > 0), "front" those that face it.
             filter: which geoms may be hit; None: all that are not transparent.
@@ -197,22 +273,35 @@ class Scene:
         require_type("Scene.cast: max_distance", max_distance, Real)
         if not max_distance >= 0:
             raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
-        if isinstance(directions, wp.array):
-            shape = tuple(directions.shape)
-            rays = self._device_rays(origins, directions)
-        else:
-            host_origins, host_directions = _checked_rays(origins, directions)
-            shape = host_directions.shape[:-1]
-            rays = self.rays_in_frame(host_directions, host_origins, np.eye(4))
-        return self.hits(self.cast_rays(rays, self.visible(filter), max_distance, cull), shape)
+        given = take_rays(origins, directions, self.device)
+        return self.hits(self.cast_rays(self._placed(given), self.visible(filter), max_distance, cull), given.shape)
+
+    def _placed(self, given: GivenRays) -> Rays:
+        """Rays as they are given, in the world or, by their first axis, in each of many worlds."""
+        if self._worlds is None:
+            return self.in_pose(Rays(given.directions, given.origins, position=None, rotation=None), np.eye(4))
+        worlds = self._worlds
+        if given.shape[:1] != (worlds,):
+            raise InputError(f"Scene.cast: directions: got shape {(*given.shape, 3)}, expected ({worlds}, ..., 3)")
+        each = (worlds, -1)
+        return Rays(
+            given.directions.reshape(each),
+            given.origins if given.origins.size == 1 else given.origins.reshape(each),
+            position=wp.zeros(worlds, dtype=wp.vec3d, device=self.device),
+            rotation=wp.full(worlds, wp.mat33d(np.eye(3)), dtype=wp.mat33d, device=self.device),
+            worlds=worlds,
+        )
 
     def visible(self, filter: Filter | None) -> wp.array:
-        """(shapes,) bool on the device: which shapes a filter lets rays hit, as the model looks now."""
+        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit, as the model looks now."""
         self._forget_old_looks()
         wanted = filter or Filter()
         if wanted not in self._visible:
             seen = np.concatenate([part.visible(wanted) for part in self._parts])
-            self._visible[wanted] = wp.array(seen, dtype=wp.bool, device=self.device)
+            if self._differences.dataid is not None:
+                seen = np.tile(seen, (len(self._differences.dataid), 1))
+                seen[:, : self.model.ngeom] &= self._geoms.is_present(self._differences.dataid)
+            self._visible[wanted] = wp.array(seen.reshape(-1), dtype=wp.bool, device=self.device)
         return self._visible[wanted]
 
     def looks(self) -> Looks:
@@ -239,31 +328,14 @@ class Scene:
         self, directions: NDArray[np.float64], origins: NDArray[np.float64], pose: NDArray[np.float64]
     ) -> Rays:
         """Rays on the device: unit directions (..., 3) and origins (..., 3) or (3,) in a frame with this pose."""
-        return self.in_pose(Rays(self._upload(directions), self._upload(origins), position=None, rotation=None), pose)
+        return self.in_pose(
+            Rays(upload(directions, self.device), upload(origins, self.device), position=None, rotation=None), pose
+        )
 
     def in_pose(self, rays: Rays, pose: NDArray[np.float64]) -> Rays:
         """The same rays in a frame with another pose (4, 4)."""
         rotation = wp.array(pose[None, :3, :3], dtype=wp.mat33d, device=self.device)
-        return replace(rays, position=self._upload(pose[:3, 3]), rotation=rotation)
-
-    def _upload(self, vectors: NDArray[np.float64]) -> wp.array:
-        return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=self.device)
-
-    def _device_rays(self, origins: ArrayLike | wp.array, directions: wp.array) -> Rays:
-        if not isinstance(origins, wp.array):
-            origins = self._upload(_checked_origins(origins))
-        for name, array in (("origins", origins), ("directions", directions)):
-            self._require_vectors(name, array)
-        if origins.size not in (1, directions.size):
-            raise InputError(f"Scene.cast: origins: got {origins.size}, expected 1 or {directions.size}")
-        rays = Rays(unit_directions(directions.flatten()), as_double(origins.flatten()), position=None, rotation=None)
-        return self.in_pose(rays, np.eye(4))
-
-    def _require_vectors(self, name: str, array: wp.array) -> None:
-        if array.dtype not in (wp.vec3, wp.vec3d):
-            raise InputError(f"Scene.cast: {name}: got an array of {array.dtype.__name__}, expected vec3 or vec3d")
-        if array.device != self.device:
-            raise InputError(f"Scene.cast: {name}: got an array on {array.device}, expected {self.device}")
+        return replace(rays, position=upload(pose[:3, 3], self.device), rotation=rotation)
 
 
 def _find_device(device: wp.DeviceLike) -> wp.Device:
@@ -289,43 +361,3 @@ def _report(parts: list[str], on_unsupported: str) -> None:
         warn_user(f"{message}; left out", UserWarning)
     else:
         raise InputError(f'Scene: {message}; remove them, or leave them out with on_unsupported="warn"')
-
-
-def _checked_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Origins and unit directions, float64."""
-    d, o = _vectors("directions", directions), _checked_origins(origins)
-    if o.shape not in ((3,), d.shape):
-        raise InputError(f"Scene.cast: origins: got shape {o.shape}, expected (3,) or {d.shape}")
-    # scaled by the largest component first: squares of 1e-200 would vanish
-    largest = np.abs(d).max(axis=-1, keepdims=True, initial=0.0)
-    _refuse_rays("directions", d, ~np.isfinite(d).all(axis=-1), "finite numbers")
-    _refuse_rays("directions", d, largest[..., 0] == 0.0, "a direction of any length but 0")
-    scaled = d / largest
-    return o, scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
-
-
-def _checked_origins(origins: ArrayLike) -> NDArray[np.float64]:
-    o = _vectors("origins", origins)
-    _refuse_rays("origins", o, ~(np.abs(o) <= FARTHEST).all(axis=-1), f"finite numbers up to {FARTHEST:g} m")
-    return o
-
-
-def _refuse_rays(name: str, values: NDArray[np.float64], bad: NDArray[np.bool_] | np.bool_, expected: str) -> None:
-    """Raise InputError for the first of the rays that are bad."""
-    if bad.any():
-        ray = tuple(int(i) for i in np.argwhere(bad)[0])
-        index = ray[0] if len(ray) == 1 else ray
-        where = f"ray {index}: " if ray else ""
-        raise InputError(f"Scene.cast: {where}{name}: got {values[ray].tolist()}, expected {expected}")
-
-
-def _vectors(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    try:
-        array = np.asarray(values)
-    except ValueError as error:
-        raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3): {error}") from None
-    if array.dtype.kind not in "fiu":
-        raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3), got {array.dtype} {values!r:.80}")
-    if array.ndim == 0 or array.shape[-1] != 3:
-        raise InputError(f"Scene.cast: {name}: got shape {array.shape}, expected (..., 3)")
-    return array.astype(np.float64, copy=False)

@@ -1,6 +1,6 @@
 """Where a sensor is: fixed to a body, a site, a camera or the world, with an offset."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import mujoco
@@ -14,6 +14,9 @@ from rigcast.sensors.names import expected_one_of, model_names
 from .spec import Spec
 
 Parent = Literal["world", "body", "site", "camera"]
+
+CARRIERS = {"body": ("xpos", "xmat"), "site": ("site_xpos", "site_xmat"), "camera": ("cam_xpos", "cam_xmat")}
+"""The fields of a MuJoCo data in which the poses of a mount's parents are."""
 
 # A MuJoCo camera looks along its -z with +y up. Columns: the mount's forward, left and up in camera axes.
 _CAMERA_FORWARD_LEFT_UP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
@@ -85,7 +88,10 @@ class Mount(Spec):
     def bind(self, model: mujoco.MjModel) -> "BoundMount":
         """This mount on `model`. Raises InputError for a name that the model does not have."""
         refuse("Mount", self.faults(model))
-        return BoundMount(self.parent, self._id(model), _body_of(model, self.parent, self._id(model)), self.offset)
+        offset = self.offset
+        if self.parent == "camera":
+            offset[:3] = _CAMERA_FORWARD_LEFT_UP @ offset[:3]
+        return BoundMount(self.parent, self._id(model), _body_of(model, self.parent, self._id(model)), offset)
 
     def _id(self, model: mujoco.MjModel) -> int:
         if self.parent == "world":
@@ -98,7 +104,7 @@ class Mount(Spec):
 class BoundMount:
     """A mount on one model: `id` is the body's, site's or camera's, `body_id` the body that moves it.
 
-    offset: (4, 4) float64, the mount's frame in the carrier's.
+    offset: (4, 4) float64, the mount's frame in the carrier's, for a camera in MuJoCo's axes.
     """
 
     parent: Parent
@@ -106,20 +112,34 @@ class BoundMount:
     body_id: int
     offset: NDArray[np.float64]
 
+    def turned(self, rotation: NDArray[np.float64]) -> "BoundMount":
+        """A mount at the same place with other axes: the columns of `rotation` (3, 3), in this one's."""
+        offset = self.offset.copy()
+        offset[:3, :3] = offset[:3, :3] @ rotation
+        return replace(self, offset=offset)
+
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """(4, 4) float64: the mount's frame, x forward and z up, in the world, as `data` has it.
 
         Bodies and sites need `mj_kinematics` to have run; cameras `mj_comPos` and `mj_camlight` too.
         """
-        carrier = np.eye(4)
-        if self.parent == "body":
-            carrier[:3, 3], carrier[:3, :3] = data.xpos[self.id], data.xmat[self.id].reshape(3, 3)
-        elif self.parent == "site":
-            carrier[:3, 3], carrier[:3, :3] = data.site_xpos[self.id], data.site_xmat[self.id].reshape(3, 3)
-        elif self.parent == "camera":
-            carrier[:3, 3] = data.cam_xpos[self.id]
-            carrier[:3, :3] = data.cam_xmat[self.id].reshape(3, 3) @ _CAMERA_FORWARD_LEFT_UP
-        return carrier @ self.offset
+        if self.parent == "world":
+            return self.offset.copy()
+        position, rotation = CARRIERS[self.parent]
+        return placed(getattr(data, position)[self.id], getattr(data, rotation)[self.id].reshape(3, 3), self.offset)
+
+
+def placed(
+    position: NDArray[np.float64], rotation: NDArray[np.float64], offset: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(4, 4) a frame at `offset` (4, 4) in one with this pose.
+
+    Summed in the order of `rigcast.kernels.mounts`, and not by BLAS, so that both have the same bits.
+    """
+    pose = np.eye(4)
+    pose[:3] = rotation[:, :1] * offset[0] + rotation[:, 1:2] * offset[1] + rotation[:, 2:] * offset[2]
+    pose[:3, 3] += position
+    return pose
 
 
 def _objects(model: mujoco.MjModel, parent: Parent) -> tuple[mujoco.mjtObj, int]:

@@ -32,6 +32,9 @@ def ranges(worldbody: str, spec: Lidar | DepthCamera, reflectivity: float = 0.8)
 def test_every_preset_errs_unless_told_otherwise(name: str) -> None:
     spec = preset(name)
     assert spec.has_effects
+    assert spec.moves == (isinstance(spec, Lidar) or name == "zed2"), (
+        "lidars sweep, and one camera has a rolling shutter"
+    )
     off = ["noise", "detection"] if isinstance(spec, Lidar) else ["stereo", "time_of_flight"]
     assert not preset(name, **dict.fromkeys(off)).has_effects
 

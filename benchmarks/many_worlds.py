@@ -1,0 +1,106 @@
+"""What a batch of worlds costs, compared with a loop over its worlds: python benchmarks/many_worlds.py [N] [device]"""
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import mujoco
+import numpy as np
+import warp as wp
+
+import rigcast
+
+REPEATS = 5
+HOUSE = "".join(
+    f'<geom type="box" size="0.3 0.3 0.5" pos="{x} {y} 0.5"/>' for x in (-6, -3, 3, 6) for y in (-6, -2, 2, 6)
+)
+LEGS = "".join(
+    f'<body pos="{x} {y} 0"><joint axis="0 1 0"/><geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.25"/>'
+    '<body pos="0 0 -0.25"><joint axis="0 1 0"/><geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.25"/></body>'
+    "</body>"
+    for x in (0.25, -0.25)
+    for y in (0.15, -0.15)
+)
+XML = f"""
+<mujoco>
+  <asset><hfield name="ground" nrow="64" ncol="64" size="10 10 0.3 0.1"/></asset>
+  <worldbody>
+    <geom type="hfield" hfield="ground"/>{HOUSE}
+    <body name="torso" pos="0 0 0.6"><freejoint/><geom type="box" size="0.3 0.15 0.1"/>{LEGS}</body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def sensors() -> list[rigcast.HeightScan | rigcast.Lidar | rigcast.DepthCamera]:
+    unseen = rigcast.Filter(exclude_bodies=["torso"], exclude_subtree=True)
+    torso, head = rigcast.Mount(body="torso"), rigcast.Mount(body="torso", pos=(0.3, 0, 0.2))
+    rows = np.linspace(-15, 15, 64).tolist()
+    return [
+        rigcast.HeightScan(name="height_scan_of_187_rays", mount=torso, size=(1.6, 1.0), spacing=0.1, filter=unseen),
+        rigcast.Lidar(name="lidar_of_64_rays", mount=head, elevation_deg=[0], columns=64, filter=unseen),
+        rigcast.Lidar(name="lidar_of_64_x_64_rays", mount=head, elevation_deg=rows, columns=64, filter=unseen),
+        rigcast.DepthCamera(name="camera_of_64_x_48", mount=head, resolution=(64, 48), fov_y_deg=60, filter=unseen),
+    ]
+
+
+def main(count: int = 256, device: str | None = None) -> None:
+    model = mujoco.MjModel.from_xml_string(XML)
+    model.hfield_data[:] = np.random.default_rng(0).random(model.hfield_data.shape)
+    datas = states(model, count)
+    on_device = poses_on_device(datas, rigcast.Scene(model, device).device)
+    one, many = (rigcast.Rig(model, sensors(), device=device) for _ in range(2))
+    print(f"{count} worlds of {model.ngeom} geoms on {one.scene.device}: ms, and times as fast as a loop")
+    for sensor in sensors():
+        ways = [partial(loop, one, sensor.name, datas), partial(batch, many, sensor.name, datas)]
+        looped, listed, placed = medians([*ways, partial(batch, many, sensor.name, on_device)])
+        figures = f"loop {looped:.1f}, list of MjData {listed:.1f} ({looped / listed:.1f}), "
+        print(f"{sensor.name}: {figures}arrays on the device {placed:.1f} ({looped / placed:.1f})")
+
+
+def loop(rig: rigcast.Rig, name: str, datas: list[mujoco.MjData]) -> None:
+    for data in datas:
+        rig.sense(data, [name])[name].range.numpy()
+
+
+def batch(rig: rigcast.Rig, name: str, worlds: Any) -> None:
+    rig.sense(worlds, [name])[name].range.numpy()
+
+
+def states(model: mujoco.MjModel, count: int) -> list[mujoco.MjData]:
+    """The robot in so many places, its legs anyhow."""
+    rng, datas = np.random.default_rng(1), [mujoco.MjData(model) for _ in range(count)]
+    for data in datas:
+        data.qpos[:2] = rng.uniform(-2, 2, 2)
+        data.qpos[7:] = rng.normal(0, 0.3, model.nq - 7)
+        mujoco.mj_forward(model, data)
+    return datas
+
+
+def poses_on_device(datas: list[mujoco.MjData], device: wp.Device) -> dict[str, wp.array]:
+    """As mujoco_warp has them."""
+    poses = {}
+    for name, dtype, shape in (("pos", wp.vec3, (3,)), ("mat", wp.mat33, (3, 3))):
+        for prefix in ("x", "geom_x"):
+            values = np.array([getattr(data, prefix + name) for data in datas])
+            poses[prefix + name] = wp.array(values.reshape(*values.shape[:2], *shape), dtype=dtype, device=device)
+    return poses
+
+
+def medians(ways: Sequence[Callable[[], None]]) -> list[float]:
+    """Of the time that each way takes [ms], one after the other, so that all meet the same disturbances."""
+    for way in ways:
+        way()
+    return np.median([[_time(way) for way in ways] for _ in range(REPEATS)], axis=0).tolist()
+
+
+def _time(way: Callable[[], None]) -> float:
+    begin = time.perf_counter()
+    way()
+    return 1e3 * (time.perf_counter() - begin)
+
+
+if __name__ == "__main__":
+    main(*([int(sys.argv[1])] if sys.argv[1:] else []), *sys.argv[2:])  # type: ignore[arg-type]

@@ -1,0 +1,57 @@
+"""Trees that stay as they are while what is in them moves: their boxes are fitted anew, children first."""
+
+import warp as wp
+
+from .tree import Box, empty_box, half_area, join
+
+REBUILD_RATIO = 1.5
+"""A tree is built anew when the area of its boxes has grown this much by fitting."""
+
+
+@wp.struct
+class Fit:
+    """What a node or leaf holds: the box around it, the area of all finite boxes, the largest |coordinate| of one."""
+
+    box: Box
+    area: float
+    reach: float
+
+
+@wp.func
+def make_box(lower: wp.vec3, upper: wp.vec3) -> Box:
+    box = Box()
+    box.lower = lower
+    box.upper = upper
+    return box
+
+
+@wp.func
+def no_fit() -> Fit:
+    fit = Fit()
+    fit.box = empty_box()
+    return fit
+
+
+@wp.func
+def fit_of_leaf(box: Box) -> Fit:
+    fit = Fit()
+    fit.box = box
+    return with_own_box(fit)
+
+
+@wp.func
+def with_own_box(fit: Fit) -> Fit:
+    """Counting the box itself, unless it is empty or infinite."""
+    box = fit.box
+    if wp.isfinite(box.lower) and wp.isfinite(box.upper):
+        fit.area += half_area(box)
+        fit.reach = wp.max(fit.reach, wp.max(wp.max(wp.abs(box.lower)), wp.max(wp.abs(box.upper))))
+    return fit
+
+
+@wp.func
+def with_child(fit: Fit, child: Fit) -> Fit:
+    fit.box = join(fit.box, child.box.lower, child.box.upper)
+    fit.area += child.area
+    fit.reach = wp.max(fit.reach, child.reach)
+    return fit

@@ -1,0 +1,181 @@
+"""The poses of frames that are fixed to others, in many worlds at once.
+
+A frame at offset (t, Q) in a carrier with pose (p, R) has the pose (p + R t, R Q). Aligned to yaw, it is turned about z
+only, by the heading of its x axis.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+
+@dataclass(frozen=True)
+class Carriers:
+    """Frames in many worlds, on one device: position (nworld, n) vec3 or vec3d [m], rotation likewise mat33 or mat33d.
+
+    The first axis may have one entry instead, which holds in all worlds.
+    """
+
+    position: wp.array
+    rotation: wp.array
+
+
+@wp.func
+def as_vec3d(v: Any) -> wp.vec3d:
+    return wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2]))
+
+
+@wp.func
+def as_mat33d(m: Any) -> wp.mat33d:
+    out = wp.mat33d()
+    for row in range(3):
+        for column in range(3):
+            out[row, column] = wp.float64(m[row, column])
+    return out
+
+
+@wp.func
+def upright(rotation: wp.mat33d) -> wp.mat33d:
+    """Turned about z only, by the heading of the x axis; not at all where that is vertical."""
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    x = rotation[0, 0]
+    y = rotation[1, 0]
+    length = wp.sqrt(x * x + y * y)
+    cosine = one
+    sine = zero
+    if length != zero:
+        cosine = x / length
+        sine = y / length
+    return wp.mat33d(cosine, -sine, zero, sine, cosine, zero, zero, zero, one)
+
+
+@wp.kernel
+def place_on_carrier(
+    # carriers:
+    position: wp.array2d[Any],
+    rotation: wp.array2d[Any],
+    which: int,
+    # the frame on it:
+    offset: wp.vec3d,
+    turn: wp.mat33d,
+    yaw_aligned: bool,
+    active: wp.array[wp.bool],  # empty for all
+    # out, one per world:
+    placed_position: wp.array2d[wp.vec3d],
+    placed_rotation: wp.array2d[wp.mat33d],
+    slot: int,
+) -> None:
+    w, k = wp.tid()
+    r = as_mat33d(rotation[w % rotation.shape[0], which])
+    place = r * offset + as_vec3d(position[w % position.shape[0], which])
+    # nested, as older versions of Warp evaluate the whole of an `and`
+    if active.shape[0] > 0:  # noqa: SIM102
+        if not active[w]:
+            place = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
+    placed_position[w, slot + k] = place
+    # column by column: the product of two matrices rounds otherwise
+    own = wp.matrix_from_cols(
+        r * wp.vec3d(turn[0, 0], turn[1, 0], turn[2, 0]),
+        r * wp.vec3d(turn[0, 1], turn[1, 1], turn[2, 1]),
+        r * wp.vec3d(turn[0, 2], turn[1, 2], turn[2, 2]),
+    )
+    if yaw_aligned:
+        own = upright(own)
+    placed_rotation[w, slot + k] = own
+
+
+@wp.kernel
+def copy_frames(
+    position: wp.array2d[Any],
+    rotation: wp.array2d[Any],
+    # out:
+    copied_position: wp.array2d[wp.vec3d],
+    copied_rotation: wp.array2d[wp.mat33d],
+) -> None:
+    w, k = wp.tid()
+    copied_position[w, k] = as_vec3d(position[w, k])
+    copied_rotation[w, k] = as_mat33d(rotation[w, k])
+
+
+@wp.kernel
+def join_poses(position: wp.array2d[wp.vec3d], rotation: wp.array2d[wp.mat33d], poses: wp.array3d[wp.float64]) -> None:
+    w = wp.tid()
+    for row in range(3):
+        for column in range(3):
+            poses[w, row, column] = rotation[w, 0][row, column]
+        poses[w, row, 3] = position[w, 0][row]
+        poses[w, 3, row] = wp.float64(0.0)
+    poses[w, 3, 3] = wp.float64(1.0)
+
+
+# every kind at once, so that the module is compiled once
+for _vector, _matrix in ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)):
+    for _kernel in (place_on_carrier, copy_frames):
+        wp.overload(_kernel, {"position": wp.array2d[_vector], "rotation": wp.array2d[_matrix]})
+
+
+BYTES_PER_FRAME = 96
+"""Of one of Frames."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames in many worlds: position (nworld, n) vec3d [m], rotation (nworld, n) mat33d."""
+
+    position: wp.array
+    rotation: wp.array
+
+    @staticmethod
+    def empty(worlds: int, count: int, device: wp.DeviceLike) -> "Frames":
+        return Frames(
+            wp.empty((worlds, count), dtype=wp.vec3d, device=device),
+            wp.empty((worlds, count), dtype=wp.mat33d, device=device),
+        )
+
+    def copy(self, carriers: Carriers) -> None:
+        """Make the first of these those of the carriers."""
+        outputs = [self.position, self.rotation]
+        inputs = [carriers.position, carriers.rotation]
+        wp.launch(copy_frames, carriers.position.shape, inputs=inputs, outputs=outputs, device=self.position.device)
+
+    def place(
+        self,
+        slot: int,
+        carriers: Carriers,
+        which: int,
+        offset: npt.NDArray[np.float64],
+        *,
+        yaw_aligned: bool = False,
+        active: wp.array | None = None,
+        times: int = 1,
+    ) -> None:
+        """Put frame `slot`, and so many times in all those after it, at `offset` (4, 4) in carrier `which`.
+
+        active: (nworld,) bool, where not the position is NaN; None or empty for all.
+        """
+        device = self.position.device
+        everywhere = wp.empty(0, dtype=wp.bool, device=device) if active is None else active
+        frame = [which, wp.vec3d(*offset[:3, 3]), wp.mat33d(*offset[:3, :3].flatten()), yaw_aligned]
+        inputs = [carriers.position, carriers.rotation, *frame, everywhere]
+        outputs = [self.position, self.rotation, slot]
+        size = (self.position.shape[0], times)
+        wp.launch(place_on_carrier, size, inputs=inputs, outputs=outputs, device=device)
+
+    def poses(self) -> wp.array:
+        """(nworld, 4, 4) float64, those of the first frame."""
+        worlds, device = self.position.shape[0], self.position.device
+        poses = wp.empty((worlds, 4, 4), dtype=wp.float64, device=device)
+        wp.launch(join_poses, worlds, inputs=[self.position, self.rotation], outputs=[poses], device=device)
+        return poses
+
+
+def origin(device: wp.DeviceLike) -> Carriers:
+    """The world's own frame, as carrier 0."""
+    zero = wp.zeros((1, 1), dtype=wp.vec3d, device=device)
+    return Carriers(zero, wp.array(np.eye(3)[None, None], dtype=wp.mat33d, device=device))

@@ -1,0 +1,39 @@
+"""Whether many worlds fit into memory, before anything is allocated."""
+
+import math
+import os
+from collections.abc import Mapping
+
+import warp as wp
+
+from rigcast.sensors.errors import InputError
+
+
+def require_room(worlds: int, needs: Mapping[str, int], device: wp.Device) -> None:
+    """Raise InputError where so many worlds do not fit; each needs these bytes for what they are named after."""
+    each = sum(needs.values())
+    free = free_memory(device)
+    if worlds * each > free:
+        parts = ", ".join(f"{name} {_bytes(need)}" for name, need in needs.items())
+        raise InputError(
+            f"Rig.sense: {worlds} worlds need {_bytes(worlds * each)}, {_bytes(each)} each ({parts}), expected at most "
+            f"{free // each}: {_bytes(free)} are free on {device}"
+        )
+
+
+def free_memory(device: wp.Device) -> int:
+    """Bytes that can be allocated now; on the CPU what the system calls available, or else has in all."""
+    if device.is_cuda:
+        return int(device.free_memory)
+    try:
+        with open("/proc/meminfo") as lines:
+            fields = dict(line.split(":") for line in lines)
+        return int(fields["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def _bytes(count: float) -> str:
+    """A number of bytes with three figures."""
+    power = min(int(math.log10(max(count, 1)) / 3), 4)
+    return f"{count / 1000**power:.3g} {('B', 'kB', 'MB', 'GB', 'TB')[power]}"

@@ -1,0 +1,74 @@
+"""In what the geoms of many worlds differ, besides where they are."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.scene.geoms import Geoms
+from rigcast.sensors.scene.model_geometry import needs_asset
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """Of geoms in many worlds: size (nworld, ngeom, 3) [m] and mesh or height field (nworld, ngeom), -1 for none.
+
+    None is what the model says, in all worlds.
+    """
+
+    size: NDArray[np.float64] | None = None
+    dataid: NDArray[np.int32] | None = None
+
+    def check(self, model: mujoco.MjModel, worlds: int) -> None:
+        """Raise InputError where geoms of this model cannot be so."""
+        for name, values, shape in (("geom_size", self.size, (3,)), ("geom_dataid", self.dataid, ())):
+            expected = (worlds, model.ngeom, *shape)
+            if values is not None and values.shape != expected:
+                raise InputError(f"Worlds: {name}: got shape {values.shape}, expected {expected}")
+        if self.size is not None:
+            _refuse("geom_size", ~(np.abs(self.size) <= FARTHEST).all(axis=-1), self.size, f"up to {FARTHEST:g} m")
+        if self.dataid is not None:
+            count = np.where(model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD, model.nhfield, model.nmesh)
+            bad = needs_asset(model) & ((self.dataid < -1) | (self.dataid >= count))
+            _refuse("geom_dataid", bad, self.dataid, "a mesh or height field of the model, or -1")
+
+    def same_as(self, other: "Differences") -> bool:
+        return self is other or all(
+            a is b or (a is not None and b is not None and np.array_equal(a, b))
+            for a, b in ((self.size, other.size), (self.dataid, other.dataid))
+        )
+
+    def shapes(self, geoms: Geoms, props: Shapes, worlds: int) -> Shapes:
+        """The shapes of so many worlds, world by world: geoms, then props, whose trees come after the geoms'."""
+        model = geoms.model
+        size = model.geom_size if self.size is None else self.size
+        dataid = model.geom_dataid if self.dataid is None else self.dataid
+        each = np.broadcast_to(size, (worlds, model.ngeom, 3)), np.broadcast_to(dataid, (worlds, model.ngeom))
+        own = geoms.shapes_with(*each)
+        tree = np.where(props.tree >= 0, props.tree + len(geoms.trees), -1).astype(np.int32)
+        return Shapes(
+            _world_by_world(own.kind, props.kind, worlds),
+            _world_by_world(own.size, props.size, worlds),
+            _world_by_world(own.tree, tree, worlds),
+            _world_by_world(own.center, props.center, worlds),
+            _world_by_world(own.half, props.half, worlds),
+        )
+
+
+def _refuse(name: str, bad: NDArray[np.bool_], values: NDArray[np.generic], expected: str) -> None:
+    """Raise InputError for the first geom that is bad (nworld, ngeom)."""
+    if bad.any():
+        world, geom = np.argwhere(bad)[0]
+        got = values[world, geom].tolist()
+        raise InputError(f"Worlds: {name}: world {world}, geom {geom}: got {got}, expected {expected}")
+
+
+def _world_by_world(geoms: NDArray[Any], props: NDArray[Any], worlds: int) -> NDArray[Any]:
+    """(worlds (n + m), ...) of (worlds n, ...) and (m, ...)."""
+    own = geoms.reshape(worlds, -1, *geoms.shape[1:])
+    same = np.broadcast_to(props, (worlds, *props.shape))
+    return np.concatenate([own, same], axis=1).reshape(-1, *geoms.shape[1:])

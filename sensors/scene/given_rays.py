@@ -1,0 +1,90 @@
+"""Rays that a user gives, checked and brought to the device."""
+
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from rigcast.kernels.cast import as_double, unit_directions
+from rigcast.kernels.geometry import FARTHEST
+from rigcast.sensors.errors import InputError
+
+
+class GivenRays(NamedTuple):
+    """n rays of this shape on the device: unit directions (n,) vec3d, and origins likewise or (1,) [m]."""
+
+    directions: wp.array
+    origins: wp.array
+    shape: tuple[int, ...]
+
+
+def take_rays(origins: ArrayLike | wp.array, directions: ArrayLike | wp.array, device: wp.Device) -> GivenRays:
+    """See `Scene.cast`."""
+    if isinstance(directions, wp.array):
+        return _device_rays(origins, directions, device)
+    host_origins, host_directions = _checked_rays(origins, directions)
+    return GivenRays(upload(host_directions, device), upload(host_origins, device), host_directions.shape[:-1])
+
+
+def upload(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
+    """(n,) vec3d of (..., 3)."""
+    return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=device)
+
+
+def _device_rays(origins: ArrayLike | wp.array, directions: wp.array, device: wp.Device) -> GivenRays:
+    if not isinstance(origins, wp.array):
+        origins = upload(_checked_origins(origins), device)
+    for name, array in (("origins", origins), ("directions", directions)):
+        _require_vectors(name, array, device)
+    if origins.size not in (1, directions.size):
+        raise InputError(f"Scene.cast: origins: got {origins.size}, expected 1 or {directions.size}")
+    unit, double = unit_directions(directions.flatten()), as_double(origins.flatten())
+    return GivenRays(unit, double, tuple(directions.shape))
+
+
+def _require_vectors(name: str, array: wp.array, device: wp.Device) -> None:
+    if array.dtype not in (wp.vec3, wp.vec3d):
+        raise InputError(f"Scene.cast: {name}: got an array of {array.dtype.__name__}, expected vec3 or vec3d")
+    if array.device != device:
+        raise InputError(f"Scene.cast: {name}: got an array on {array.device}, expected {device}")
+
+
+def _checked_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Origins and unit directions, float64."""
+    d, o = _vectors("directions", directions), _checked_origins(origins)
+    if o.shape not in ((3,), d.shape):
+        raise InputError(f"Scene.cast: origins: got shape {o.shape}, expected (3,) or {d.shape}")
+    # scaled by the largest component first: squares of 1e-200 would vanish
+    largest = np.abs(d).max(axis=-1, keepdims=True, initial=0.0)
+    _refuse_rays("directions", d, ~np.isfinite(d).all(axis=-1), "finite numbers")
+    _refuse_rays("directions", d, largest[..., 0] == 0.0, "a direction of any length but 0")
+    scaled = d / largest
+    return o, scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
+
+
+def _checked_origins(origins: ArrayLike) -> NDArray[np.float64]:
+    o = _vectors("origins", origins)
+    _refuse_rays("origins", o, ~(np.abs(o) <= FARTHEST).all(axis=-1), f"finite numbers up to {FARTHEST:g} m")
+    return o
+
+
+def _refuse_rays(name: str, values: NDArray[np.float64], bad: NDArray[np.bool_] | np.bool_, expected: str) -> None:
+    """Raise InputError for the first of the rays that are bad."""
+    if bad.any():
+        ray = tuple(int(i) for i in np.argwhere(bad)[0])
+        index = ray[0] if len(ray) == 1 else ray
+        where = f"ray {index}: " if ray else ""
+        raise InputError(f"Scene.cast: {where}{name}: got {values[ray].tolist()}, expected {expected}")
+
+
+def _vectors(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3): {error}") from None
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3), got {array.dtype} {values!r:.80}")
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise InputError(f"Scene.cast: {name}: got shape {array.shape}, expected (..., 3)")
+    return array.astype(np.float64, copy=False)

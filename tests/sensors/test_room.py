@@ -1,0 +1,81 @@
+"""What many worlds take of memory: as much as is said, and nothing is allocated for more than there is."""
+
+import gc
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import warp as wp
+from world_states import SENSORS, model, rig_of, states
+
+from rigcast import InputError, Lidar, Mount, Rig
+
+MANY_GEOMS = "".join(f'<geom size="0.1" pos="{x} {y} 1"/>' for x in range(6) for y in range(6))
+
+
+def allocated() -> int:
+    """Bytes of all Warp arrays that have memory of their own."""
+    gc.collect()
+    arrays = [each for each in gc.get_objects() if type(each) is wp.array and each.ptr and each._ref is None]
+    return sum({each.ptr: each.capacity for each in arrays}.values())
+
+
+def poses(model: mujoco.MjModel, worlds: int) -> dict[str, wp.array]:
+    """As mujoco_warp keeps them: float32, on the device."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return {
+        "geom_xpos": wp.array(np.tile(data.geom_xpos, (worlds, 1, 1)), dtype=wp.vec3, device="cpu"),
+        "geom_xmat": wp.array(
+            np.tile(data.geom_xmat.reshape(-1, 3, 3), (worlds, 1, 1, 1)), dtype=wp.mat33, device="cpu"
+        ),
+    }
+
+
+@pytest.mark.parametrize("worldbody", [MANY_GEOMS, MANY_GEOMS[: len(MANY_GEOMS) // 6]], ids=["36 geoms", "6 geoms"])
+def test_each_world_takes_at_most_100_bytes_per_geom_beside_its_frames(worldbody: str) -> None:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{worldbody}</worldbody></mujoco>")
+    rig = Rig(model, [Lidar(name="one", mount=Mount(), elevation_deg=[0, 10], columns=50)], device="cpu")
+    kept: dict[int, int] = {}
+    taken: dict[int, int] = {}
+    for worlds in (10, 1010):
+        batch = poses(model, worlds)
+        before = allocated() - kept.get(10, 0)
+        frames: Any = rig.sense(batch)
+        taken[worlds] = allocated() - before
+        del frames
+        kept[worlds] = allocated() - before
+    each = (kept[1010] - kept[10]) / 1000
+    outputs = (taken[1010] - taken[10]) / 1000 - each
+    assert 0 < each <= 100 * model.ngeom, f"{each / model.ngeom:.0f} bytes per geom"
+    assert 24 * 100 <= outputs <= 24 * 100 + 300, f"{outputs:.0f} bytes beside {each:.0f}"
+
+
+@pytest.mark.parametrize("name", list(SENSORS))
+def test_what_a_world_is_said_to_take_is_no_less_than_it_takes(name: str) -> None:
+    """With frames as they are returned; what a reading needs meanwhile is in it as well."""
+    robot = model()
+    rig, taken = rig_of(robot, name), {}
+    for worlds in (2, 22):
+        datas = states(robot, worlds)
+        before = allocated()
+        frames: Any = rig.sense(datas)
+        taken[worlds] = allocated() - before
+        del frames
+    said = rig.scene.bytes_per_world + rig._mounted[name].bytes_per_world
+    assert 0 < (taken[22] - taken[2]) / 20 <= said + 300
+
+
+def test_more_worlds_than_memory_holds_are_refused_before_anything_is_allocated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = model()
+    rig, datas = rig_of(robot, "lidar", "flight"), states(robot, 3)
+    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 50_000)
+    before = allocated()
+    parts = r"scene [\d.]+ kB, lidar 1\.82 kB, flight [\d.]+ kB"
+    expected = rf"3 worlds need [\d.]+ kB, [\d.]+ kB each \({parts}\), expected at most 1: 50 kB are free on cpu"
+    with pytest.raises(InputError, match=expected):
+        rig.sense(datas)
+    assert allocated() == before

@@ -1,0 +1,411 @@
+"""Many worlds at once: each reads what it would read alone, from whatever holds its poses."""
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+import warp as wp
+from world_states import SENSORS, alone, arrays_of, assert_same, fields_of, model, rig_of, states
+
+from rigcast import InputError, Lidar, Mount, Prop, Rig, Scene, Worlds
+
+COUNT = 4
+
+
+@pytest.fixture(scope="module")
+def robot() -> mujoco.MjModel:
+    return model()
+
+
+@pytest.fixture
+def datas(robot: mujoco.MjModel) -> list[mujoco.MjData]:
+    return states(robot, COUNT)
+
+
+def test_each_world_reads_what_it_reads_alone(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    frames = rig_of(robot).sense(datas)
+    for world, data in enumerate(datas):
+        for name, frame in alone(robot, data, world).items():
+            assert_same(frames[name].world(world), frame, f"world {world}")
+
+
+def test_the_first_world_reads_what_one_mjdata_does(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    batch, one = rig_of(robot), rig_of(robot)
+    for reading in range(2):
+        # a rosette's pattern in a batch is that of the time which its rate makes of the number of the reading
+        datas[0].time = reading / 100
+        frames = batch.sense(datas)
+        for name, frame in one.sense(datas[0]).items():
+            assert_same(frames[name].world(0), frame, "world 0")
+
+
+def test_fields_have_a_first_axis_for_the_world(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    for name, frame in rig_of(robot).sense(datas).items():
+        for field, values in fields_of(frame).items():
+            assert values.shape[0] == COUNT, f"{name}: {field}"
+            expected = np.array([fields_of(frame.world(k))[field] for k in range(COUNT)])
+            np.testing.assert_array_equal(values, expected, err_msg=f"{name}: {field}")
+    vectors = rig_of(robot, "noisy").sense(datas)["noisy"].points
+    assert np.from_dlpack(vectors).shape == (COUNT, 3, 24, 2, 3)
+
+
+def test_one_world_is_a_batch_too(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    frame = rig_of(robot, "lidar").sense(datas[:1])["lidar"]
+    assert frame.range.shape == (1, 3, 24)
+    assert_same(frame.world(0), rig_of(robot, "lidar").sense(datas[0])["lidar"], "one world")
+
+
+def test_worlds_are_told_apart_where_the_scenes_differ(robot: mujoco.MjModel) -> None:
+    """Each world has one thing before its camera, 1000 km from where the others have theirs."""
+    datas = []
+    for k, name in enumerate(("ball", "tent", "can")):
+        data = mujoco.MjData(robot)
+        far = 1e6 * (k + 1)
+        for body in ("robot", "ball", "tent", "can"):
+            ahead = 2.0 if body == name else -50.0
+            data.joint(robot.body(body).jntadr[0]).qpos[:3] = [far + (0 if body == "robot" else ahead), 0, 10]
+        mujoco.mj_kinematics(robot, data)
+        datas.append(data)
+    seen = rig_of(robot, "lidar").sense(datas)["lidar"].geom_id.numpy()
+    floor = robot.geom("floor").id
+    for k, name in enumerate(("ball", "tent", "can")):
+        assert set(np.unique(seen[k])) <= {-1, floor, robot.geom(name).id}, name
+        assert (seen[k] == robot.geom(name).id).any(), name
+
+
+def plain(datas: list[mujoco.MjData]) -> Any:
+    return arrays_of(datas)
+
+
+def nested(datas: list[mujoco.MjData]) -> Any:
+    """Rotations as matrices, positions as lists."""
+    arrays: dict[str, Any] = arrays_of(datas)
+    for name, values in arrays.items():
+        arrays[name] = values.reshape(*values.shape[:2], 3, 3) if name.endswith("xmat") else values.tolist()
+    return arrays
+
+
+def on_device(datas: list[mujoco.MjData]) -> Any:
+    arrays = arrays_of(datas)
+    kinds = {name: wp.mat33d if name.endswith("xmat") else wp.vec3d for name in arrays} | {"time": wp.float64}
+    shaped = {name: v.reshape(*v.shape[:2], 3, 3) if name.endswith("xmat") else v for name, v in arrays.items()}
+    return {name: wp.array(values, dtype=kinds[name], device="cpu") for name, values in shaped.items()}
+
+
+@pytest.mark.parametrize("batch", [plain, nested, on_device])
+def test_arrays_of_poses_read_as_a_list_of_data_does(
+    robot: mujoco.MjModel, datas: list[mujoco.MjData], batch: Any
+) -> None:
+    frames = rig_of(robot).sense(batch(datas))
+    for name, frame in rig_of(robot).sense(datas).items():
+        assert_same(frames[name], frame, batch.__name__)
+
+
+def test_time_is_zero_where_it_is_not_given(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    frame = rig_of(robot, "lidar").sense(arrays_of(datas, ("geom_xpos", "geom_xmat", "xpos", "xmat")))["lidar"]
+    np.testing.assert_array_equal(fields_of(frame)["time"], np.zeros(COUNT))
+
+
+def test_a_batch_of_mujoco_reads_as_a_list_of_data_does(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    module = pytest.importorskip("mujoco.batch", reason="from MuJoCo 4.0 on")
+    batch, rig = module.Batch(robot, COUNT), rig_of(robot)
+    batch.qpos, batch.time = np.array([d.qpos for d in datas]), np.array([d.time for d in datas])
+    with pytest.raises(InputError, match=r"xmat of world 0 has not been worked out .* batch\.forward\(\)"):
+        rig.sense(batch)
+    for name in ("xmat", "site_xmat", "cam_xmat"):
+        batch.bind(name)
+        batch.bind(name.replace("mat", "pos"))
+    batch.forward()
+    frames = rig.sense(batch)
+    for name, frame in rig_of(robot).sense(datas).items():
+        assert_same(frames[name], frame, "mujoco.batch")
+
+
+def test_sizes_of_a_batch_of_mujoco_count(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    module = pytest.importorskip("mujoco.batch", reason="from MuJoCo 4.0 on")
+    batch, rig = module.Batch(robot, COUNT), rig_of(robot, "lidar")
+    batch.qpos = np.array([d.qpos for d in datas])
+    for name in ("geom_xpos", "geom_xmat", "xpos", "xmat"):
+        batch.bind(name)
+    batch.forward()
+    batch.expand("geom_size")[1, robot.geom("ball").id] = 9.0
+    got = rig.sense(batch)["lidar"]
+    expected = rig_of(robot, "lidar").sense(Worlds(datas, geom_size=batch.expanded("geom_size")))["lidar"]
+    np.testing.assert_array_equal(got.range.numpy(), expected.range.numpy())
+    same = rig_of(robot, "lidar").sense(datas)["lidar"].range.numpy()
+    assert (got.range.numpy() != same).any(axis=(1, 2)).tolist() == [False, True, False, False]
+
+
+def warp_data(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> Any:
+    """A mujoco_warp Data with these poses, and its Model."""
+    mjw = pytest.importorskip("mujoco_warp")
+    data = mjw.put_data(robot, datas[0], nworld=len(datas))
+    for name, values in arrays_of(datas).items():
+        getattr(data, name).assign(values.astype(np.float32).reshape(getattr(data, name).numpy().shape))
+    return data
+
+
+def rounded(datas: list[mujoco.MjData]) -> dict[str, np.ndarray]:
+    """Poses as float32 has them."""
+    return {name: values.astype(np.float32) for name, values in arrays_of(datas).items()}
+
+
+def test_a_mujoco_warp_data_reads_as_its_poses_do(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    data, rig = warp_data(robot, datas), rig_of(robot)
+    frames = rig.sense(data)
+    for name, frame in rig_of(robot).sense(rounded(datas)).items():
+        assert_same(frames[name], frame, "mujoco_warp")
+    # in place: what a step writes into its arrays is what the next reading sees
+    for name, values in rounded(datas[::-1]).items():
+        getattr(data, name).assign(values.reshape(getattr(data, name).numpy().shape))
+    kept = fields_of(frames["lidar"])
+    again, backwards = rig.sense(data)["lidar"], rig_of(robot, "lidar").sense(rounded(datas[::-1]))["lidar"]
+    assert_same(again, backwards, "mujoco_warp, moved on")
+    for name, values in kept.items():
+        np.testing.assert_array_equal(fields_of(frames["lidar"])[name], values, err_msg=f"a frame changed: {name}")
+
+
+def test_poses_of_a_device_are_used_in_place(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    data, rig = warp_data(robot, datas), rig_of(robot, "lidar")
+    rig.sense(data)
+    geometry = rig.scene._world.geometry
+    assert (geometry.position_float.ptr, geometry.rotation_float.ptr) == (data.geom_xpos.ptr, data.geom_xmat.ptr)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_world_that_is_not_finite_disturbs_no_other(
+    robot: mujoco.MjModel, datas: list[mujoco.MjData], bad: float
+) -> None:
+    arrays = arrays_of(datas)
+    for name in arrays.keys() - {"time"}:
+        arrays[name][1] = bad
+    rig = rig_of(robot)
+    with pytest.warns(RuntimeWarning, match=r"not finite, not hit: floor \(world 1\), hill \(world 1\)"):
+        frames = rig.sense(arrays)
+    expected = rig_of(robot).sense(datas)
+    for name, frame in frames.items():
+        if name != "fixed":
+            assert np.isnan(frame.range.numpy()[1]).all(), name
+        for world in (0, 2, 3):
+            assert_same(frame.world(world), expected[name].world(world), f"world {world}")
+
+
+def test_a_geom_that_is_not_finite_is_missing_in_its_world_only(
+    robot: mujoco.MjModel, datas: list[mujoco.MjData]
+) -> None:
+    arrays, expected = arrays_of(datas), rig_of(robot, "lidar").sense(datas)["lidar"]
+    seen = int(expected.geom_id.numpy()[2].max())
+    assert seen > robot.geom("robot").id
+    arrays["geom_xpos"][2, seen] = np.nan
+    with pytest.warns(RuntimeWarning, match=rf"not finite, not hit: {robot.geom(seen).name} \(world 2\)"):
+        got = rig_of(robot, "lidar").sense(arrays)["lidar"]
+    assert not (got.geom_id.numpy()[2] == seen).any()
+    for world in (0, 1, 3):
+        assert_same(got.world(world), expected.world(world), f"world {world}")
+
+
+@pytest.mark.parametrize("device", [False, True])
+def test_worlds_that_are_not_active_are_nan_and_disturb_no_other(
+    robot: mujoco.MjModel, datas: list[mujoco.MjData], device: bool
+) -> None:
+    active = np.array([True, False, True, False])
+    mask = wp.array(active, dtype=wp.bool, device="cpu") if device else active
+    frames = rig_of(robot).sense(Worlds(datas, active=mask))
+    expected = rig_of(robot).sense(datas)
+    for name, frame in frames.items():
+        assert np.isnan(frame.range.numpy()[[1, 3]]).all(), name
+        assert (frame.geom_id.numpy()[[1, 3]] == -1).all(), name
+        for world in (0, 2):
+            assert_same(frame.world(world), expected[name].world(world), f"world {world}")
+
+
+def test_a_mask_on_the_device_is_read_at_each_reading(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    active = wp.array([True] * COUNT, dtype=wp.bool, device="cpu")
+    worlds, rig = Worlds(datas, active=active), rig_of(robot, "lidar")
+    for chosen in ([True, True, False, True], [False, True, True, True]):
+        active.assign(chosen)
+        is_nan = np.isnan(rig.sense(worlds)["lidar"].range.numpy()).all(axis=(1, 2))
+        assert is_nan.tolist() == [not each for each in chosen]
+
+
+def test_random_numbers_follow_the_ids_of_the_worlds(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    whole = rig_of(robot).sense(datas)
+    shard = rig_of(robot).sense(Worlds(datas[2:], ids=[2, 3]))
+    same = rig_of(robot, "noisy").sense([datas[0]] * COUNT)["noisy"].range.numpy()
+    for name in SENSORS:
+        for k in range(2):
+            assert_same(shard[name].world(k), whole[name].world(2 + k), f"world {2 + k}")
+    assert all((same[k] != same[0]).any() for k in range(1, COUNT))
+
+
+def test_sizes_may_differ(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    scales = [1.0, 0.5, 2.0, 1.5]
+    sizes = np.array([robot.geom_size * scale for scale in scales])
+    rig = rig_of(robot, "lidar", "weather")
+    frames = rig.sense(Worlds(datas, geom_size=sizes))
+    for world, (data, scale) in enumerate(zip(datas, scales, strict=True)):
+        other = model()
+        other.geom_size[:] *= scale
+        for name, frame in alone(other, data, world, "lidar", "weather").items():
+            assert_same(frames[name].world(world), frame, f"world {world}, sizes times {scale}")
+    # and are the model's again for worlds that say nothing of them
+    again = rig_of(robot, "lidar").sense(datas)["lidar"]
+    assert_same(rig.sense(datas, ["lidar"])["lidar"], again, "sizes of the model")
+    np.testing.assert_array_equal(rig.sense(datas[1], ["lidar"])["lidar"].range.numpy(), again.range.numpy()[1])
+
+
+def test_meshes_and_height_fields_may_differ_or_be_absent() -> None:
+    robot = model()
+    tent, cube = robot.mesh("tent").id, robot.mesh("cube").id  # no geom of the model has the cube
+    datas = states(robot, 3)
+    geom, hill = robot.geom("tent").id, robot.geom("hill").id
+    dataid = np.tile(robot.geom_dataid, (3, 1))
+    dataid[:, geom] = [tent, cube, -1]
+    dataid[2, hill] = -1
+    frames = rig_of(robot, "lidar").sense(Worlds(datas, geom_dataid=wp.array(dataid, dtype=int, device="cpu")))
+    for world in range(3):
+        other = model()
+        other.geom_dataid[geom] = dataid[world, geom] if world < 2 else tent
+        if world == 2:
+            other.geom_rgba[[geom, hill], 3] = 0  # never hit
+        frame = alone(other, datas[world], world, "lidar")["lidar"]
+        assert_same(frames["lidar"].world(world), frame, f"world {world}")
+    assert (frames["lidar"].geom_id.numpy()[1] == geom).any()
+
+
+def test_props_move_with_their_bodies(robot: mujoco.MjModel, datas: list[mujoco.MjData], tmp_path: Path) -> None:
+    trimesh.creation.box((0.4, 0.5, 0.6)).export(tmp_path / "box.stl")
+    mounts = {"crate": Mount(body="can", pos=(0.5, 0, 0.4), euler_deg=(10, 20, 30)), "post": Mount(pos=(1, 1, 0.5))}
+    props = tuple(Prop(name=name, file=tmp_path / "box.stl", mount=mount) for name, mount in mounts.items())
+    frames = rig_of(robot, props=props).sense(datas)
+    assert set(np.unique(fields_of(frames["lidar"])["prop_id"])) == {-1, 0, 1}
+    for world, data in enumerate(datas):
+        for name, frame in alone(robot, data, world, props=props).items():
+            assert_same(frames[name].world(world), frame, f"world {world}")
+
+
+def test_edits_of_the_model_are_seen_in_all_worlds(datas: list[mujoco.MjData]) -> None:
+    robot = model()
+    rig = rig_of(robot, "scan")
+    rig.sense(datas)
+    robot.hfield_data[:] = 1 - robot.hfield_data
+    robot.geom_size[robot.geom("can").id] *= 2
+    assert_same(rig.sense(datas)["scan"], rig_of(robot, "scan").sense(datas)["scan"], "edited")
+
+
+def test_a_scene_of_many_worlds_is_cast_with_rays_for_each(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    scene, rng = Scene(robot, "cpu"), np.random.default_rng(1)
+    directions, origins = rng.normal(size=(COUNT, 50, 3)), rng.normal((0, 0, 3), size=(COUNT, 50, 3))
+    scene.update(datas)
+    hits = scene.cast(origins, directions).numpy()
+    from_one = scene.cast(origins[0, 0], directions).numpy()
+    on_device = scene.cast(wp.array(origins, dtype=wp.vec3d), wp.array(directions, dtype=wp.vec3d)).numpy()
+    with pytest.raises(InputError, match=r"directions: got shape \(50, 3\), expected \(4, \.\.\., 3\)"):
+        scene.cast(origins[0], directions[0])
+    for world, data in enumerate(datas):
+        scene.update(data)
+        alone, shared = scene.cast(origins[world], directions[world]), scene.cast(origins[0, 0], directions[world])
+        for field in ("distance", "geom_id", "face", "normal"):
+            where = f"world {world}: {field}"
+            np.testing.assert_array_equal(getattr(hits, field)[world], getattr(alone.numpy(), field), err_msg=where)
+            np.testing.assert_array_equal(getattr(from_one, field)[world], getattr(shared.numpy(), field), where)
+            np.testing.assert_array_equal(getattr(on_device, field)[world], getattr(alone.numpy(), field), where)
+
+
+def test_pictures_are_of_one_world(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    frame = rig_of(robot, "noisy").sense(datas)["noisy"]
+    with pytest.raises(InputError, match=r"got a frame of 4 worlds, expected one of one world, such as frame\.world"):
+        frame.picture()
+    assert frame._repr_png_() is None
+    alone = rig_of(robot, "noisy").sense(datas[0])["noisy"]
+    assert frame.world(0)._repr_png_() == alone._repr_png_()
+
+
+CLOTH = """
+<mujoco><worldbody><geom size="1"/>
+  <flexcomp name="cloth" type="grid" dim="2" count="3 3 1" spacing="1 1 1" radius="0.05"/>
+</worldbody></mujoco>
+"""
+FAULTS: dict[str, tuple[Any, str]] = {
+    "nothing": ([], "got no world, expected one or more"),
+    "another thing in the list": ([3], r"batch\[0\]: got int, expected MjData"),
+    "no poses": ({"xpos": np.zeros((2, 5, 3))}, "expected 'geom_xpos' and 'geom_xmat', got none"),
+    "a name that is none": ({"geom_pos": 0}, "no field 'geom_pos', expected one of .*did you mean 'geom_xpos'"),
+    "another number of geoms": (
+        {"geom_xpos": np.zeros((2, 3, 3)), "geom_xmat": np.zeros((2, 3, 9))},
+        r"geom_xpos: got shape \(2, 3, 3\), expected \(2, 8, 3\)",
+    ),
+    "text": (
+        {"geom_xpos": np.full((2, 8, 3), "x"), "geom_xmat": np.zeros((2, 8, 9))},
+        "geom_xpos: got an array of <U1",
+    ),
+    "vectors of whole numbers on the device": (
+        {"geom_xpos": wp.zeros((2, 8), dtype=wp.vec3i, device="cpu"), "geom_xmat": np.zeros((2, 8, 9))},
+        r"geom_xpos: got an array \(2, 8\) of vec3i, expected \(2, 8\) of vec3f or vec3d",
+    ),
+}
+
+
+@pytest.mark.parametrize(("batch", "message"), FAULTS.values(), ids=list(FAULTS))
+def test_what_is_no_batch_is_refused(robot: mujoco.MjModel, batch: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        rig_of(robot, "fixed").sense(batch)
+
+
+OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
+    "too few active": ({"active": [True] * 3}, r"active: got shape \(3,\), expected \(4, \.\.\.\): one per world"),
+    "numbers for active": ({"active": [0.5] * 4}, "active: got an array of float64, expected bool"),
+    "negative ids": ({"ids": [0, 1, -2, 3]}, "ids: world 2: got -2, expected .* whole numbers from 0 to 2"),
+    "sizes of other geoms": (
+        {"geom_size": np.ones((4, 2, 3))},
+        r"geom_size: got shape \(4, 2, 3\), expected \(4, 8, 3\)",
+    ),
+    "a size of NaN": (
+        {"geom_size": np.full((4, 8, 3), np.nan)},
+        "geom_size: world 0, geom 0: got .*nan.*, expected up to",
+    ),
+    "a mesh there is not": (
+        {"geom_dataid": np.full((4, 8), 7)},
+        "geom_dataid: world 0, geom 1: got 7, expected a mesh or height field of the model, or -1",
+    ),
+}
+
+
+@pytest.mark.parametrize(("options", "message"), OPTIONS.values(), ids=list(OPTIONS))
+def test_what_does_not_fit_the_worlds_is_refused(
+    robot: mujoco.MjModel, datas: list[mujoco.MjData], options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        rig_of(robot, "fixed").sense(Worlds(datas, **options))
+
+
+def test_data_of_another_model_is_refused_by_its_place(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    other = mujoco.MjModel.from_xml_string("<mujoco/>")
+    with pytest.raises(InputError, match=r"batch\[2\] belongs to another model than the rig"):
+        rig_of(robot, "fixed").sense([*datas[:2], mujoco.MjData(other)])
+
+
+def test_poses_that_a_mount_needs_are_asked_for(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    arrays = arrays_of(datas, ("geom_xpos", "geom_xmat", "xpos", "xmat"))
+    with pytest.raises(InputError, match="no 'cam_xpos', which says where a sensor or prop on a camera is"):
+        rig_of(robot, "lidar", "camera").sense(arrays)
+
+
+def test_models_with_flexes_are_refused() -> None:
+    cloth = mujoco.MjModel.from_xml_string(CLOTH)
+    with pytest.raises(InputError, match="many worlds of a model with a flex, expected a model without one"):
+        Rig(cloth, [Lidar(name="one", mount=Mount(), elevation_deg=[0], columns=4)]).sense([mujoco.MjData(cloth)])
+
+
+@pytest.mark.parametrize("world", [-1, COUNT])
+def test_worlds_that_a_frame_does_not_have_are_refused(
+    robot: mujoco.MjModel, datas: list[mujoco.MjData], world: int
+) -> None:
+    frame = rig_of(robot, "lidar").sense(datas)["lidar"]
+    with pytest.raises(InputError, match=f"no world {world}, expected 0 to {COUNT - 1}"):
+        frame.world(world)
+    with pytest.raises(InputError, match="got a frame of one world, expected one of many"):
+        frame.world(0).world(0)
