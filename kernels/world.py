@@ -22,8 +22,8 @@ Poses = npt.NDArray[np.floating[Any]] | wp.array
 class World:
     """Triangle trees and the shapes that place them, ready to be cast against as `geometry`.
 
-    There may be many worlds of these shapes; each update says how many. `trees`: as given, but on the CPU their triangles
-    are those of `geometry`.
+    There may be many worlds of these shapes; each update says how many. `trees`: as given, but on the CPU their
+    triangles are those of `geometry`.
     """
 
     def __init__(self, trees: Sequence[TriangleTree], shapes: Shapes, device: wp.DeviceLike) -> None:
