@@ -3,6 +3,7 @@
 #   make test | fuzz | check | bench | docs | test-oldest | clean
 #   make pictures                                draw the errors of sensors: docs/sensors.md
 #   make accuracy                                compare with mj_ray and with other ray casters: docs/accuracy.md
+#   make performance                             time the cast beside other ray casters: docs/performance.md
 
 PYTHON ?= python3
 DURATION ?= 3
@@ -14,7 +15,7 @@ OLDEST := .venv-oldest/bin
 # The oldest dependencies have no wheels for the newest Pythons.
 OLDEST_PYTHON ?= $(firstword $(foreach v,3.11 3.12 3.13,$(shell command -v python$(v))) $(PYTHON))
 
-.PHONY: demo pictures test fuzz check bench accuracy docs test-oldest clean
+.PHONY: demo pictures test fuzz check bench accuracy performance docs test-oldest clean
 .DELETE_ON_ERROR:
 
 demo: .venv/installed
@@ -49,6 +50,9 @@ docs: .venv/docs
 	rm -rf build
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --target build/installed .
 	DISABLE_MKDOCS_2_WARNING=true $(BIN)/python -m mkdocs build --strict
+
+performance: .venv/benchmark
+	$(BIN)/python benchmarks/performance.py
 
 accuracy: .venv/benchmark
 	$(BIN)/python benchmarks/accuracy.py

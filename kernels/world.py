@@ -5,6 +5,7 @@ Triangle trees are copied there once. Poses are taken at every update, and the t
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,14 @@ Poses = npt.NDArray[np.floating[Any]] | wp.array
 class World:
     """Triangle trees and the shapes that place them, ready to be cast against as `geometry`.
 
-    There may be many worlds of these shapes; each update says how many.
+    There may be many worlds of these shapes; each update says how many. `trees`: as given, but on the CPU their
+    triangles are those of `geometry`.
     """
 
     def __init__(self, trees: Sequence[TriangleTree], shapes: Shapes, device: wp.DeviceLike) -> None:
         self.device = wp.get_device(device)
         self.geometry = Geometry()
-        self._trees = list(trees)
+        self.trees = list(trees)
         self._join_trees()
         self._count = len(shapes.kind)
         self._own: dict[str, wp.array] = {}
@@ -57,7 +59,7 @@ class World:
 
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
-        old, self._trees[index] = self._trees[index], tree
+        old, self.trees[index] = self.trees[index], tree
         if len(old.nodes) == len(tree.nodes) and len(old.blocks) == len(tree.blocks):
             self._overwrite_tree(index)
         else:
@@ -65,14 +67,18 @@ class World:
             self.geometry.root = wp.array(self._root_of_shape(), dtype=int, device=self.device)
 
     def _join_trees(self) -> None:
-        nodes, blocks, self._roots = join_triangle_trees(self._trees)
-        self.geometry.nodes = wp.array(nodes, dtype=Node, device=self.device)
-        self.geometry.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device)
+        nodes, blocks, self._roots = join_triangle_trees(self.trees)
+        self.geometry.nodes = wp.array(nodes, dtype=Node, device=self.device, copy=False)
+        self.geometry.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
+        # the triangles of all trees are held once
+        ends = np.cumsum([len(tree.blocks) for tree in self.trees])
+        own = np.split(blocks, ends)[:-1]
+        self.trees = [replace(tree, blocks=part) for tree, part in zip(self.trees, own, strict=True)]
 
     def _overwrite_tree(self, index: int) -> None:
-        tree = self._trees[index]
+        tree = self.trees[index]
         first_node = int(self._roots[index])
-        first_block = sum(len(t.blocks) for t in self._trees[:index])
+        first_block = sum(len(t.blocks) for t in self.trees[:index])
         nodes = wp.array(moved_nodes(tree.nodes, first_node, first_block), dtype=Node, device=self.device)
         blocks = wp.array(tree.blocks, dtype=TriangleBlock, device=self.device)
         wp.copy(self.geometry.nodes, nodes, dest_offset=first_node)

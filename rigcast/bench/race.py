@@ -81,7 +81,8 @@ def _race(workload: Workload, view: View, casters: Sequence[Caster], rounds: int
     for caster in casters:
         on_sample, frame = caster.aim(view.origin, directions[some]), caster.aim(view.origin, directions)
         rightness.append(_rightness(directions[some], on_sample(), reference))
-        is_slow = _seconds(frame)[0] > PATIENCE
+        expected = _seconds(on_sample)[0] * len(directions) / len(some)
+        is_slow = expected > 5 * PATIENCE or _seconds(frame)[0] > PATIENCE
         runners.append(_Runner(caster.name, len(some if is_slow else directions), on_sample if is_slow else frame))
     times = in_turns({runner.caster: runner.frame for runner in runners}, rounds)
     speed = {runner.caster: runner.rays / times[runner.caster] / 1e6 for runner in runners}

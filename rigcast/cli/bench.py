@@ -72,13 +72,14 @@ def bench(
     for line in missing:
         console.print(f"left out: {line}", markup=False)
     console.print(f"rigcast {version('rigcast')} on {thread_count()} CPU threads, {rounds} rounds in turn")
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
     measured = measure(console, parts, casters, rounds, triangles)
     if chart is not None:
         draw_results(measured.results, chart)
     if scaling_chart is not None:
         draw_scaling(measured.scaling, scaling_chart)
     if json_file is not None:
-        write_json(json_file, as_json(measured, rounds))
+        write_json(json_file, as_json(measured, rounds, load))
 
 
 def measure(
@@ -152,14 +153,18 @@ def _table(results: Sequence[Result]) -> Table:
     return table
 
 
-def as_json(measured: Measured, rounds: int) -> str:
-    """Return all of it as JSON, with what it was measured on. Speeds are in M rays/s."""
+def as_json(measured: Measured, rounds: int, load: float) -> str:
+    """Return all of it as JSON, with what it was measured on. Speeds are in M rays/s.
+
+    load: how many threads wanted to run on the machine before it began, NaN where that is not known.
+    """
     about = {
         "machine": platform.machine(),
         "processor": _processor(),
         "cores": os.cpu_count(),
         "threads": thread_count(),
         "rounds": rounds,
+        "load": load,
         "versions": dict(chain.from_iterable(map(_version, _PACKAGES))),
     }
     return json.dumps(about | asdict(measured), indent=1) + "\n"

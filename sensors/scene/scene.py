@@ -218,7 +218,12 @@ class Scene:
         return self._world.bytes_per_world + len(self._shapes().kind) * (BYTES_PER_FRAME + _BYTES_PER_SIZE)
 
     def _make_world(self) -> World:
-        return World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
+        """A world of all parts, which take over its trees: their triangles are held once."""
+        world = World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
+        trees = iter(world.trees)
+        for part in self._parts:
+            part.trees = [next(trees) for _ in part.trees]
+        return world
 
     def refresh(self, name: str) -> None:
         """Say that a mesh (`mesh_vert`, `mesh_face`) or height field of this name has been edited in the model.

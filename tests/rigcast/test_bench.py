@@ -134,7 +134,7 @@ def test_json_has_all_that_was_measured_and_what_on(tmp_path: Path, monkeypatch:
     assert done.exit_code == 0, done.output
     read = json.loads(out.read_text())
     assert set(read) == {
-        *("machine", "processor", "cores", "threads", "rounds", "versions"),
+        *("machine", "processor", "cores", "threads", "rounds", "load", "versions"),
         *("results", "figures", "scaling"),
     }
     assert read["threads"] == 2

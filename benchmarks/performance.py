@@ -1,0 +1,249 @@
+"""Write docs/performance.md from a run of `rigcast bench`.
+
+python benchmarks/performance.py            measures, for about ten minutes; needs the extras `dev` and `benchmark`
+python benchmarks/performance.py FILE       from the JSON of `rigcast bench all --triangles 10000000 --json FILE`
+"""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from floor import Visits, visits
+from steps import Step, steps
+
+from rigcast.bench.charts import draw_results, draw_scaling
+from rigcast.bench.figure import Spread
+from rigcast.bench.race import Result, Speed
+from rigcast.bench.scaling import Series
+from rigcast.cli.kernels import quiet_warp
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs" / "performance.md"
+FOLDER = ROOT / "docs" / "performance"
+MEASURED = ROOT / "out" / "bench.json"
+SPREADS = ("mrays", "ratio", "cpu_ratio")
+COMMAND = ("all", "--triangles", "10000000", "--json", str(MEASURED))
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure if need be, write the page and its pictures."""
+    path = Path(arguments[0]) if arguments else MEASURED
+    if not arguments:
+        MEASURED.parent.mkdir(exist_ok=True)
+        subprocess.run([str(Path(sys.executable).parent / "rigcast"), "bench", *COMMAND], check=True)
+    measured = json.loads(path.read_text())
+    results, scaling = list(map(_result, measured["results"])), list(map(_series, measured["scaling"]))
+    FOLDER.mkdir(exist_ok=True)
+    draw_results(results, FOLDER / "casters.png")
+    draw_scaling(scaling, FOLDER / "scaling.png")
+    quiet_warp()
+    PAGE.write_text("\n".join([*page(measured, results, scaling), *of_steps(steps()), *of_floor(visits())]) + "\n")
+
+
+def page(measured: dict[str, Any], results: Sequence[Result], scaling: Sequence[Series]) -> Iterator[str]:
+    """Yield the lines that come of the measurements."""
+    figures = {figure["key"]: figure for figure in measured["figures"]}
+    versions = ", ".join(f"{name} {version}" for name, version in measured["versions"].items())
+    yield HEAD.format(**measured, packages=versions, meanwhile=_meanwhile(measured["load"], measured["cores"]))
+    yield from _comparison(results)
+    yield BARS
+    yield "| | bar | measured | reached |\n|---|---|---|---|"
+    yield from bars(results, figures, scaling)
+    yield FIGURES
+    yield "| | median | lowest | highest | |\n|---|--:|--:|--:|---|"
+    for figure in figures.values():
+        values = " | ".join(f"{figure['value'][name]:.3g}" for name in ("median", "lowest", "highest"))
+        yield f"| {figure['what']} | {values} | {figure['unit']} |"
+    yield GROWTH
+
+
+def _comparison(results: Sequence[Result]) -> Iterator[str]:
+    names = list(dict.fromkeys(speed.caster for result in results for speed in result.speeds))
+    others = names[1:]
+    yield f"| scene and rays | geoms | triangles | rigcast, M rays/s | {' | '.join(others)} |"
+    yield f"|---|--:|--:|--:|{'--:|' * len(others)}"
+    for result in results:
+        by_name = {speed.caster: speed for speed in result.speeds}
+        where = f"{result.workload}, {result.sensor} {' x '.join(map(str, result.shape))}"
+        ratios = " | ".join(_ratio(by_name[name]) if name in by_name else "" for name in others)
+        speed = f"{by_name['rigcast'].mrays.median:.3g}"
+        yield f"| {where} | {result.geoms} | {result.triangles} | {speed} | {ratios} |"
+    means = " | ".join(f"**{geometric_mean(results, name):.2f}**" for name in others)
+    yield f"| geometric mean | | | | {means} |"
+    yield RIGHT
+    yield f"| scene and rays | {' | '.join(names)} |\n|---|{'--:|' * len(names)}"
+    for result in results:
+        right = {speed.caster: f"{speed.agree:.2%}, {speed.close:.2%}" for speed in result.speeds}
+        cells = " | ".join(right.get(name, "") for name in names)
+        yield f"| {result.workload}, {result.sensor} | {cells} |"
+
+
+def _ratio(speed: Speed) -> str:
+    return f"{speed.ratio.median:.2f} ({speed.cpu_ratio.median:.2f})"
+
+
+def geometric_mean(results: Sequence[Result], caster: str) -> float:
+    """Of rigcast's rays per second over a caster's."""
+    ratios = [s.ratio.median for result in results for s in result.speeds if s.caster == caster]
+    return float(np.exp(np.mean(np.log(ratios)))) if ratios else float("nan")
+
+
+def bars(results: Sequence[Result], figures: dict[str, Any], scaling: Sequence[Series]) -> Iterator[str]:
+    """Yield the lines of the table of what was to be reached."""
+    embree = [s.ratio.median for r in results for s in r.speeds if s.caster == "Open3D"]
+    if embree:
+        yield _bar("rays/s over Embree's, the lowest of all scenes", ">= 2", min(embree), min(embree) >= 2)
+    for caster, least in (("Open3D", 3), ("mj_multiRay", 100), ("MuJoCo-LiDAR", 12), ("mujoco_warp", 12)):
+        mean = geometric_mean(results, caster)
+        yield _bar(f"rays/s over those of {caster}, geometric mean", f">= {least}", mean, mean >= least)
+    for key, bar in FIGURE_BARS:
+        if key in figures:
+            value = figures[key]["value"]["median"]
+            sign, limit = bar.split()
+            reached = value <= float(limit) if sign == "<=" else value >= float(limit)
+            yield _bar(figures[key]["what"], f"{bar} {figures[key]['unit']}", value, reached)
+    for series in scaling:
+        if series.varies == "triangles" and len(series.sizes) > 1:
+            speed = [mrays.median for mrays in series.mrays]
+            worst = max(a / b for a, b in pairwise(speed))
+            yield _bar("time per ray with ten times the triangles, the worst step", "<= 1.4 times", worst, worst <= 1.4)
+
+
+FIGURE_BARS = (
+    ("pattern_rosette", ">= 0.6"),
+    ("pattern_wide", ">= 0.6"),
+    ("pattern_odd", ">= 0.6"),
+    ("outputs", "<= 1.25"),
+    ("origins_warehouse_embree", ">= 1.0"),
+    ("origins_room_embree", ">= 1.0"),
+    ("update_130", "<= 0.3"),
+    ("update_1600", "<= 2"),
+    ("small_less", "<= 60"),
+    ("tree_build", "<= 1.5"),
+    ("memory_read", "<= 120"),
+    ("memory_built", "<= 120"),
+    ("start_in all", "<= 2.0"),
+    ("start_cold", "<= 25"),
+)
+
+
+def _bar(what: str, bar: str, value: float, reached: bool) -> str:
+    return f"| {what} | {bar} | {value:.3g} | {'yes' if reached else '**no**'} |"
+
+
+def of_steps(found: Sequence[Step]) -> Iterator[str]:
+    """Yield the section on what makes the cast fast."""
+    yield STEPS
+    yield "| step | left out | " + " | ".join(found[0].gains) + " |\n|---|---|" + "--:|" * len(found[0].gains)
+    for step in found:
+        gains = " | ".join(f"{gain.median:.2f}" for gain in step.gains.values())
+        yield f"| {step.name} | {step.without} | {gains} |"
+    yield TRIED
+
+
+def of_floor(found: Sequence[Visits]) -> Iterator[str]:
+    """Yield the section on GPUs."""
+    yield GPU
+    yield "| scene and rays | nodes | blocks | bytes | operations |\n|---|--:|--:|--:|--:|"
+    for one in found:
+        yield f"| {one.name} | {one.nodes:.1f} | {one.blocks:.2f} | {one.bytes:.0f} | {one.operations:.0f} |"
+    yield GPU_END.format(rays=1e-9 * 4.8e12 / max(one.bytes for one in found))
+
+
+def _meanwhile(load: float, cores: int) -> str:
+    """Say whether other work ran on the machine: `load` is how many threads wanted to run before it began."""
+    if load < 0.25 * cores:
+        return "Nothing else ran on the machine."
+    return f"Meanwhile other work ran on the machine ({load:.1f} threads for {cores} cores): trust ratios, not speeds."
+
+
+def _spread(read: dict[str, float]) -> Spread:
+    return Spread(**read)
+
+
+def _result(read: dict[str, Any]) -> Result:
+    speeds = [Speed(**(speed | {key: _spread(speed[key]) for key in SPREADS})) for speed in read["speeds"]]
+    return Result(**(read | {"shape": tuple(read["shape"]), "speeds": tuple(speeds)}))
+
+
+def _series(read: dict[str, Any]) -> Series:
+    return Series(read["varies"], tuple(read["sizes"]), tuple(map(_spread, read["mrays"])))
+
+
+HEAD = """# Performance
+
+*Written by `make performance` (`python benchmarks/performance.py`); not edited by hand.*
+
+Measured on {processor} ({machine}), {threads} threads of {cores} cores, {rounds} rounds in turn, with
+{packages}. {meanwhile}
+
+## Beside other casters
+
+A frame is: poses brought up to date, all rays of a sensor cast, and distances, ids and normals, of those that the
+caster reports, handed over as numpy. The casters take turns on the same rays and keep what they need between frames.
+Embree, through Open3D, has all triangles in one mesh that does not move, so it has nothing to bring up to date.
+`mj_ray`, `mj_multiRay`, MuJoCo-LiDAR and mujoco_warp run on one thread, the others on all. A caster that takes more
+than 2 s for a frame is timed on 4000 of its rays.
+
+![Millions of rays per second of every caster in every scene](performance/casters.png)
+
+Rays per second of rigcast over those of each other caster: by the clock, and in brackets by the CPU time of all
+threads, which other work on the machine disturbs less, and which shows what a caster does with one thread.
+"""
+RIGHT = """
+No caster is fast by being wrong unseen: here is which fraction of 4000 rays has mj_ray's hits, misses and distances to
+1e-5 (1 + t) / max(|cos|, 1e-3), and which to 1 cm. Embree sees round shapes as triangles with corners on the surface.
+"""
+BARS = """
+## What was to be reached
+"""
+FIGURES = """
+## rigcast alone
+
+Updates, small frames, trees and starts by CPU time. The demo has four sensors, with effects of lidars and stereo.
+"""
+GROWTH = """
+## Growth
+
+![Rays per second of a depth camera by rays, triangles, geoms and threads](performance/scaling.png)
+"""
+STEPS = """
+## What makes it fast, and what each step gives
+
+How rays are cast is told in [casting](casting.md). Each step was left out alone and everything else kept; the numbers
+are rays per CPU second with it, over those without it (for threads: per second by the clock).
+"""
+TRIED = """
+*Packets*: 16 rays that go the same way share the way through the trees, the boxes that they are held against, and the
+products that an edge of a triangle needs; what is left for each ray is two multiplications an edge, in loops over 16
+rays that the compiler turns into vector instructions. *The surface-area heuristic* splits a mesh where rays are least
+likely to need both sides. *Trees on disk* are read at the second start with the same model, and not built.
+
+The vectors are as wide as the CPU's: Warp compiles kernels where they run, for the CPU that it finds there, and can
+compile for no other. With Warp 1.19 `warp.config.cpu_compiler_flags` can make them narrower or switch them off, which
+changes no bit of any answer (`tests/kernels/test_cpu_flags.py`). Older versions of Warp have no such option.
+
+*Tried, without gain here:* vectors of 512 bits by `-mprefer-vector-width=512`, on a CPU that has 256; kernels without
+`-march=native`, which were as fast within noise, as Warp generates code for the CPU at hand either way.
+"""
+GPU = """
+## On a GPU: not measured
+
+Nothing here was run on a GPU. What can be said is the floor: how many nodes and blocks of triangles a ray has to look
+at with these trees even if it knew its hit beforehand (those whose boxes it enters before its hit), counted for 200
+rays each. A node is 224 bytes and 8 boxes of 15 operations, a block 416 bytes and 8 triangles of 60 operations; a ray
+brings 24 bytes and takes 24 away.
+"""
+GPU_END = """
+An H200 moves 4.8 TB/s: if every node came from its memory once for every ray, {rays:.2g} G rays/s would be the
+most. Trees of a few MB stay in its second-level cache of 50 MB, which is faster, and its 67 T operations a second would
+allow more still. How far the kernel is from that has to be measured where there is a GPU.
+"""
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
