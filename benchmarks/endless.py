@@ -9,7 +9,7 @@ import mujoco
 
 import rigcast
 from rigcast.bench.scene_memory import resident
-from rigcast.cli.kernels import quiet_warp
+from rigcast.quiet import quiet_warp
 
 MODEL = """<mujoco><worldbody>
   <geom type="plane" size="0 0 1" pos="0 0 -1"/>

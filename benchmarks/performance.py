@@ -20,7 +20,7 @@ from rigcast.bench.charts import draw_results, draw_scaling
 from rigcast.bench.figure import Spread
 from rigcast.bench.race import Result, Speed
 from rigcast.bench.scaling import Series
-from rigcast.cli.kernels import quiet_warp
+from rigcast.quiet import quiet_warp
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "performance.md"
