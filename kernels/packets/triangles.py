@@ -239,6 +239,7 @@ def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: flo
     """A packet against the triangles of one block; returns how far its rays still reach."""
     edges = edges_of(g.blocks[index], sought)
     at = sought.packet.packet
+    length = sought.packet.packets[at].length  # Warp 1.12 takes the field for its function, where it is an argument
     possible = edges.possible
     while possible != 0:
         j = lowest_bit(possible)
@@ -246,7 +247,7 @@ def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: flo
         met = meet_triangle(
             sought.packet.packets[at].p,
             sought.packet.packets[at].q,
-            sought.packet.packets[at].length,
+            length,
             wp.vec3(edges.side0_a[j], edges.side0_u[j], edges.side0_v[j]),
             wp.vec3(edges.side1_a[j], edges.side1_u[j], edges.side1_v[j]),
             wp.vec3(edges.side2_a[j], edges.side2_u[j], edges.side2_v[j]),
