@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import faults_of
-from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.names import did_you_mean, listing
 from rigcast.sensors.yaml_positions import YamlFile, read_yaml
 
 from .spec import Spec, is_inside
@@ -91,8 +91,11 @@ def load_preset(name: str, folder: Path | None = None) -> Preset:
 
 @cache
 def _load_own(name: str) -> Preset:
-    if name not in preset_names():
-        raise InputError(f"unknown preset {name!r}, {expected_one_of(name, preset_names())}, or a file .yaml")
+    names = preset_names()
+    if name not in names:
+        raise InputError(
+            f"unknown preset {name!r}, expected a file .yaml or one of {listing(names)}{did_you_mean(name, names)}"
+        )
     text = (files("rigcast.configs") / "presets" / f"{name}.yaml").read_text(encoding="utf-8")
     content = PresetFile(**YAML(typ="safe", pure=True).load(text))
     return _preset(name, content, None if content.extends is None else _load_own(content.extends), None)

@@ -3,7 +3,7 @@
 Everything is about the mesh of float32 vertices as it stands, wherever they were rounded to.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import islice
 from typing import NamedTuple
@@ -240,16 +240,20 @@ def leaks(placed: Placed, rays: Rays, is_inside: bool) -> NDArray[np.bool_]:
     return np.asarray((rays.is_proper & is_farther) | (is_inside & ~np.isfinite(got)))
 
 
-def count_leaks(placed: Placed, aim: str, count: int, seed: int) -> tuple[int, int]:
-    """How many of at least `count` rays leak, and how many there were; fewer where few targets are proper."""
+def count_leaks(places: Sequence[Placed], aim: str, count: int, seed: int) -> tuple[list[int], int]:
+    """How many of at least `count` rays leak in each of the places of one mesh, and how many rays there were.
+
+    They are the same rays in all places, as it takes longer to make them than to cast them. Fewer where few targets are
+    proper.
+    """
     rng = np.random.default_rng(seed)
     batch = min(BATCH, count)
     most = 4 + 6 * (count // batch)
-    leaked = cast = 0
-    for k, rays in enumerate(islice(ray_batches(placed, aim, batch, rng), most)):
+    leaked, cast = [0] * len(places), 0
+    for k, rays in enumerate(islice(ray_batches(places[0], aim, batch, rng), most)):
         # outside first, then inside; rays without a target all start inside
-        is_inside = placed.is_closed and (k % 2 == 1 or aim in ("all around", "along axes"))
-        leaked += int(leaks(placed, rays, is_inside).sum())
+        is_inside = places[0].is_closed and (k % 2 == 1 or aim in ("all around", "along axes"))
+        leaked = [n + int(leaks(placed, rays, is_inside).sum()) for n, placed in zip(leaked, places, strict=True)]
         cast += len(rays.origins)
         if cast >= count:
             break
