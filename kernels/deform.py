@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from .boxes import empty_box, join
 from .fit import REBUILD_RATIO, Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
 from .geometry import FARTHEST, NO_FACE, Shapes, TriangleBlock, TriangleTree
-from .tree import NO_CHILD, WIDTH, Node, build_tree, empty_box, join, set_child, struct_zeros
+from .tree import NO_CHILD, WIDTH, Node, build_tree, set_child, struct_zeros
 from .vectors import to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})

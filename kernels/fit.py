@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from .tree import Box, empty_box, half_area, join
+from .boxes import Box, empty_box, half_area, join
 
 REBUILD_RATIO = 1.5
 """A tree is built anew when the area of its boxes has grown this much by fitting."""

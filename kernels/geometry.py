@@ -107,7 +107,9 @@ def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triang
     face = np.flatnonzero(areas)
     corners = corners[face]
     normals = normals[face] / areas[face, None]
-    tree = build_tree(corners.min(axis=1), corners.max(axis=1), leaf_size=WIDTH)
+    first, second, third = np.moveaxis(corners, 1, 0)  # several times as fast as corners.min(axis=1)
+    lower, upper = (extreme(extreme(first, second), third) for extreme in (np.minimum, np.maximum))
+    tree = build_tree(lower, upper, leaf_size=WIDTH)
     lane = np.arange(WIDTH)
     is_absent = lane >= tree.leaf_count[:, None]
     blocks = struct_zeros(TriangleBlock, len(is_absent))
@@ -118,8 +120,9 @@ def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triang
                 blocks[f"{axis}{corner}"] = np.where(is_absent, np.nan, corners[triangle, corner, k])
             blocks[f"normal_{axis}"] = np.where(is_absent, np.nan, normals[triangle, k])
         blocks["face"] = np.where(is_absent, NO_FACE, face[triangle])
-    points = corners.reshape(-1, 3) if len(face) else np.zeros((1, 3), np.float32)
-    return TriangleTree(tree.nodes, blocks, points.min(axis=0), points.max(axis=0), len(edges) - len(face))
+    if not len(face):
+        lower = upper = np.zeros((1, 3), np.float32)
+    return TriangleTree(tree.nodes, blocks, lower.min(axis=0), upper.max(axis=0), len(edges) - len(face))
 
 
 def _corners(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.integer]) -> npt.NDArray[np.float32]:

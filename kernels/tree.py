@@ -1,11 +1,11 @@
-"""Trees of boxes over anything that has a box, built by the surface-area heuristic.
+"""Trees of boxes over anything that has a box.
 
 A tree is an array of nodes of up to eight children each. Node 0 of a tree is its root, children come after their
 parents, and a child is another node (>= 0) or a leaf, written ~leaf (< 0). A box is kept as centre and half size; an
 absent child, NO_CHILD, has half size -inf, which no ray meets.
 
-Building runs on the CPU in two passes: a binary tree by binned SAH (Wald, "On fast construction of SAH-based bounding
-volume hierarchies", 2007), then a collapse that opens the largest boxes of a node until it has eight children.
+Building runs on the CPU in two passes: a binary tree by the surface-area heuristic, then a collapse that opens the
+largest boxes of a node until it has eight children.
 """
 
 from dataclasses import dataclass
@@ -15,17 +15,18 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from .binary_tree import BINS, BinaryTree, Bins, Boxes, box_of, build_binary
+from .boxes import Box, half_area
+
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 WIDTH = wp.constant(8)
-BINS = wp.constant(16)
 NO_CHILD = wp.constant(-(2**31))
 OUTWARDS = wp.constant(1.0 + 4.0 * 2.0**-23)
 STACK = 96
 """Entries of a traversal stack; no tree needs more."""
 
 vec8 = wp.types.vector(length=8, dtype=wp.float32)
-vec16 = wp.types.vector(length=16, dtype=wp.float32)
 vec8i = wp.types.vector(length=8, dtype=wp.int32)
 
 
@@ -40,245 +41,6 @@ class Node:
     half_y: vec8
     half_z: vec8
     child: vec8i
-
-
-@wp.struct
-class BinaryTree:
-    """Nodes over order[first : first + count]; children at left and left + 1, or none where left is 0."""
-
-    lower: wp.array[wp.vec3]
-    upper: wp.array[wp.vec3]
-    first: wp.array[int]
-    count: wp.array[int]
-    left: wp.array[int]
-
-
-@wp.struct
-class Box:
-    lower: wp.vec3
-    upper: wp.vec3
-
-
-@wp.struct
-class Boxes:
-    """What a tree is built over, and the order in which its leaves hold it."""
-
-    lower: wp.array[wp.vec3]
-    upper: wp.array[wp.vec3]
-    order: wp.array[int]
-
-
-@wp.struct
-class Bins:
-    """(3, BINS): the boxes whose centres fall into each of the bins along each axis."""
-
-    lower: wp.array2d[wp.vec3]
-    upper: wp.array2d[wp.vec3]
-    count: wp.array2d[int]
-
-
-@wp.struct
-class Grid:
-    """Where the bins of a node are: bin = (centre - base) * scale."""
-
-    base: wp.vec3
-    scale: wp.vec3
-
-
-@wp.struct
-class Split:
-    """Bins up to last_left_bin of the axis go left; axis -1 where no split was found."""
-
-    axis: int
-    last_left_bin: int
-    cost: float
-
-
-@wp.func
-def empty_box() -> Box:
-    box = Box()
-    box.lower = wp.vec3(wp.inf, wp.inf, wp.inf)
-    box.upper = wp.vec3(-wp.inf, -wp.inf, -wp.inf)
-    return box
-
-
-@wp.func
-def join(a: Box, lower: wp.vec3, upper: wp.vec3) -> Box:
-    box = Box()
-    box.lower = wp.min(a.lower, lower)
-    box.upper = wp.max(a.upper, upper)
-    return box
-
-
-@wp.func
-def half_area(box: Box) -> float:
-    extent = box.upper - box.lower
-    return extent[0] * extent[1] + extent[1] * extent[2] + extent[2] * extent[0]
-
-
-@wp.func
-def center(boxes: Boxes, i: int) -> wp.vec3:
-    return 0.5 * boxes.lower[i] + 0.5 * boxes.upper[i]
-
-
-@wp.func
-def bin_of(grid: Grid, axis: int, point: wp.vec3) -> int:
-    at = (point[axis] - grid.base[axis]) * grid.scale[axis]
-    # kept in range as a float, NaN to 0: what int() makes of a float beyond its range is undefined
-    return int(wp.where(at > 0.0, wp.min(at, float(BINS - 1)), 0.0))
-
-
-@wp.func
-def bounds(boxes: Boxes, first: int, count: int) -> Box:
-    box = empty_box()
-    for i in range(first, first + count):
-        box = join(box, boxes.lower[boxes.order[i]], boxes.upper[boxes.order[i]])
-    return box
-
-
-@wp.func
-def center_bounds(boxes: Boxes, first: int, count: int) -> Box:
-    box = empty_box()
-    for i in range(first, first + count):
-        point = center(boxes, boxes.order[i])
-        box = join(box, point, point)
-    return box
-
-
-@wp.func
-def grid_over(centers: Box) -> Grid:
-    grid = Grid()
-    grid.base = centers.lower
-    for axis in range(3):
-        extent = centers.upper[axis] - centers.lower[axis]
-        grid.scale[axis] = wp.where(extent > 0.0, float(BINS) / extent, 0.0)
-    return grid
-
-
-@wp.func
-def fill_bins(boxes: Boxes, first: int, count: int, grid: Grid, bins: Bins) -> None:
-    for axis in range(3):
-        for b in range(BINS):
-            bins.lower[axis, b] = wp.vec3(wp.inf, wp.inf, wp.inf)
-            bins.upper[axis, b] = wp.vec3(-wp.inf, -wp.inf, -wp.inf)
-            bins.count[axis, b] = 0
-    for i in range(first, first + count):
-        p = boxes.order[i]
-        point = center(boxes, p)
-        for axis in range(3):
-            b = bin_of(grid, axis, point)
-            bins.lower[axis, b] = wp.min(bins.lower[axis, b], boxes.lower[p])
-            bins.upper[axis, b] = wp.max(bins.upper[axis, b], boxes.upper[p])
-            bins.count[axis, b] = bins.count[axis, b] + 1
-
-
-@wp.func
-def side_cost(box: Box, count: int) -> float:
-    """Area x count, the expected cost of one side of a split; +inf for a side without boxes."""
-    return wp.where(count > 0, half_area(box) * float(count), wp.inf)
-
-
-@wp.func
-def best_split_along(axis: int, bins: Bins, best: Split) -> Split:
-    right_cost = vec16()
-    box = empty_box()
-    count = int(0)
-    for k in range(BINS - 1):
-        b = BINS - 1 - k
-        box = join(box, bins.lower[axis, b], bins.upper[axis, b])
-        count += bins.count[axis, b]
-        right_cost[b] = side_cost(box, count)
-    box = empty_box()
-    count = int(0)
-    for b in range(BINS - 1):
-        box = join(box, bins.lower[axis, b], bins.upper[axis, b])
-        count += bins.count[axis, b]
-        cost = side_cost(box, count) + right_cost[b + 1]
-        if cost < best.cost:
-            best.cost = cost
-            best.axis = axis
-            best.last_left_bin = b
-    return best
-
-
-@wp.func
-def partition(boxes: Boxes, first: int, count: int, grid: Grid, split: Split) -> int:
-    """Move the boxes left of the split to the front; return how many they are."""
-    i = int(first)
-    j = int(first + count - 1)
-    while i <= j:
-        p = boxes.order[i]
-        if bin_of(grid, split.axis, center(boxes, p)) <= split.last_left_bin:
-            i += 1
-        else:
-            boxes.order[i] = boxes.order[j]
-            boxes.order[j] = p
-            j -= 1
-    return i - first
-
-
-@wp.func
-def split_by_sah(boxes: Boxes, first: int, count: int, bins: Bins) -> int:
-    """Reorder the boxes along the split of least cost; return how many lie left of it, 0 if there is none."""
-    grid = grid_over(center_bounds(boxes, first, count))
-    fill_bins(boxes, first, count, grid, bins)
-    split = Split()
-    split.axis = -1
-    split.cost = wp.inf
-    for axis in range(3):
-        split = best_split_along(axis, bins, split)
-    if split.axis < 0:
-        return 0
-    return partition(boxes, first, count, grid, split)
-
-
-@wp.kernel
-def build_binary(
-    boxes: Boxes,
-    leaf_size: int,
-    balanced: bool,
-    # scratch:
-    bins: Bins,
-    # out:
-    tree: BinaryTree,
-    size: wp.array[int],
-) -> None:
-    """One thread. Nodes are settled in the order in which they are made, so parents come before their children.
-
-    Where the heuristic finds no split, and everywhere if balanced, a node is halved by count instead.
-    """
-    tree.first[0] = 0
-    tree.count[0] = boxes.order.shape[0]
-    total = int(1)
-    node = int(0)
-    while node < total:
-        first = tree.first[node]
-        count = tree.count[node]
-        box = bounds(boxes, first, count)
-        tree.lower[node] = box.lower
-        tree.upper[node] = box.upper
-        tree.left[node] = 0
-        if count > leaf_size:
-            left_count = int(0)
-            if not balanced:
-                left_count = split_by_sah(boxes, first, count, bins)
-            if left_count == 0 or left_count == count:
-                left_count = count / 2
-            for side in range(2):
-                tree.first[total + side] = first + side * left_count
-                tree.count[total + side] = wp.where(side == 0, left_count, count - left_count)
-            tree.left[node] = total
-            total += 2
-        node += 1
-    size[0] = total
-
-
-@wp.func
-def box_of(tree: BinaryTree, node: int) -> Box:
-    box = Box()
-    box.lower = tree.lower[node]
-    box.upper = tree.upper[node]
-    return box
 
 
 @wp.func
@@ -409,14 +171,15 @@ def _build(
 ) -> tuple[Tree, int]:
     n = len(lower)
     boxes, binary, bins = Boxes(), BinaryTree(), Bins()
-    boxes.lower, boxes.upper = (wp.array(a, dtype=wp.vec3, device="cpu", copy=False) for a in (lower, upper))
+    boxes.lower, boxes.upper = (wp.array(a, dtype=wp.vec3, device="cpu", copy=True) for a in (lower, upper))
     boxes.order = wp.array(np.arange(n), dtype=int, device="cpu")
     binary.lower, binary.upper = _empty(2, 2 * n, wp.vec3)
     binary.first, binary.count, binary.left = _empty(3, 2 * n, int)
     bins.lower, bins.upper = _empty(2, (3, BINS), wp.vec3)
     (bins.count,) = _empty(1, (3, BINS), int)
     size = wp.zeros(3, dtype=int, device="cpu")
-    wp.launch(build_binary, 1, inputs=[boxes, leaf_size, balanced, bins], outputs=[binary, size], device="cpu")
+    (todo,) = _empty(1, n + 1, int)
+    wp.launch(build_binary, 1, inputs=[boxes, leaf_size, balanced, bins, todo], outputs=[binary, size], device="cpu")
     n_binary = int(size.numpy()[0])
     (nodes,) = _empty(1, max(1, n_binary // 2), Node)
     source, occupancy, leaf_first, leaf_count = _empty(4, n_binary, int)
