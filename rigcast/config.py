@@ -131,9 +131,15 @@ def load_rig(
 ) -> "Rig":
     """The rig of a YAML file, ready to sense.
 
-    model: an MjModel, or the path of one, in place of the file's own `model:`. device: "cpu", "cuda:0", ...;
-    None picks CUDA if present. seed: in place of the file's. overrides: values in place of the file's, as
-    `--set` takes them. Raises InputError as `open_rig` does.
+    Args:
+        path: of the rig file.
+        model: an MjModel, or the path of one, in place of the file's own `model:`.
+        device: "cpu", "cuda:0", ...; None picks CUDA if present.
+        seed: in place of the file's.
+        overrides: values in place of the file's, each as `--set` takes it.
+
+    Raises:
+        InputError: every mistake in the file and in its model, each with its place in the file.
 
     >>> rig = load_rig("rig.yaml", overrides=["sensors.top.rate_hz=5"])
     >>> frames = rig.sense(data)

@@ -13,8 +13,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 import rigcast
+from rigcast.cli import app
 from rigcast.config import open_rig
 from rigcast.export.formats import FORMATS
 from rigcast.export.options import Export
@@ -72,11 +74,13 @@ def test_a_rig_is_valid(page: str, name: str, clone_of: Callable[[str], Path]) -
 
 
 @pytest.mark.parametrize("page", BLOCKS)
-def test_the_commands_succeed_one_after_another(page: str, clone_of: Callable[[str], Path]) -> None:
+def test_the_commands_succeed_one_after_another(
+    page: str, clone_of: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(clone_of(page))
     for command in [line for where, line in OURS if where == page]:
-        words = [str(Path(sys.executable).parent / "rigcast"), *shlex.split(command)[1:]]
-        done = subprocess.run(words, cwd=clone_of(page), capture_output=True, text=True, timeout=300)
-        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+        done = CliRunner().invoke(app, shlex.split(command)[1:])
+        assert done.exit_code == 0, f"{command}\n{done.output}{done.exception}"
 
 
 @pytest.mark.parametrize("command", [line for _, line in COMMANDS if not line.startswith("rigcast")])
