@@ -275,11 +275,12 @@ def cast(
         _cast_alone(scene, wp.empty(0, dtype=int, device=device), rays.total, how, hits)
         return hits
     packets, worlds = rays.packets, rays.worlds
-    scratch = [wp.empty(thread_count() * PACKETS, dtype=kind, device="cpu") for kind in (PacketHits, Directions)]
-    sorted_rays = [packets.tiles, packets.packets, packets.firing, *how]
-    inputs = [worlds, *scene, *sorted_rays, *scratch]
-    launch_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()])
-    _cast_alone(scene, packets.singles, worlds * packets.singles.size, how, hits)
+    if packets.tiles.size:
+        scratch = [wp.empty(thread_count() * PACKETS, dtype=kind, device="cpu") for kind in (PacketHits, Directions)]
+        inputs = [worlds, *scene, packets.tiles, packets.packets, packets.firing, *how, *scratch]
+        launch_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()])
+    if packets.singles.size:
+        _cast_alone(scene, packets.singles, worlds * packets.singles.size, how, hits)
     return hits
 
 

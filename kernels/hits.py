@@ -3,21 +3,22 @@
 A caster works in float32 and knows of each hit an interval, [near, far], that holds its distance, but for rounding.
 Two hits whose intervals are apart are in order; where they are not, `decided` works both distances out in float64. The
 first hit of a ray is thus the same whichever way it is sought: the nearest, of equally near ones that of the lower
-shape, then of the lower triangle.
+shape, then the one that faces the ray, then that of the lower triangle.
 """
 
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
 from .poses import Scope, pose_of
-from .solids import SHEET, closed_form_normal, has_triangles, intersect_closed_form
+from .solid_normals import closed_form_normal
+from .solids import SHEET, decide_closed_form, has_triangles
 from .tree import WIDTH
 from .triangle import CULL_NONE, GRAZING, decide_triangle
 from .vectors import larger, to_double, to_float
 
 NO_SHAPE = wp.constant(2**31 - 1)
 APART = wp.constant(1.0 + 2.0**-22)
-"""Distances to closed forms, float32, whose ratio is less than this count as equal."""
+"""Distances whose ratio is less than this count as equal, if not both are to triangles."""
 
 
 @wp.struct
@@ -33,7 +34,7 @@ class WorldRay:
 
 @wp.struct
 class Hit:
-    """A hit at a distance of near to far, or NO_SHAPE and +inf. Of closed forms both are the distance."""
+    """A hit at a distance of near to far, or NO_SHAPE and +inf."""
 
     near: float
     far: float
@@ -51,10 +52,10 @@ def no_hit() -> Hit:
 
 
 @wp.func
-def hit_at(t: float, shape: int, triangle: int) -> Hit:
+def hit_within(near: float, far: float, shape: int, triangle: int) -> Hit:
     hit = Hit()
-    hit.near = t
-    hit.far = t
+    hit.near = near
+    hit.far = far
     hit.shape = shape
     hit.triangle = triangle
     return hit
@@ -80,16 +81,26 @@ def distance_of(g: Geometry, shape: int, triangle: int, ray: WorldRay) -> wp.flo
     if has_triangles(kind):
         cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
         return decide_lane(g.blocks[triangle / WIDTH], triangle % WIDTH, origin, direction, cull)
-    size = g.size[ray.scope.first_shape + shape]
-    t = intersect_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
-    return wp.float64(t)
+    return decide_closed_form(kind, g.size[ray.scope.first_shape + shape], origin, direction, ray.cull)
 
 
 @wp.func
-def is_before(g: Geometry, t: wp.float64, a: Hit, t_b: wp.float64, b: Hit) -> bool:
-    """Whether hit a at distance t is nearer than b, or as near and of a lower shape, or of a lower triangle of it."""
+def follows(g: Geometry, hit: Hit, ray: WorldRay) -> int:
+    """1 if the triangle is seen from behind, else 0."""
+    n = lane_normal(g.blocks[hit.triangle / WIDTH], hit.triangle % WIDTH)
+    normal = pose_of(g, hit.shape, ray.scope).rotation * to_double(n)
+    return wp.where(wp.dot(ray.direction, normal) > wp.float64(0.0), 1, 0)
+
+
+@wp.func
+def is_before(g: Geometry, t: wp.float64, a: Hit, t_b: wp.float64, b: Hit, ray: WorldRay) -> bool:
+    """Whether hit a at distance t is nearer than b; or as near, and comes first as this module's docstring says."""
     if a.shape == b.shape:
-        return t < t_b or (t == t_b and a.triangle < b.triangle)
+        if t != t_b:
+            return t < t_b
+        behind = follows(g, a, ray)
+        behind_b = follows(g, b, ray)
+        return behind < behind_b or (behind == behind_b and a.triangle < b.triangle)
     apart = wp.float64(1.0)
     if not (has_triangles(g.kind[a.shape]) and has_triangles(g.kind[b.shape])):
         apart = wp.float64(APART)
@@ -100,14 +111,16 @@ def is_before(g: Geometry, t: wp.float64, a: Hit, t_b: wp.float64, b: Hit) -> bo
 
 @wp.func
 def decided(g: Geometry, best: Hit, hit: Hit, ray: WorldRay) -> Hit:
-    """The first of two hits, by their distances in float64."""
+    """The first of two hits, by their distances in float64. What is open has its distance from there."""
     t = distance_of(g, hit.shape, hit.triangle, ray)
     if t == wp.float64(wp.inf):
         return best
     if best.shape != NO_SHAPE:  # noqa: SIM102, as Warp evaluates both sides of an `and`
-        if not is_before(g, t, hit, distance_of(g, best.shape, best.triangle, ray), best):
+        if not is_before(g, t, hit, distance_of(g, best.shape, best.triangle, ray), best, ray):
             return best
-    return hit_at(float(t), hit.shape, hit.triangle)
+    if hit.far < wp.inf:
+        return hit
+    return hit_within(float(t), float(t), hit.shape, hit.triangle)
 
 
 @wp.func
@@ -146,9 +159,9 @@ def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
         place.normal = outward(kind, normal, slope)
         place.face = block.face[lane]
     else:
-        place.distance = larger(hit.near, 0.0)  # which makes +0 of -0
+        place.distance = middle(hit.near, hit.far)
         size = g.size[ray.scope.first_shape + hit.shape]
-        place.normal = normal_of_closed_form(kind, size, pose.rotation, offset, ray.direction, hit.near)
+        place.normal = normal_of_closed_form(kind, size, pose.rotation, offset, ray.direction, place.distance)
         place.face = -1
     return place
 
@@ -179,6 +192,12 @@ def outward(kind: int, normal: wp.vec3d, slope: wp.float64) -> wp.vec3:
     """A triangle's normal; of sheets, the one of the side from which the ray comes."""
     sign = wp.where(kind == SHEET, wp.where(slope > wp.float64(0.0), -1.0, 1.0), 1.0)
     return sign * to_float(normal)
+
+
+@wp.func
+def middle(near: float, far: float) -> float:
+    """The distance to a closed form, which is off by at most half of far - near."""
+    return larger(0.5 * (near + far), 0.0)  # which makes +0 of -0
 
 
 @wp.func

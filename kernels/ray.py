@@ -3,9 +3,9 @@
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .hits import APART, Hit, WorldRay, first_of, hit_at, no_hit
+from .hits import APART, Hit, WorldRay, first_of, hit_within, no_hit
 from .poses import pose_of
-from .solids import SHEET, has_triangles, intersect_closed_form
+from .solids import SHEET, has_triangles, triage_closed_form
 from .traverse import Entered, traversal
 from .tree import WIDTH, Node, vec8
 from .triangle import CULL_FRONT, CULL_NONE, triage_triangle
@@ -153,11 +153,7 @@ def visit_block(g: Geometry, ray: Ray, index: int, distance: float, best: Hit) -
     spans = triage_block(g.blocks[index], ray)
     for j in range(WIDTH):
         if spans.near[j] <= best.far * APART and spans.near[j] < wp.inf:
-            hit = Hit()
-            hit.near = spans.near[j]
-            hit.far = spans.far[j]
-            hit.shape = ray.shape
-            hit.triangle = index * WIDTH + j
+            hit = hit_within(spans.near[j], spans.far[j], ray.shape, index * WIDTH + j)
             best = first_of(g, best, hit, ray.world)
     return best
 
@@ -189,8 +185,8 @@ def visit_shape(g: Geometry, ray: Ray, shape: int, distance: float, best: Hit) -
         local.cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
         return cast_through_triangles(g, g.nodes, g.root[scope.first_shape + shape], local, best)
     size = g.size[scope.first_shape + shape]
-    t = intersect_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
-    return first_of(g, best, hit_at(t, shape, 0), ray.world)
+    span = triage_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
+    return first_of(g, best, hit_within(span[0], span[1], shape, 0), ray.world)
 
 
 cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_in_range, reach_of_ray, visit_shape)

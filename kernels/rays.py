@@ -81,11 +81,17 @@ class Rays:
         """The same for a kernel."""
         arrays = RayArrays()
         arrays.count = self.directions.shape[-1]
-        arrays.directions, arrays.origins = self.directions.flatten(), self.origins.flatten()
+        arrays.directions, arrays.origins = _flat(self.directions), _flat(self.origins)
         arrays.firings = self.position.size // self.worlds
         arrays.position, arrays.rotation = self.position, self.rotation
-        arrays.firing, arrays.span, arrays.fraction = self.firing, self.span, self.fraction
+        for name in ("firing", "span", "fraction"):
+            if getattr(self, name) is not None:  # a struct begins with empty arrays
+                setattr(arrays, name, getattr(self, name))
         return arrays
+
+
+def _flat(array: wp.array) -> wp.array:
+    return array if array.ndim == 1 else array.flatten()
 
 
 @wp.func

@@ -10,30 +10,40 @@ A plane is not a solid: it has one side and is hit only from above.
 Sizes are MuJoCo's `geom_size`: sphere (radius), capsule and cylinder (radius, half length along z), ellipsoid (the
 three radii), box (the three half sizes), plane (half sizes along x and y, 0 where infinite).
 
-How wrong t may be, to first order in u = eps / 2, for o and d that were rounded to float32 and cos = d . normal:
+As for triangles there are two looks. `triage_closed_form`, float32, says from where to where the distance is, or that
+it cannot tell: at a touch, at a crease, along a face, with the origin on the surface. `decide_closed_form`, float64,
+takes those. Both are the same functions, with eps that of float32, or 0.
+
+How wrong float32 may be about t, to first order in u = eps / 2, for o and d that were rounded to it and
+cos = d . normal:
 
     plane      1.5 eps t: o, d and the quotient have u each
-    box        eps (|o_k| / (2 |cos|) + 1.5 t), k the axis of the face: as above, and one u for half - o
+    slab       eps (|o_k| / (2 |d_k|) + 2 t), k its axis: as above, and one u each for half - o and 1 / d
     sphere     7 eps (|o| + t) / |cos|
     ellipsoid  eps (7.5 |o'| + 12 t') / |d' . p'|, all divided by the radii: o' = o / r, d' = d / r, p' = p / r, and
-               t' = t |d'|; at most r_max / r_min times eps (7.5 |o| + 12 t) / |cos|
-    cylinder   side: eps (7 |o_xy| + 10 t) / |cos|; caps: as a box
+               t' = t |d'|
+    cylinder   side: eps (7 |o_xy| + 10.5 t) / |cos|; caps: as a slab
     capsule    10 eps (|o| + half + t) / |cos|
 
 The sphere: with b = o . d, l = o - b d, h = sqrt(r^2 - l^2), all relative to its size, b has 3u |o|, |l| has u |b| and
 3.5u |l|, and h, as h dh = l dl, 3.64u |o| / |cos| and 2.5u h; c = (|o| - r)(|o| + r) has 5u |o| max(|o|, r) and 3u c,
 of which c / q makes 5u |o| / |cos| and 3u t, because max(|o|, r) |cos| <= |q|. The rounding of o and d adds
 u (|o| + t) / |cos|, that d is not quite of length 1 another u t. Together (12.7 |o| + 9.5 t) u / |cos|; the rest up to
-7 eps = 14u is for second orders, up to cos^2 = 32 eps |o| / r. Nearer to a touch the ray may hit or miss.
-The cylinder adds 3u for the direction in its plane and 4u for the speed there, the capsule u (|o| + half) for
-o - end, the ellipsoid u of each division: 2u for o', 3u for the direction's angle, 5.5u for its length, twice.
-Within such an error of a crease (the edge of a box, the rim of a cylinder) the other face may be the one that is hit.
+7 eps = 14u is for second orders. The cylinder adds 3u for the direction in its plane and 5u for the speed there, the
+capsule u (|o| + half) for o - end, the ellipsoid u of each division: 2u for o', 3u for the direction's angle, 5.5u for
+its length, twice. ROUND is more than any of these.
+
+|l| itself has at most u (|o| + half) + 4u |b| + 4.5u |l|, less than 10u (|o| + half). A ray that passes within TOUCH, a
+multiple of that, of a round surface may touch it or not; elsewhere cos^2 > 2 TOUCH (|o| + half) / r, and second orders
+are small.
 """
+
+from typing import Any
 
 import warp as wp
 
 from .triangle import CULL_BACK, CULL_FRONT
-from .vectors import Interval, interval, larger, smaller
+from .vectors import Interval, to_double
 
 PLANE = wp.constant(0)
 SPHERE = wp.constant(1)
@@ -44,7 +54,11 @@ BOX = wp.constant(5)
 TRIANGLES = wp.constant(6)
 SHEET = wp.constant(7)  # triangles with two outer sides: the normal is that of the side that the ray comes from
 
-PLACE_ROUNDING = wp.constant(2.0**-22)
+EPS = wp.constant(2.0**-23)
+EXACT = wp.constant(wp.float64(0.0))
+ROUND = wp.constant(13.0)  # in eps (|o| + t) / |cos|
+TOUCH = wp.constant(16.0)  # in eps (|o| + half)
+WIDE = wp.constant(1024.0)  # in eps (|o| + t): a span so wide, of a ray that grazes, is left to float64
 MINIMUM = wp.constant(1.0e-15)  # MuJoCo's mjMINVAL: a ray less steep than this runs along a plane
 
 
@@ -54,223 +68,260 @@ def has_triangles(kind: int) -> bool:
     return kind >= TRIANGLES
 
 
-@wp.func
-def interval_if(condition: bool, t_in: float, t_out: float) -> Interval:
-    """The interval, or an empty one."""
-    return interval(wp.where(condition, t_in, wp.inf), wp.where(condition, t_out, -wp.inf))
+# ---- crossings of a solid: [earliest entry, latest entry, earliest exit, latest exit], in float32 or float64. A fifth
+# number, which is not used, keeps them out of vector registers, as in vectors.Interval.
 
 
 @wp.func
-def first_hit(crossed: Interval, cull: int) -> float:
-    """Where a ray first meets a solid that it crosses in the interval: entry, else exit, else +inf."""
-    t_in = crossed[0]
-    t_out = crossed[1]
-    exit = wp.where(t_out >= 0.0, wp.where(cull == CULL_BACK, wp.inf, t_out), wp.inf)
-    entry = wp.where(t_in >= 0.0, wp.where(cull == CULL_FRONT, exit, t_in), exit)
-    return wp.where(t_in > t_out, wp.inf, entry)
+def most(a: Any, b: Any) -> Any:
+    """vectors.larger, in float32 or float64."""
+    return wp.where(a > b, a, b)
 
 
 @wp.func
-def overlap(a: Interval, b: Interval) -> Interval:
-    t_in = larger(a[0], b[0])
-    t_out = smaller(a[1], b[1])
-    return interval_if(t_in <= t_out, t_in, t_out)
+def least(a: Any, b: Any) -> Any:
+    return wp.where(a < b, a, b)
 
 
 @wp.func
-def hull(a: Interval, b: Interval) -> Interval:
-    """The least interval with a and b in it, where one that is empty counts for nothing."""
-    return interval(smaller(a[0], b[0]), larger(a[1], b[1]))
+def crossing(in_low: Any, in_high: Any, out_low: Any, out_high: Any) -> Any:
+    return wp.vector(in_low, in_high, out_low, out_high, out_high)
 
 
 @wp.func
-def sphere_interval(o: wp.vec3, d: wp.vec3, radius: float) -> Interval:
+def crossing_if(condition: bool, a: Any, b: Any) -> Any:
+    """Crossing a, else b."""
+    return crossing(
+        wp.where(condition, a[0], b[0]),
+        wp.where(condition, a[1], b[1]),
+        wp.where(condition, a[2], b[2]),
+        wp.where(condition, a[3], b[3]),
+    )
+
+
+@wp.func
+def overlap(a: Any, b: Any) -> Any:
+    return crossing(most(a[0], b[0]), most(a[1], b[1]), least(a[2], b[2]), least(a[3], b[3]))
+
+
+@wp.func
+def hull(a: Any, b: Any) -> Any:
+    """From the first entry to the last exit. Crossings that are empty must be so for sure, as `settled` makes them."""
+    return crossing(least(a[0], b[0]), least(a[1], b[1]), most(a[2], b[2]), most(a[3], b[3]))
+
+
+@wp.func
+def settled(a: Any) -> Any:
+    """A crossing that is empty counts for nothing in a hull; one that may be leaves all open."""
+    infinity = type(a[0])(wp.inf)
+    is_empty = a[0] > a[3]
+    is_open = a[1] > a[2]
+    sure = crossing_if(is_open, crossing(-infinity, infinity, -infinity, infinity), a)
+    return crossing_if(is_empty, crossing(infinity, infinity, -infinity, -infinity), sure)
+
+
+@wp.func
+def alongside(gap: Any, rounding: Any) -> Any:
+    """A ray that runs along a surface, with a gap to it, negative inside: it is within all the way, or never."""
+    infinity = type(gap)(wp.inf)
+    zero = type(gap)(0.0)
+    low = wp.where(gap - rounding <= zero, -infinity, infinity)
+    high = wp.where(gap + rounding <= zero, -infinity, infinity)
+    return crossing(low, high, -high, -low)
+
+
+@wp.func
+def slab_crossing(o: Any, d: Any, half: Any, eps: Any) -> Any:
+    """|o + t d| <= half."""
+    is_along = wp.abs(d) <= type(o)(MINIMUM)
+    inverse = type(o)(1.0) / wp.where(is_along, type(o)(1.0), d)
+    a = (-half - o) * inverse
+    b = (half - o) * inverse
+    t_in = least(a, b)
+    t_out = most(a, b)
+    rounding = eps * wp.abs(o * inverse)
+    round_in = rounding + type(o)(3.0) * eps * wp.abs(t_in)
+    round_out = rounding + type(o)(3.0) * eps * wp.abs(t_out)
+    through = crossing(t_in - round_in, t_in + round_in, t_out - round_out, t_out + round_out)
+    return crossing_if(is_along, alongside(wp.abs(o) - half, eps * wp.abs(o)), through)
+
+
+@wp.func
+def sphere_crossing(o: Any, d: Any, radius: Any, half: Any, eps: Any) -> Any:
     """|o + t d| = r for a unit d, in the form that keeps its digits for small and far spheres.
 
     The discriminant is r^2 - |l|^2 with l = o - (o . d) d, the ray's nearest point to the centre, instead of the
     difference of two large squares; of the two roots the larger in size is computed, q, and the other is
     (|o|^2 - r^2) / q. (Haines et al., "Precision improvements for ray/sphere intersection", Ray Tracing Gems, 2019.)
     """
+    zero = type(radius)(0.0)
+    infinity = type(radius)(wp.inf)
     b = wp.dot(o, d)
     nearest = wp.length(o - b * d)
-    discriminant = (radius - nearest) * (radius + nearest)
-    half = wp.sqrt(larger(discriminant, 0.0))
+    chord = wp.sqrt(most((radius - nearest) * (radius + nearest), zero))
     distance = wp.length(o)
     c = (distance - radius) * (distance + radius)
-    q = wp.where(b <= 0.0, half - b, -half - b)
-    other = wp.where(q == 0.0, 0.0, c / q)
-    return interval_if(discriminant >= 0.0, wp.where(b <= 0.0, other, q), wp.where(b <= 0.0, q, other))
+    q = wp.where(b <= zero, chord - b, -chord - b)
+    other = wp.where(q == zero, zero, c / q)
+    gap = nearest - radius
+    may_touch = wp.abs(gap) < type(radius)(TOUCH) * eps * (distance + half)
+    is_missed = gap > zero and not may_touch
+    # |cos| = chord / r
+    rounding = wp.where(may_touch, infinity, type(radius)(ROUND) * eps * radius / most(chord, type(radius)(MINIMUM)))
+    t_in = wp.where(is_missed, infinity, least(q, other))
+    t_out = wp.where(is_missed, -infinity, most(q, other))
+    round_in = wp.where(is_missed, zero, rounding * (distance + half + wp.abs(t_in)))
+    round_out = wp.where(is_missed, zero, rounding * (distance + half + wp.abs(t_out)))
+    return crossing(t_in - round_in, t_in + round_in, t_out - round_out, t_out + round_out)
 
 
 @wp.func
-def ellipsoid_interval(o: wp.vec3, d: wp.vec3, radii: wp.vec3) -> Interval:
+def ellipsoid_crossing(o: Any, d: Any, radii: Any, eps: Any) -> Any:
     """The unit sphere, after dividing each axis by its radius; distances shrink by |d / radii|."""
     scaled = wp.cw_div(d, radii)
     scale = wp.length(scaled)
-    unscaled = sphere_interval(wp.cw_div(o, radii), scaled / scale, 1.0)
-    return interval(unscaled[0] / scale, unscaled[1] / scale)
+    one = type(scale)(1.0)
+    unscaled = sphere_crossing(wp.cw_div(o, radii), scaled / scale, one, type(scale)(0.0), eps)
+    return (one / scale) * unscaled
 
 
 @wp.func
-def slab_interval(o: float, d: float, half: float) -> Interval:
-    """Where |o + t d| <= half."""
-    a = (-half - o) / d
-    b = (half - o) / d
-    along = interval_if(wp.abs(o) <= half, -wp.inf, wp.inf)
-    return interval(wp.where(d == 0.0, along[0], smaller(a, b)), wp.where(d == 0.0, along[1], larger(a, b)))
-
-
-@wp.func
-def cylinder_interval(o: wp.vec3, d: wp.vec3, radius: float, half: float) -> Interval:
+def cylinder_crossing(o: Any, d: Any, radius: Any, half: Any, eps: Any) -> Any:
     """The circle x^2 + y^2 = r^2, solved as a sphere in the plane, cut by the slab |z| <= half."""
-    flat = wp.vec3(d[0], d[1], 0.0)
+    zero = type(radius)(0.0)
+    flat = wp.vector(d[0], d[1], zero)
+    across = wp.vector(o[0], o[1], zero)
     speed = wp.length(flat)
-    across = wp.vec3(o[0], o[1], 0.0)
-    along = interval_if(wp.length(across) <= radius, -wp.inf, wp.inf)
-    round = sphere_interval(across, flat / speed, radius)
-    side_in = wp.where(speed == 0.0, along[0], round[0] / speed)
-    side_out = wp.where(speed == 0.0, along[1], round[1] / speed)
-    return overlap(interval(side_in, side_out), slab_interval(o[2], d[2], half))
+    is_along = speed <= type(radius)(MINIMUM)
+    inverse = type(radius)(1.0) / wp.where(is_along, type(radius)(1.0), speed)
+    round = inverse * sphere_crossing(across, inverse * flat, radius, zero, eps)
+    out = wp.length(across)
+    side = crossing_if(is_along, alongside(out - radius, type(radius)(4.0) * eps * out), round)
+    return overlap(side, slab_crossing(o[2], d[2], half, eps))
 
 
 @wp.func
-def capsule_interval(o: wp.vec3, d: wp.vec3, radius: float, half: float) -> Interval:
-    """The cylinder and its two end spheres overlap and their union is convex: the hull of the three intervals."""
-    end = wp.vec3(0.0, 0.0, half)
-    ends = hull(sphere_interval(o - end, d, radius), sphere_interval(o + end, d, radius))
-    return hull(ends, cylinder_interval(o, d, radius, half))
+def capsule_crossing(o: Any, d: Any, radius: Any, half: Any, eps: Any) -> Any:
+    """The cylinder and its two end spheres overlap and their union is convex: the hull of the three crossings."""
+    zero = type(half)(0.0)
+    end = wp.vector(zero, zero, half)
+    ends = hull(sphere_crossing(o - end, d, radius, half, eps), sphere_crossing(o + end, d, radius, half, eps))
+    return hull(ends, settled(cylinder_crossing(o, d, radius, half, eps)))
 
 
 @wp.func
-def box_interval(o: wp.vec3, d: wp.vec3, half: wp.vec3) -> Interval:
+def box_crossing(o: Any, d: Any, half: Any, eps: Any) -> Any:
     """The common part of three slabs."""
-    xy = overlap(slab_interval(o[0], d[0], half[0]), slab_interval(o[1], d[1], half[1]))
-    return overlap(xy, slab_interval(o[2], d[2], half[2]))
+    xy = overlap(slab_crossing(o[0], d[0], half[0], eps), slab_crossing(o[1], d[1], half[1], eps))
+    return overlap(xy, slab_crossing(o[2], d[2], half[2], eps))
+
+
+# ---- spans: [nearest, farthest] that the distance may be, +inf on a miss, 0 and +inf where that is open
 
 
 @wp.func
-def intersect_plane(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
-    """Distance to the plane z = 0 from above, +inf from below, off its rectangle, or where culled."""
+def span(near: Any, far: Any) -> Any:
+    return wp.vector(near, far, far, far, far)
+
+
+@wp.func
+def hit_of_crossing(t_in: Any, t_out: Any, cull: int) -> Any:
+    """Where a ray first meets a solid that it enters and leaves there: entry, else exit, else +inf."""
+    infinity = type(t_in)(wp.inf)
+    zero = type(t_in)(0.0)
+    exit = wp.where(t_out >= zero, wp.where(cull == CULL_BACK, infinity, t_out), infinity)
+    return wp.where(t_in >= zero, wp.where(cull == CULL_FRONT, exit, t_in), exit)
+
+
+@wp.func
+def first_hit(c: Any, cull: int, o: Any, eps: Any) -> Any:
+    """The span of the distance to where a ray first meets a solid that it crosses so."""
+    infinity = type(eps)(wp.inf)
+    zero = type(eps)(0.0)
+    near = hit_of_crossing(c[0], c[2], cull)
+    far = hit_of_crossing(c[1], c[3], cull)
+    is_missed = c[0] > c[3] or c[3] < zero
+    is_sure = c[1] <= c[2] and (c[0] >= zero or c[1] < zero) and (c[2] >= zero or c[3] < zero)
+    is_wide = far - near > type(eps)(WIDE) * eps * (wp.abs(o[0]) + wp.abs(o[1]) + wp.abs(o[2]) + near)
+    is_open = is_wide or not is_sure
+    return span(
+        wp.where(is_missed, infinity, wp.where(is_open, zero, near)),
+        wp.where(is_missed, infinity, wp.where(is_open, infinity, far)),
+    )
+
+
+@wp.func
+def beyond_edge(p: Any, size: Any) -> Any:
+    """How far p is beyond the edge of a plane; without size there is none."""
+    return wp.where(size <= type(p)(0.0), type(p)(-wp.inf), wp.abs(p) - size)
+
+
+@wp.func
+def meet_plane(o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
+    """The plane z = 0 from above; missed from below, off its rectangle, or where culled."""
+    infinity = type(eps)(wp.inf)
+    zero = type(eps)(0.0)
     t = -o[2] / d[2]
-    x = wp.where(size[0] <= 0.0, 0.0, wp.abs(o[0] + t * d[0]) - size[0])
-    y = wp.where(size[1] <= 0.0, 0.0, wp.abs(o[1] + t * d[1]) - size[1])
-    is_above = wp.where(d[2] < -MINIMUM, wp.where(o[2] >= 0.0, wp.where(cull == CULL_FRONT, 0, 1), 0), 0)
-    return wp.where(is_above & wp.where(x <= 0.0, 1, 0) & wp.where(y <= 0.0, 1, 0) == 1, t, wp.inf)
+    is_above = d[2] < -type(eps)(MINIMUM) and o[2] >= zero and cull != CULL_FRONT
+    gap = most(beyond_edge(o[0] + t * d[0], size[0]), beyond_edge(o[1] + t * d[1], size[1]))
+    rounding = type(eps)(3.0) * eps * (wp.abs(o[0]) + wp.abs(o[1]) + t)
+    is_met = is_above and gap <= rounding
+    is_sure = gap <= -rounding
+    near = wp.where(is_sure, t - type(eps)(2.0) * eps * t, zero)
+    far = wp.where(is_sure, t + type(eps)(2.0) * eps * t, infinity)
+    return span(wp.where(is_met, near, infinity), wp.where(is_met, far, infinity))
 
 
 @wp.func
-def intersect_sphere(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
-    return first_hit(sphere_interval(o, d, size[0]), cull)
+def meet_sphere(o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
+    return first_hit(sphere_crossing(o, d, size[0], type(eps)(0.0), eps), cull, o, eps)
 
 
 @wp.func
-def intersect_capsule(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
-    return first_hit(capsule_interval(o, d, size[0], size[1]), cull)
+def meet_capsule(o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
+    return first_hit(capsule_crossing(o, d, size[0], size[1], eps), cull, o, eps)
 
 
 @wp.func
-def intersect_ellipsoid(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
-    return first_hit(ellipsoid_interval(o, d, size), cull)
+def meet_ellipsoid(o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
+    return first_hit(ellipsoid_crossing(o, d, size, eps), cull, o, eps)
 
 
 @wp.func
-def intersect_cylinder(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
-    return first_hit(cylinder_interval(o, d, size[0], size[1]), cull)
+def meet_cylinder(o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
+    return first_hit(cylinder_crossing(o, d, size[0], size[1], eps), cull, o, eps)
 
 
 @wp.func
-def intersect_box(o: wp.vec3, d: wp.vec3, size: wp.vec3, cull: int) -> float:
-    return first_hit(box_interval(o, d, size), cull)
+def meet_box(o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
+    return first_hit(box_crossing(o, d, size, eps), cull, o, eps)
 
 
 @wp.func
-def intersect_closed_form(kind: int, size: wp.vec3, o: wp.vec3, d: wp.vec3, cull: int) -> float:
-    """Distance along the unit direction d to the surface of one closed-form geom, +inf on a miss."""
+def meet_closed_form(kind: int, o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
     if kind == PLANE:
-        return intersect_plane(o, d, size, cull)
+        return meet_plane(o, d, size, cull, eps)
     if kind == SPHERE:
-        return intersect_sphere(o, d, size, cull)
+        return meet_sphere(o, d, size, cull, eps)
     if kind == CAPSULE:
-        return intersect_capsule(o, d, size, cull)
+        return meet_capsule(o, d, size, cull, eps)
     if kind == ELLIPSOID:
-        return intersect_ellipsoid(o, d, size, cull)
+        return meet_ellipsoid(o, d, size, cull, eps)
     if kind == CYLINDER:
-        return intersect_cylinder(o, d, size, cull)
-    if kind == BOX:
-        return intersect_box(o, d, size, cull)
-    return wp.inf
+        return meet_cylinder(o, d, size, cull, eps)
+    return meet_box(o, d, size, cull, eps)
 
 
 @wp.func
-def normalized(a: wp.vec3) -> wp.vec3:
-    """Of length 1, or 0."""
-    length = wp.length(a)
-    return a * wp.where(length > 0.0, 1.0 / length, 0.0)
+def triage_closed_form(kind: int, size: wp.vec3, o: wp.vec3, d: wp.vec3, cull: int) -> Interval:
+    """From where to where the distance along the unit direction d to a closed-form geom is.
+
+    (+inf, +inf) on a sure miss, (0, +inf) where rounding could make a hit of a miss or take another surface.
+    """
+    return meet_closed_form(kind, o, d, size, cull, EPS)
 
 
 @wp.func
-def plane_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
-    return wp.vec3(0.0, 0.0, 1.0)
-
-
-@wp.func
-def sphere_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
-    return normalized(p)
-
-
-@wp.func
-def capsule_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
-    return normalized(wp.vec3(p[0], p[1], p[2] - larger(-size[1], smaller(p[2], size[1]))))
-
-
-@wp.func
-def ellipsoid_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
-    """The gradient of (x / a)^2 + (y / b)^2 + (z / c)^2, scaled against overflow."""
-    return normalized(wp.cw_div(wp.cw_div(p, size), size / wp.max(size)))
-
-
-@wp.func
-def crossing(gap: float, speed: float, rounding: float) -> float:
-    """How likely a ray is to cross, at a point, a face whose plane is a gap off: of those nearer than it can tell, the
-    steeper."""
-    return wp.where(wp.abs(gap) <= rounding, wp.abs(speed), -wp.abs(gap))
-
-
-@wp.func
-def cylinder_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:
-    """Of the side and the caps, the surface that the ray crosses."""
-    out = wp.sqrt(p[0] * p[0] + p[1] * p[1])
-    per_out = wp.where(out > 0.0, 1.0 / out, 0.0)
-    rounding = PLACE_ROUNDING * (t + size[0] + size[1])
-    side = crossing(out - size[0], (p[0] * d[0] + p[1] * d[1]) * per_out, rounding)
-    cap = crossing(wp.abs(p[2]) - size[1], d[2], rounding)
-    on_side = wp.where(cap > side, 0.0, per_out)
-    return wp.vec3(p[0] * on_side, p[1] * on_side, wp.where(cap > side, wp.sign(p[2]), 0.0))
-
-
-@wp.func
-def box_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:
-    """Of the six faces, the one that the ray crosses."""
-    rounding = PLACE_ROUNDING * (t + size[0] + size[1] + size[2])
-    x = crossing(wp.abs(p[0]) - size[0], d[0], rounding)
-    y = crossing(wp.abs(p[1]) - size[1], d[1], rounding)
-    z = crossing(wp.abs(p[2]) - size[2], d[2], rounding)
-    on_x = wp.where(x >= y, wp.where(x >= z, 1.0, 0.0), 0.0)
-    on_y = wp.where(y >= z, 1.0 - on_x, 0.0)
-    return wp.vec3(on_x * wp.sign(p[0]), on_y * wp.sign(p[1]), (1.0 - on_x - on_y) * wp.sign(p[2]))
-
-
-@wp.func
-def closed_form_normal(kind: int, size: wp.vec3, p: wp.vec3, d: wp.vec3, t: float) -> wp.vec3:
-    """Unit outward normal of a closed-form geom where a ray along d, a unit vector, hits it at a distance t in p."""
-    if kind == SPHERE:
-        return sphere_normal(p, d, t, size)
-    if kind == CAPSULE:
-        return capsule_normal(p, d, t, size)
-    if kind == ELLIPSOID:
-        return ellipsoid_normal(p, d, t, size)
-    if kind == CYLINDER:
-        return cylinder_normal(p, d, t, size)
-    if kind == BOX:
-        return box_normal(p, d, t, size)
-    return plane_normal(p, d, t, size)
+def decide_closed_form(kind: int, size: wp.vec3, o: wp.vec3d, d: wp.vec3d, cull: int) -> wp.float64:
+    """The distance, +inf on a miss, in float64."""
+    return meet_closed_form(kind, o, d, to_double(size), cull, EXACT)[0]

@@ -46,6 +46,7 @@ class TopTrees:
             g.anchor = wp.zeros(spans, dtype=wp.vec3d, device=device)
             g.top_reach = wp.zeros(spans, dtype=float, device=device)
             self._area = wp.zeros(spans, dtype=float, device=device)
+            self._area_view = self._area.numpy() if device.is_cpu else None
             self._plant()
         if instants > 1:
             launch_over_rays(turn_shapes, g.turn.size, [g], [], device)
@@ -107,7 +108,9 @@ class TopTrees:
 
     def _mean_area(self) -> float:
         """Of the trees' boxes; on CUDA, once they are built, that of an earlier fit, so as not to wait for this one."""
-        if self._device.is_cpu or self._built_area < 0:
+        if self._area_view is not None:
+            return float(self._area_view.sum()) / self._spans
+        if self._built_area < 0:
             return float(self._area.numpy().mean())
         if self._device.is_capturing:
             return 0.0

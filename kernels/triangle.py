@@ -205,6 +205,32 @@ def tilted(direction: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
+def precedes(a: wp.vec3d, b: wp.vec3d) -> bool:
+    """Whether a is before b by x, then y, then z."""
+    return a[0] < b[0] or (a[0] == b[0] and (a[1] < b[1] or (a[1] == b[1] and a[2] < b[2])))
+
+
+@wp.func
+def former(a: wp.vec3d, b: wp.vec3d) -> wp.vec3d:
+    return wp.where(precedes(b, a), b, a)
+
+
+@wp.func
+def latter(a: wp.vec3d, b: wp.vec3d) -> wp.vec3d:
+    return wp.where(precedes(b, a), a, b)
+
+
+@wp.func
+def distance_by_order(direction: wp.vec3d, v0: wp.vec3d, v1: wp.vec3d, v2: wp.vec3d) -> wp.float64:
+    """Distance to the triangle's plane, the same to the last bit for all triangles with these vertices."""
+    a = former(former(v0, v1), v2)
+    b = former(latter(v0, v1), latter(former(v0, v1), v2))
+    c = latter(latter(v0, v1), v2)
+    normal = wp.cross(b - a, c - a)
+    return wp.dot(a, normal) / wp.dot(direction, normal)
+
+
+@wp.func
 def decide_triangle(direction: wp.vec3d, v0: wp.vec3d, v1: wp.vec3d, v2: wp.vec3d, cull: int) -> wp.float64:
     """Distance to the triangle along the unit direction, +inf on a miss, decided in float64.
 
@@ -219,7 +245,7 @@ def decide_triangle(direction: wp.vec3d, v0: wp.vec3d, v1: wp.vec3d, v2: wp.vec3
         slope = wp.dot(ray, normal)
         if wp.abs(slope) <= EDGE_ON * size or least_room(ray, v0, v1, v2, normal) < wp.float64(-1.0):
             return wp.float64(wp.inf)
-    t = wp.dot(v0, normal) / slope
+    t = distance_by_order(ray, v0, v1, v2)
     if t < wp.float64(0.0) or is_culled(float(slope), cull):
         return wp.float64(wp.inf)
     return t

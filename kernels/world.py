@@ -31,6 +31,8 @@ class World:
         self._join_trees()
         self._count = len(shapes.kind)
         self._own: dict[str, wp.array] = {}
+        self._views: dict[str, npt.NDArray[Any]] = {}
+        self._poses: tuple[wp.array | None, wp.array | None] = (None, None)
         self.set_shapes(shapes)
         self._top = TopTrees(self.geometry, self.device)
 
@@ -116,8 +118,10 @@ class World:
         if not isinstance(position, wp.array):
             position = self._uploaded("position", position, wp.vec3d if is_double else wp.vec3)
             rotation = self._uploaded("rotation", rotation, wp.mat33d if is_double else wp.mat33)
-        g = self.geometry
-        poses = (position.flatten(), rotation.flatten())
+        if position is self._poses[0] and rotation is self._poses[1]:
+            return
+        self._poses = position, rotation
+        g, poses = self.geometry, (position.flatten(), rotation.flatten())
         g.position, g.rotation = poses if is_double else (None, None)
         g.position_float, g.rotation_float = (None, None) if is_double else poses
 
@@ -127,8 +131,10 @@ class World:
         own = self._own.get(name)
         if own is None or own.dtype != dtype or own.size != len(values):
             own = self._own[name] = wp.empty(len(values), dtype=dtype, device=self.device)
+            if self.device.is_cpu:
+                self._views[name] = own.numpy()
         if self.device.is_cpu:
-            own.numpy()[...] = values
+            self._views[name][...] = values
         else:
             wp.copy(own, wp.array(values, dtype=dtype, device="cpu", copy=False))
         return own

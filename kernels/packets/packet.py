@@ -3,7 +3,7 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits import APART, Hit, WorldRay, decided
+from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within
 from rigcast.kernels.poses import Scope
 from rigcast.kernels.ray import box_margin
 from rigcast.kernels.tree import vec8
@@ -183,12 +183,7 @@ def ray_of_lane(packet: PacketRays, i: int) -> WorldRay:
 
 @wp.func
 def hit_of_lane(hits: PacketHits, i: int) -> Hit:
-    hit = Hit()
-    hit.near = hits.near[i]
-    hit.far = hits.far[i]
-    hit.shape = hits.shape[i]
-    hit.triangle = hits.triangle[i]
-    return hit
+    return hit_within(hits.near[i], hits.far[i], hits.shape[i], hits.triangle[i])
 
 
 @wp.func
@@ -227,11 +222,7 @@ def offer(g: Geometry, packet: PacketRays, near: lanes, far: lanes, shape: int, 
 def decide_lane_of_packet(
     g: Geometry, packet: PacketRays, i: int, near: float, far: float, shape: int, triangle: int
 ) -> None:
-    hit = Hit()
-    hit.near = near
-    hit.far = far
-    hit.shape = shape
-    hit.triangle = triangle
+    hit = hit_within(near, far, shape, triangle)
     hits = packet.best[packet.slot]
     first = decided(g, hit_of_lane(hits, i), hit, ray_of_lane(packet, i))
     hits.near[i] = first.near

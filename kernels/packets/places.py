@@ -3,12 +3,12 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits import distance_of, distance_to_plane, outward
+from rigcast.kernels.hits import distance_of, distance_to_plane, middle, outward
 from rigcast.kernels.poses import pose_of
 from rigcast.kernels.solids import has_triangles
 from rigcast.kernels.tree import WIDTH
 from rigcast.kernels.triangle import GRAZING
-from rigcast.kernels.vectors import larger, to_double, to_float
+from rigcast.kernels.vectors import to_double, to_float
 
 from .packet import LANES, TileRays, Vectors, int_lanes, lanes, world_ray
 from .solids import closed_form_normals
@@ -86,11 +86,13 @@ def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) ->
     x = rays.directions[slot].x
     y = rays.directions[slot].y
     z = rays.directions[slot].z
-    distance = rays.best[slot].near
+    near = rays.best[slot].near
+    far = rays.best[slot].far
     pose = pose_of(g, shape, rays.scope)
     rotation = pose.rotation
     to_local = wp.transpose(rotation)
     offset = rays.origin - pose.position
+    distance = lanes()
     point_x = lanes()
     point_y = lanes()
     point_z = lanes()
@@ -99,6 +101,7 @@ def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) ->
     direction_z = lanes()
     for i in range(LANES):
         d = wp.vec3d(x[i], y[i], z[i])
+        distance[i] = middle(near[i], far[i])
         point = to_float(to_local * (offset + wp.float64(distance[i]) * d))
         direction = to_float(to_local * d)
         point_x[i] = point[0]
@@ -107,7 +110,6 @@ def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) ->
         direction_x[i] = direction[0]
         direction_y[i] = direction[1]
         direction_z[i] = direction[2]
-        distance[i] = larger(distance[i], 0.0)
     points = vectors(point_x, point_y, point_z)
     directions = vectors(direction_x, direction_y, direction_z)
     local = closed_form_normals(g.kind[shape], g.size[rays.scope.first_shape + shape], points, directions, distance)

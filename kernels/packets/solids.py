@@ -1,45 +1,62 @@
-"""The functions of rigcast.kernels.solids over the lanes of a packet."""
+"""The functions of rigcast.kernels.solids and .solid_normals over the lanes of a packet."""
 
 from typing import Any
 
 import warp as wp
 
-from rigcast.kernels.solids import (
-    CAPSULE,
-    CYLINDER,
-    ELLIPSOID,
-    PLANE,
-    SPHERE,
+from rigcast.kernels.solid_normals import (
     box_normal,
     capsule_normal,
     cylinder_normal,
     ellipsoid_normal,
-    intersect_box,
-    intersect_capsule,
-    intersect_cylinder,
-    intersect_ellipsoid,
-    intersect_plane,
-    intersect_sphere,
     plane_normal,
     sphere_normal,
+)
+from rigcast.kernels.solids import (
+    CAPSULE,
+    CYLINDER,
+    ELLIPSOID,
+    EPS,
+    PLANE,
+    SPHERE,
+    meet_box,
+    meet_capsule,
+    meet_cylinder,
+    meet_ellipsoid,
+    meet_plane,
+    meet_sphere,
 )
 
 from .packet import LANES, Vectors, lanes
 
 
-def intersections(intersect: Any) -> Any:
-    """intersect(origin, direction, size, cull) for every lane's direction."""
+@wp.struct
+class LaneSpans:
+    """From where to where the distance of every ray of a packet to one shape is."""
 
-    def over_lanes(origin: wp.vec3, d: Vectors, size: wp.vec3, cull: int) -> lanes:
+    near: lanes
+    far: lanes
+
+
+def triages(meet: Any) -> Any:
+    """The span of every lane's direction d, in float32."""
+
+    def over_lanes(origin: wp.vec3, d: Vectors, size: wp.vec3, cull: int) -> LaneSpans:
         x = d.x
         y = d.y
         z = d.z
-        t = lanes()
+        near = lanes()
+        far = lanes()
         for i in range(LANES):
-            t[i] = intersect(origin, wp.vec3(x[i], y[i], z[i]), size, cull)
-        return t
+            span = meet(origin, wp.vec3(x[i], y[i], z[i]), size, cull, EPS)
+            near[i] = span[0]
+            far[i] = span[1]
+        spans = LaneSpans()
+        spans.near = near
+        spans.far = far
+        return spans
 
-    over_lanes.__name__ = over_lanes.__qualname__ = intersect.func.__name__ + "_over_lanes"
+    over_lanes.__name__ = over_lanes.__qualname__ = meet.func.__name__ + "_over_lanes"
     return wp.func(over_lanes)
 
 
@@ -71,12 +88,12 @@ def normals(normal: Any) -> Any:
     return wp.func(over_lanes)
 
 
-intersect_planes = intersections(intersect_plane)
-intersect_spheres = intersections(intersect_sphere)
-intersect_capsules = intersections(intersect_capsule)
-intersect_ellipsoids = intersections(intersect_ellipsoid)
-intersect_cylinders = intersections(intersect_cylinder)
-intersect_boxes = intersections(intersect_box)
+triage_planes = triages(meet_plane)
+triage_spheres = triages(meet_sphere)
+triage_capsules = triages(meet_capsule)
+triage_ellipsoids = triages(meet_ellipsoid)
+triage_cylinders = triages(meet_cylinder)
+triage_boxes = triages(meet_box)
 plane_normals = normals(plane_normal)
 sphere_normals = normals(sphere_normal)
 capsule_normals = normals(capsule_normal)
@@ -86,18 +103,18 @@ box_normals = normals(box_normal)
 
 
 @wp.func
-def intersect_closed_forms(kind: int, size: wp.vec3, origin: wp.vec3, d: Vectors, cull: int) -> lanes:
+def triage_closed_forms(kind: int, size: wp.vec3, origin: wp.vec3, d: Vectors, cull: int) -> LaneSpans:
     if kind == PLANE:
-        return intersect_planes(origin, d, size, cull)
+        return triage_planes(origin, d, size, cull)
     if kind == SPHERE:
-        return intersect_spheres(origin, d, size, cull)
+        return triage_spheres(origin, d, size, cull)
     if kind == CAPSULE:
-        return intersect_capsules(origin, d, size, cull)
+        return triage_capsules(origin, d, size, cull)
     if kind == ELLIPSOID:
-        return intersect_ellipsoids(origin, d, size, cull)
+        return triage_ellipsoids(origin, d, size, cull)
     if kind == CYLINDER:
-        return intersect_cylinders(origin, d, size, cull)
-    return intersect_boxes(origin, d, size, cull)
+        return triage_cylinders(origin, d, size, cull)
+    return triage_boxes(origin, d, size, cull)
 
 
 @wp.func

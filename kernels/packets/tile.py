@@ -25,7 +25,7 @@ from .packet import (
     packet_of,
     view_from,
 )
-from .solids import intersect_closed_forms
+from .solids import triage_closed_forms
 from .triangles import cast_packet_through_triangles, packet_among_triangles
 
 
@@ -57,10 +57,9 @@ def visit_closed_form(
     directions.x = local_x
     directions.y = local_y
     directions.z = local_z
-    t = intersect_closed_forms(
-        g.kind[shape], g.size[packet.ray.scope.first_shape + shape], origin, directions, packet.ray.cull
-    )
-    return offer(g, packet, t, t, shape, 0, reach)
+    size = g.size[packet.ray.scope.first_shape + shape]
+    spans = triage_closed_forms(g.kind[shape], size, origin, directions, packet.ray.cull)
+    return offer(g, packet, spans.near, spans.far, shape, 0, reach)
 
 
 @wp.func

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.reading import take
+from rigcast.sensors.errors import InputError
 
 from .part import Owner
 
@@ -80,6 +81,19 @@ class Hits:
             name: getattr(self, name).numpy().reshape(self.shape) for name in NumpyHits._fields if name != "normal"
         }
         return NumpyHits(**arrays, normal=self.normal.numpy().reshape((*self.shape, 3)))
+
+    def room_for(self, shape: tuple[int, ...], device: wp.Device) -> HitArrays:
+        """The arrays, for other hits of rays of this shape.
+
+        Raises:
+            InputError: there is not room for just as many, or it is on another device.
+        """
+        if shape != self.shape or self._arrays.distance.device != device:
+            raise InputError(
+                f"Scene.cast: out: got hits of shape {self.shape} on {self._arrays.distance.device}, "
+                f"expected {shape} on {device}"
+            )
+        return self._arrays
 
     @property
     def _own_shape(self) -> tuple[int, ...]:

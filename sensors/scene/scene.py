@@ -244,6 +244,7 @@ class Scene:
         max_distance: float = np.inf,
         cull: Cull = "none",
         filter: Filter | None = None,
+        out: Hits | None = None,
     ) -> Hits:
         """The first hit of each ray.
 
@@ -253,6 +254,8 @@ class Scene:
             max_distance: greatest distance at which something is hit, inclusive [m].
             cull: "back" drops hits on surfaces that face along the ray (d . n > 0), "front" those that face it.
             filter: which geoms may be hit; None: all that are not transparent.
+            out: hits of an earlier cast of as many rays on this scene's device, which are written over: no arrays are
+                made for the new ones. None makes new arrays.
 
         Arrays on the host keep float64 and are checked; Warp arrays (vec3 or vec3d, on the scene's device) are
         not: a ray in them that is not finite gives NaN.
@@ -260,6 +263,7 @@ class Scene:
         Raises:
             InputError: a shape that does not fit, or a ray that is not finite or has no direction, with its index.
         """
+        require_type("Scene.cast: out", out, Hits, NoneType)
         if self._stale:
             raise InputError(f"Scene.cast: {self._stale}, expected scene.update(data) first")
         if not isinstance(cull, str) or cull not in _CULL:
@@ -269,7 +273,9 @@ class Scene:
         if not max_distance >= 0:
             raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
         given = take_rays(origins, directions, self.device)
-        return self.hits(self.cast_rays(self._placed(given), self.visible(filter), max_distance, cull), given.shape)
+        room = None if out is None else out.room_for(given.shape, self.device)
+        rays, visible = self._placed(given), self.visible(filter)
+        return self.hits(self.cast_rays(rays, visible, max_distance, cull, room), given.shape)
 
     def _placed(self, given: GivenRays) -> Rays:
         """Rays as they are given, in the world or, by their first axis, in each of many worlds."""
@@ -311,9 +317,16 @@ class Scene:
         if looks != self._looks_read:
             self._looks_read, self._visible, self._looks = looks, {}, None
 
-    def cast_rays(self, rays: Rays, visible: wp.array, max_distance: float, cull: Cull = "none") -> HitArrays:
+    def cast_rays(
+        self,
+        rays: Rays,
+        visible: wp.array,
+        max_distance: float,
+        cull: Cull = "none",
+        out: HitArrays | None = None,
+    ) -> HitArrays:
         """The first hit of each ray that is on the device already, among the visible geoms."""
-        return cast(self._world.geometry, visible, rays, max_distance, _CULL[cull])
+        return cast(self._world.geometry, visible, rays, max_distance, _CULL[cull], out)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""

@@ -12,7 +12,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.solids import closed_form_normal, intersect_closed_form
+from rigcast.kernels.solid_normals import closed_form_normal
+from rigcast.kernels.solids import decide_closed_form, triage_closed_form
 from rigcast.kernels.triangle import (
     CULL_NONE,
     decide_triangle,
@@ -121,10 +122,12 @@ def _closed_form(
     direction: wp.array[wp.vec3],
     kind: int,
     cull: int,
-    out: wp.array[float],
+    out: wp.array[wp.vec3d],
 ) -> None:
     i = wp.tid()
-    out[i] = intersect_closed_form(kind, size[i], origin[i], direction[i], cull)
+    t = decide_closed_form(kind, size[i], to_double(origin[i]), to_double(direction[i]), cull)
+    span = triage_closed_form(kind, size[i], origin[i], direction[i], cull)
+    out[i] = wp.vec3d(t, wp.float64(span[0]), wp.float64(span[1]))
 
 
 @wp.kernel
@@ -209,8 +212,16 @@ def intersect(
     return np.where(first == UNDECIDED, decide(origin, direction, v0, v1, v2, cull), first)
 
 
+def closed_form_looks(
+    kind: int, size: ArrayLike, origin: ArrayLike, direction: ArrayLike, cull: int = CULL_NONE
+) -> NDArray[np.float64]:
+    """(n, 3) the distance that float64 decides, and the nearest and farthest of float32's first look."""
+    return _over_rows(_closed_form, wp.vec3d, [size, origin, direction], [kind, cull])
+
+
 def closed_form(kind: int, size: ArrayLike, origin: ArrayLike, direction: ArrayLike, cull: int = CULL_NONE) -> Floats:
-    return _over_rows(_closed_form, wp.float32, [size, origin, direction], [kind, cull])
+    """The distance, as the cast rounds it."""
+    return closed_form_looks(kind, size, origin, direction, cull)[:, 0].astype(np.float32)
 
 
 def normal_at(kind: int, size: ArrayLike, point: ArrayLike, direction: ArrayLike, distance: float = 1.0) -> Floats:

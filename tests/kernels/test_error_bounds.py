@@ -91,7 +91,7 @@ class Rays(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """The first hit, and which rays are to be judged: neither near a touch nor near a crease. (n,)"""
+    """The first hit, and which rays are to be judged: not near a crease, and known well enough at a touch. (n,)"""
 
     t: Doubles
     bound: Doubles
@@ -110,15 +110,16 @@ def first(candidates: list[tuple[Doubles, NDArray[np.bool_]]]) -> Doubles:
     return np.stack([np.where(counts & (t >= 0), t, INF) for t, counts in candidates]).min(axis=0)
 
 
-def is_off_touch(cosine: Doubles, reach: Doubles, radius: float) -> NDArray[np.bool_]:
-    return np.asarray(cosine**2 > 32 * EPS * reach / radius)
+def is_known(cosine: Doubles, reach: Doubles, radius: float) -> NDArray[np.bool_]:
+    """Whether b^2 - a c, as `roots` takes it, has digits: near a touch float64 loses them here, not in the kernels."""
+    return np.asarray(cosine**2 > 64 * 2.0**-52 * (reach / radius) ** 2)
 
 
 def sphere_truth(r: Rays, size: Doubles) -> Truth:
     t = first([(x, x == x) for x in roots(np.ones(len(r.o)), dot(r.o, r.d), dot(r.o, r.o) - size[0] ** 2)])
     hit = np.where(t < INF, t, 0)
     cosine = np.abs(dot(r.at(hit), r.d)) / size[0]
-    return Truth(t, 7 * EPS * (norm(r.o) + t) / cosine, is_off_touch(cosine, norm(r.o), size[0]))
+    return Truth(t, 7 * EPS * (norm(r.o) + t) / cosine, is_known(cosine, norm(r.o), size[0]))
 
 
 def ellipsoid_truth(r: Rays, size: Doubles) -> Truth:
@@ -126,8 +127,8 @@ def ellipsoid_truth(r: Rays, size: Doubles) -> Truth:
     t = first([(x, x == x) for x in roots(dot(d, d), dot(o, d), dot(o, o) - 1)])
     hit = np.where(t < INF, t, 0)
     cosine = np.abs(dot(r.at(hit) / size, d)) / norm(d)
-    bound = EPS * (7.5 * norm(o) / norm(d) + 12 * t) / cosine
-    return Truth(t, bound, is_off_touch(cosine, norm(o) + norm(d) * hit, 1))
+    bound = EPS * (7.5 * norm(o) / norm(d) + 13 * t) / cosine
+    return Truth(t, bound, is_known(cosine, norm(o), 1))
 
 
 def side_roots(r: Rays, radius: float) -> Doubles:
@@ -151,12 +152,11 @@ def cylinder_truth(r: Rays, size: Doubles) -> Truth:
     side, cap = side_cosine(r, p, radius), np.abs(r.d[:, 2])
     flat = norm(r.o[:, :2])
     is_side = t == by_side
-    cap_bound = EPS * (0.5 * np.abs(r.o[:, 2]) / cap + 1.5 * hit)
-    bound = np.where(is_side, EPS * (7 * flat + 10 * hit) / side, cap_bound)
+    cap_bound = EPS * (0.5 * np.abs(r.o[:, 2]) / cap + 3 * hit)
+    bound = np.where(is_side, EPS * (7 * flat + 11 * hit) / side, cap_bound)
     room = 64 * EPS * (norm(r.o) + hit) / np.minimum(side, cap)
     is_off_rim = np.where(is_side, half - np.abs(p[:, 2]), radius - norm(p[:, :2])) > room
-    is_off = is_off_touch(side / norm(r.d[:, :2]), flat + hit, radius)
-    return Truth(t, bound, np.asarray(is_off_rim & (is_off | ~is_side)))
+    return Truth(t, bound, np.asarray(is_off_rim & (is_known(side / norm(r.d[:, :2]), flat, radius) | ~is_side)))
 
 
 def capsule_truth(r: Rays, size: Doubles) -> Truth:
@@ -174,7 +174,7 @@ def capsule_truth(r: Rays, size: Doubles) -> Truth:
     normal = (p - np.stack([0 * hit, 0 * hit, np.clip(p[:, 2], -half, half)], axis=-1)) / radius
     cosine = np.abs(dot(normal, r.d))
     reach = norm(r.o) + half + hit
-    return Truth(t, 10 * EPS * reach / cosine, is_off_touch(cosine, reach, radius))
+    return Truth(t, 10 * EPS * reach / cosine, is_known(cosine, reach, radius))
 
 
 def box_truth(r: Rays, size: Doubles) -> Truth:
@@ -187,7 +187,7 @@ def box_truth(r: Rays, size: Doubles) -> Truth:
     axis, rows = which // 2, np.arange(len(t))
     gap, cosine = np.array(gaps)[which, rows], np.abs(r.d[rows, axis])
     hit = np.where(t < INF, t, 0)
-    bound = EPS * (0.5 * np.abs(r.o[rows, axis]) / cosine + 1.5 * hit)
+    bound = EPS * (0.5 * np.abs(r.o[rows, axis]) / cosine + 3 * hit)
     is_off_edge = gap > 64 * EPS * (norm(r.o) + hit) / np.abs(r.d).min(axis=1)
     return Truth(t, bound, np.asarray(is_off_edge))
 
@@ -195,7 +195,7 @@ def box_truth(r: Rays, size: Doubles) -> Truth:
 def plane_truth(r: Rays, size: Doubles) -> Truth:
     t = -r.o[:, 2] / r.d[:, 2]
     is_above = (r.o[:, 2] > 0) & (t > 0)
-    return Truth(np.where(is_above, t, INF), 1.5 * EPS * np.abs(t), np.asarray(np.abs(r.d[:, 2]) > 1e-6 + 0 * size[0]))
+    return Truth(np.where(is_above, t, INF), 2.5 * EPS * np.abs(t), np.asarray(np.abs(r.d[:, 2]) > 1e-6 + 0 * size[0]))
 
 
 TRUTHS: dict[int, Callable[[Rays, Doubles], Truth]] = {

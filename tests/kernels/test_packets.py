@@ -174,6 +174,23 @@ def test_rays_at_edges_and_vertices(name: str, scale: float) -> None:
             assert np.isfinite(expected.distance).mean() > 0.2
 
 
+@pytest.mark.parametrize("first", [(0, 1, 2), (2, 0, 1), (0, 2, 1)])
+def test_of_two_faces_in_one_place_the_one_that_faces_the_ray_is_hit(first: tuple[int, int, int]) -> None:
+    """Whatever comes first, and wherever the faces' vertices begin."""
+    shape = turned(grid(12, 0.2, 4), 4)
+    faces = np.concatenate([shape.faces[:, first], shape.faces[:, [1, 0, 2]], shape.faces])
+    plan = Plan()
+    plan.add_mesh(Mesh(shape.vertices, faces), (0.3, -0.2, 0.1), random_rotations(np.random.default_rng(4), 1)[0])
+    world = plan.world()
+    for origin in ((3.0, 2.0, 1.5), (-3.0, -2.0, -1.5), (1e3, 2e3, -1e3)):
+        directions = unit(np.random.default_rng(5).uniform(-1, 1, (2000, 3)) - origin)
+        got, expected = in_packets_and_alone(world, origin, directions)
+        assert_same(got, expected, f"from {origin}")
+        hit = np.isfinite(got.distance)
+        assert hit.mean() > 0.1
+        assert ((got.normal[hit] * directions[hit]).sum(axis=1) <= 0).all()
+
+
 def test_a_ray_from_within_a_closed_mesh_never_escapes() -> None:
     plan = Plan()
     plan.add_mesh(turned(icosphere(4), 1))

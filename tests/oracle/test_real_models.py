@@ -118,18 +118,8 @@ if CAN_JUDGE:
     MODELS += FLEXES
 
 
-# Faces of one mesh less than 1e-7 m apart, back to back: they are ordered by float32 distances.
-SHEETS = {("aloha_pot/scene.xml", 1)}
-# A ray that touches a capsule and runs within a box's face at once: closed forms are decided in float32.
-TOUCHES = {("collision.xml", 1), ("collision.xml", 2)}
-CASES = [
-    pytest.param(path, seed, marks=[pytest.mark.xfail(strict=True)] if (path, seed) in SHEETS | TOUCHES else [])
-    for path in MODELS
-    for seed in range(STATES)
-]
-
-
-@pytest.mark.parametrize(("path", "seed"), CASES)
+@pytest.mark.parametrize("path", MODELS)
+@pytest.mark.parametrize("seed", range(STATES))
 def test_no_ray_is_wrong(path: str, seed: int) -> None:
     model, scene = loaded(path)
     near = state(model, seed, seed)

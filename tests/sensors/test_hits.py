@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 from small_scenes import KINDS, model_of, posed, ready
 
-from rigcast import Scene
+from rigcast import InputError, Scene
 
 IDS = dict.fromkeys(("geom_id", "flex_id", "skin_id", "prop_id"), wp.int32)
 FIELDS = {"distance": wp.float32, **IDS, "face": wp.int32, "normal": wp.float32}
@@ -61,6 +61,24 @@ def test_normals_point_outwards_from_inside_and_outside(kind: str) -> None:
     assert (np.sum(entering.normal * ways, axis=1) < 0).all(), f"got {entering.normal}"
     assert (np.sum(leaving.normal * ways, axis=1) > 0).all(), f"got {leaving.normal}"
     assert (leaving.distance > 0).all()
+
+
+def test_hits_are_written_over_in_the_arrays_of_earlier_ones(scene: Scene) -> None:
+    first = scene.cast(*RAYS)
+    places = [getattr(first, name).ptr for name in ("distance", "face", "normal")]
+    turned = RAYS[0], -RAYS[1]
+    again = scene.cast(*turned, out=first)
+    assert [getattr(again, name).ptr for name in ("distance", "face", "normal")] == places
+    for name, got, expected in zip(FIELDS, again.numpy(), scene.cast(*turned).numpy(), strict=True):
+        np.testing.assert_array_equal(got, expected, err_msg=name)
+    assert (again.geom_id.numpy() != scene.cast(*RAYS).geom_id.numpy()).any()
+
+
+def test_hits_of_other_rays_have_no_room(scene: Scene) -> None:
+    with pytest.raises(InputError, match=r"out: got hits of shape \(2, 4\) on cpu, expected \(\) on cpu"):
+        scene.cast((0, 0, 0), (1, 0, 0), out=scene.cast(np.zeros(3), np.ones((2, 4, 3))))
+    with pytest.raises(InputError, match="out: got dict, expected Hits"):
+        scene.cast((0, 0, 0), (1, 0, 0), out={})  # type: ignore[arg-type]
 
 
 def test_later_casts_and_updates_leave_hits_alone() -> None:
