@@ -114,7 +114,9 @@ def _in_runs(directions: Doubles) -> _Arrangement:
     runs = runs[_along(directions[runs], middle) > WIDEST_RUN]
     tiles = _tiles_of_runs(runs, directions)
     tiles = tiles[_is_narrow(directions[_or_near(tiles)].reshape(-1, TILE, 3))]
-    rest = np.setdiff1d(np.arange(len(directions)), tiles)
+    is_left = np.ones(len(directions), bool)
+    is_left[tiles[tiles >= 0]] = False
+    rest = np.flatnonzero(is_left)
     blocks, singles = _tiles_of(directions[rest])
     blocks = _halved_to(np.where(blocks >= 0, rest[blocks], ~rest[~blocks]), directions, LANES)
     tiles = np.concatenate([tiles, blocks.reshape(-1, PACKETS, LANES)])
