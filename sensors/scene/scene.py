@@ -196,9 +196,9 @@ class Scene:
         if renewed is None and differences.same_as(self._differences):
             return
         self._world.set_shapes(
-            self._shapes()
-            if differences.same_as(_NO_DIFFERENCES)
-            else differences.shapes(self._geoms, self._props.shapes, worlds.count)
+            differences.shapes(self._geoms, self._props.shapes, worlds.count)
+            if differences.of_shapes
+            else self._shapes()
         )
         self._differences, self._visible = differences, {}
 
@@ -304,9 +304,10 @@ class Scene:
         wanted = filter or Filter()
         if wanted not in self._visible:
             seen = np.concatenate([part.visible(wanted) for part in self._parts])
-            if self._differences.dataid is not None:
-                seen = np.tile(seen, (len(self._differences.dataid), 1))
-                seen[:, : self.model.ngeom] &= self._geoms.is_present(self._differences.dataid)
+            present = self._differences.present(self._geoms)
+            if present is not None:
+                seen = np.tile(seen, (len(present), 1))
+                seen[:, : self.model.ngeom] &= present
             self._visible[wanted] = wp.array(seen.reshape(-1), dtype=wp.bool, device=self.device)
         return self._visible[wanted]
 

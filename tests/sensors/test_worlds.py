@@ -276,6 +276,21 @@ def test_meshes_and_height_fields_may_differ_or_be_absent() -> None:
     assert (frames["lidar"].geom_id.numpy()[1] == geom).any()
 
 
+def test_geoms_may_be_there_in_some_worlds_only(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    visible = np.random.default_rng(5).random((COUNT, robot.ngeom)) < 0.6
+    rig = rig_of(robot, "lidar", "weather")
+    frames = rig.sense(Worlds(datas, visible=visible))
+    for world, data in enumerate(datas):
+        other = model()
+        other.geom_matid[~visible[world]] = -1
+        other.geom_rgba[~visible[world], 3] = 0  # never hit
+        for name, frame in alone(other, data, world, "lidar", "weather").items():
+            assert_same(frames[name].world(world), frame, f"seed 5, world {world}")
+    assert_same(
+        rig.sense(datas, ["lidar"])["lidar"], rig_of(robot, "lidar").sense(datas)["lidar"], "all are there again"
+    )
+
+
 def test_props_move_with_their_bodies(robot: mujoco.MjModel, datas: list[mujoco.MjData], tmp_path: Path) -> None:
     trimesh.creation.box((0.4, 0.5, 0.6)).export(tmp_path / "box.stl")
     mounts = {"crate": Mount(body="can", pos=(0.5, 0, 0.4), euler_deg=(10, 20, 30)), "post": Mount(pos=(1, 1, 0.5))}
@@ -363,6 +378,7 @@ OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
         {"geom_size": np.ones((4, 2, 3))},
         r"geom_size: got shape \(4, 2, 3\), expected \(4, 8, 3\)",
     ),
+    "visible of other geoms": ({"visible": np.ones((4, 2), bool)}, r"visible: got shape \(4, 2\), expected \(4, 8\)"),
     "a size of NaN": (
         {"geom_size": np.full((4, 8, 3), np.nan)},
         "geom_size: world 0, geom 0: got .*nan.*, expected up to",

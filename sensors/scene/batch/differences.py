@@ -15,17 +15,24 @@ from rigcast.sensors.scene.model_geometry import needs_asset
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """Of geoms in many worlds: size (nworld, ngeom, 3) [m] and mesh or height field (nworld, ngeom), -1 for none.
+    """Of geoms in many worlds: size (nworld, ngeom, 3) [m], mesh or height field (nworld, ngeom), -1 for none, and
+    whether rays may hit them at all (nworld, ngeom).
 
     None is what the model says, in all worlds.
     """
 
     size: NDArray[np.float64] | None = None
     dataid: NDArray[np.int32] | None = None
+    visible: NDArray[np.bool_] | None = None
 
     def check(self, model: mujoco.MjModel, worlds: int) -> None:
         """Raise InputError where geoms of this model cannot be so."""
-        for name, values, shape in (("geom_size", self.size, (3,)), ("geom_dataid", self.dataid, ())):
+        fields: tuple[tuple[str, NDArray[Any] | None, tuple[int, ...]], ...] = (
+            ("geom_size", self.size, (3,)),
+            ("geom_dataid", self.dataid, ()),
+            ("visible", self.visible, ()),
+        )
+        for name, values, shape in fields:
             expected = (worlds, model.ngeom, *shape)
             if values is not None and values.shape != expected:
                 raise InputError(f"Worlds: {name}: got shape {values.shape}, expected {expected}")
@@ -39,8 +46,20 @@ class Differences:
     def same_as(self, other: "Differences") -> bool:
         return self is other or all(
             a is b or (a is not None and b is not None and np.array_equal(a, b))
-            for a, b in ((self.size, other.size), (self.dataid, other.dataid))
+            for a, b in ((self.size, other.size), (self.dataid, other.dataid), (self.visible, other.visible))
         )
+
+    @property
+    def of_shapes(self) -> bool:
+        """Whether shapes differ, and not only which of them are there."""
+        return self.size is not None or self.dataid is not None
+
+    def present(self, geoms: Geoms) -> NDArray[np.bool_] | None:
+        """(nworld, ngeom) which geoms rays may hit in each world, None where worlds do not differ in that."""
+        if self.dataid is None:
+            return self.visible
+        has_asset = geoms.is_present(self.dataid)
+        return has_asset if self.visible is None else has_asset & self.visible
 
     def shapes(self, geoms: Geoms, props: Shapes, worlds: int) -> Shapes:
         """The shapes of so many worlds, world by world: geoms, then props, whose trees come after the geoms'."""

@@ -39,12 +39,14 @@ class Worlds:
         geom_size: (nworld, ngeom, 3) [m], as `MjModel.geom_size`, where sizes differ.
         geom_dataid: (nworld, ngeom), the mesh or height field of each geom, as `MjModel.geom_dataid`, where these
             differ; -1 leaves the geom out.
+        visible: (nworld, ngeom) bool, which geoms are there for rays in each world, beside what a sensor's filter leaves
+            out; all if not given.
         active: (nworld,) bool, which worlds are sensed; frames of the others are NaN, and cost nothing. An array on the
             device is read anew at each reading.
         ids: (nworld,) whole numbers from 0 on, of which each world draws its random numbers; 0, 1, 2, ... if not given.
             One world alone draws those of id 0.
 
-    `geom_size` and `geom_dataid`, the fields of a mujoco_warp `Model`, are read when this is made. Of a
+    `geom_size` and `geom_dataid`, the fields of a mujoco_warp `Model`, and `visible` are read when this is made. Of a
     `mujoco.batch.Batch`, sizes given by `expand("geom_size")` count without being named here.
 
     Raises:
@@ -60,6 +62,7 @@ class Worlds:
         *,
         geom_size: ArrayLike | wp.array | None = None,
         geom_dataid: ArrayLike | wp.array | None = None,
+        visible: ArrayLike | wp.array | None = None,
         active: ArrayLike | wp.array | None = None,
         ids: ArrayLike | None = None,
     ) -> None:
@@ -72,6 +75,7 @@ class Worlds:
         self.differences = Differences(
             None if geom_size is None else self._per_world("geom_size", geom_size, np.float64),
             None if geom_dataid is None else self._per_world("geom_dataid", geom_dataid, np.int32),
+            None if visible is None else self._per_world("visible", visible, np.bool_),
         )
         self.ids = np.arange(self.count, dtype=np.uint32) if ids is None else self._checked_ids(ids)
         self._active = active
