@@ -39,8 +39,8 @@ class Worlds:
         geom_size: (nworld, ngeom, 3) [m], as `MjModel.geom_size`, where sizes differ.
         geom_dataid: (nworld, ngeom), the mesh or height field of each geom, as `MjModel.geom_dataid`, where these
             differ; -1 leaves the geom out.
-        visible: (nworld, ngeom) bool, which geoms are there for rays in each world, beside what a sensor's filter leaves
-            out; all if not given.
+        visible: (nworld, ngeom) bool, which geoms rays may hit in each world, besides what filters say; all if not
+            given.
         active: (nworld,) bool, which worlds are sensed; frames of the others are NaN, and cost nothing. An array on the
             device is read anew at each reading.
         ids: (nworld,) whole numbers from 0 on, of which each world draws its random numbers; 0, 1, 2, ... if not given.
