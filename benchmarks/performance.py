@@ -228,23 +228,24 @@ The vectors are as wide as the CPU's: Warp compiles kernels where they run, for 
 compile for no other. With Warp 1.19 `warp.config.cpu_compiler_flags` can make them narrower or switch them off, which
 changes no bit of any answer (`tests/kernels/test_cpu_flags.py`). Older versions of Warp have no such option.
 
-Some steps cannot be left out of the code as it is. Each was measured when it was made, in ns per ray of one thread's CPU
-time before and after, on a machine in use (noise of 10 to 30 %); depth camera first, lidar second:
+Some steps cannot be left out of the code as it is. Each was measured when it was made, in ns of one thread's CPU time
+per ray, before and after, on a machine in use (noise of 10 to 30 %); depth camera first, lidar second:
 
-| step | what it gave |
-|---|---|
-| functions within a shape take small structs, in place of a call that copied 2 KB per triangle | G1 202 to 173, 217 to 175; warehouse 94 to 84, 112 to 99; room 67 to 64, 153 to 128 |
-| packets of 16 rays along a row, where the rows of a lidar are far apart | G1 lidar 199 to 129, height field lidar 1474 to 401 |
-| boxes within a mesh held against all 16 rays and their own best hits | aloha_pot 351 to 178, 165 to 64; G1 180 to 153, 122 to 144; height field 165 to 214, 384 to 425 |
-| trees built depth first, with boxes moved in place | 1 M triangles 2.6 to 2.2 s |
+- Functions within a shape take small structs, in place of a call that copied 2 KB per triangle: G1 202 to 173 and
+  217 to 175, warehouse 94 to 84 and 112 to 99, room 67 to 64 and 153 to 128.
+- Packets of 16 rays along a row, where the rows of a lidar are far apart: lidar on the G1 199 to 129, on the height
+  field 1474 to 401.
+- Boxes within a mesh held against all 16 rays and their own best hits: aloha_pot 351 to 178 and 165 to 64, G1 180 to
+  153 and 122 to 144, height field 165 to 214 and 384 to 425.
+- Trees built depth first, with boxes moved in place: 1 M triangles 2.6 to 2.2 s.
 
 *Tried, without gain:* vectors of 512 bits by `-mprefer-vector-width=512`, on a CPU that has 256; kernels without
-`-march=native`, which were as fast within noise, as Warp generates code for the CPU at hand either way; packets halved by
-expected cost; packets of 2 x 8 or 16 x 1 pixels for cameras, which help in one scene and harm in another; the test of
-boxes against all rays at leaves only; the lowest bit of a mask by the exponent of a float.
+`-march=native`, which were as fast within noise, as Warp generates code for the CPU at hand either way; packets halved
+by expected cost; packets of 2 x 8 or 16 x 1 pixels for cameras, which help in one scene and harm in another; the test
+of boxes against all rays at leaves only; the lowest bit of a mask by the exponent of a float.
 
-*The limit:* on the G1's depth image a quarter to a fifth of the time goes into nodes and blocks that are not in the cache,
-45 % into edges and triangles, 22 % into clearing packets and writing hits; in the warehouse, with few triangles, these last
+*Where time goes:* on the G1's depth image a fifth to a quarter into nodes and blocks that are not in the cache, 45 %
+into edges and triangles, 22 % into clearing packets and writing hits; in the warehouse, with few triangles, these last
 are half. Rays with unrelated origins share nothing and go one by one; nothing has been done for their speed yet but the
 trees themselves.
 """
