@@ -55,7 +55,7 @@ class Cart(gymnasium.Env[Any, Any]):
 def rig_of(env: Cart, **given: Any) -> rigcast.Rig:
     mount = rigcast.Mount(body="cart", pos=(0.2, 0, 0))
     sensors: list[rigcast.Lidar | rigcast.DepthCamera] = [
-        rigcast.Lidar(**{"name": "top", "max_range": 10.0, **given}, mount=mount, elevation_deg=[0, 30], columns=12),
+        rigcast.Lidar(**{"name": "top", "max_range": 10.0, **given}, mount=mount, elevation_deg=[0, 40], columns=12),
         rigcast.DepthCamera(name="front", mount=mount, resolution=(8, 6), fov_y_deg=60, min_range=0.6, max_range=5),
     ]
     return rigcast.Rig(env.model, sensors, device="cpu")
