@@ -167,10 +167,10 @@ class Frames:
         size = (self.position.shape[0], times)
         wp.launch(place_on_carrier, size, inputs=inputs, outputs=outputs, device=device)
 
-    def poses(self) -> wp.array:
+    def poses(self, out: wp.array | None = None) -> wp.array:
         """(nworld, 4, 4) float64, those of the first frame."""
         worlds, device = self.position.shape[0], self.position.device
-        poses = wp.empty((worlds, 4, 4), dtype=wp.float64, device=device)
+        poses = wp.empty((worlds, 4, 4), dtype=wp.float64, device=device) if out is None else out
         wp.launch(join_poses, worlds, inputs=[self.position, self.rotation], outputs=[poses], device=device)
         return poses
 

@@ -12,7 +12,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
-from rigcast.kernels.mounts import BYTES_PER_FRAME, Frames
+from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
@@ -25,6 +25,7 @@ from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 
+from .kept import Kept, Pool
 from .motion import Firings, Track
 
 Sensor = Lidar | DepthCamera | HeightScan
@@ -38,7 +39,7 @@ class WorldRays(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """The rays of a reading that begins at `time` [s], and the pose (4, 4) in which the sensor is then.
+    """The rays of a reading that begins at `time` [s], the pose (4, 4) in which the sensor is then, and its arrays.
 
     Of many worlds these are (nworld,) and (nworld, 4, 4), and `worlds` is (nworld,) uint32, their ids.
     """
@@ -46,6 +47,7 @@ class Aim(NamedTuple):
     time: float | wp.array
     pose: NDArray[np.float64] | wp.array
     rays: Rays
+    kept: Kept
     worlds: wp.array | None = None
 
 
@@ -54,7 +56,7 @@ class Mounted:
     """A sensor on a scene, with the rays of one reading on the device.
 
     firings: of a sensor that moves during a reading, None of others. frames: numbers readings whose errors are drawn,
-    batches: those of many worlds.
+    batches: those of many worlds. pool: the arrays of its frames.
     """
 
     scene: Scene
@@ -70,6 +72,7 @@ class Mounted:
     depth_physics: DepthPhysics | None
     frames: Iterator[int]
     batches: Iterator[int]
+    pool: Pool
 
     @staticmethod
     def on(scene: Scene, spec: Sensor) -> "Mounted":
@@ -90,6 +93,7 @@ class Mounted:
             DepthPhysics(scene, spec, pattern, rays) if isinstance(spec, DepthCamera) and spec.has_effects else None,
             count(),
             count(),
+            Pool(),
         )
 
     def at(self, time: float) -> "Mounted":
@@ -138,6 +142,13 @@ class Mounted:
             return self.scene.in_pose(self.fixed_rays, self.pose(data))
         return self.rays_along(Track.still(self.pose(data), len(self.firings.times)))
 
+    def aim(self, data: mujoco.MjData, time: float, kept: Kept) -> Aim:
+        """At the world as it stands in `data`, for a reading at `time` [s]."""
+        pose = self.pose(data)
+        if self.firings is None:
+            return Aim(time, pose, kept.aim(self.fixed_rays, pose), kept)
+        return Aim(time, pose, self.rays_along(Track.still(pose, len(self.firings.times))), kept)
+
     def rays_along(self, track: Track) -> Rays:
         """The rays of a sensor that moves, which is on this track at the times of its firings."""
         device = self.scene.device
@@ -149,7 +160,7 @@ class Mounted:
             fraction=wp.array(track.fraction, dtype=wp.float64, device=device),
         )
 
-    def in_worlds(self, worlds: Standing) -> "tuple[Mounted, Aim]":
+    def in_worlds(self, worlds: Standing, kept: Kept) -> "tuple[Mounted, Aim]":
         """The sensor with the pattern of its next reading of many worlds, and its rays in them.
 
         Where a pattern is another one in each reading, that of reading k is the one of time k / rate_hz, in all worlds.
@@ -158,13 +169,13 @@ class Mounted:
         fired = self.at(number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.duration)
         count = worlds.count
         firings = 1 if fired.firings is None else len(fired.firings.times)
-        frames = Frames.empty(count, firings, self.scene.device)
+        frames = kept.frames(count, firings)
         where = (worlds.carriers(self.mount.parent), self.mount.id, self.mount.offset)
         frames.place(0, *where, yaw_aligned=self.spec.yaw_aligned, active=worlds.active, times=firings)
-        position, rotation = frames.position.flatten(), frames.rotation.flatten()
-        rays = replace(fired.fixed_rays, position=position, rotation=rotation, worlds=count)
         ring, column = _same_in_each(fired.ring, count), _same_in_each(fired.column, count)
-        return replace(fired, ring=ring, column=column), Aim(worlds.times(), frames.poses(), rays, worlds.ids)
+        time, pose = kept.field("time", worlds.times), kept.field("pose", frames.poses)
+        aim = Aim(time, pose, kept.aim_in_worlds(fired.fixed_rays), kept, worlds.ids)
+        return replace(fired, ring=ring, column=column), aim
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)

@@ -98,15 +98,17 @@ class Worlds:
             return self._active
         return wp.array(self._per_world("active", self._active, np.bool_), dtype=wp.bool, device=device)
 
-    def times(self, device: wp.Device) -> wp.array:
+    def times(self, device: wp.Device, out: wp.array | None = None) -> wp.array:
         """(nworld,) float64 [s] on the device, an array of its own."""
         given = self._source.field("time")
-        times = wp.zeros(self.count, dtype=wp.float64, device=device)
+        times = wp.empty(self.count, dtype=wp.float64, device=device) if out is None else out
         if isinstance(given, wp.array):
             _require_array("time", given, (self.count,), (wp.float32, wp.float64), device)
             wp.utils.array_cast(given, times)
         elif given is not None:
             times.assign(self._per_world("time", given, np.float64))
+        else:
+            times.zero_()
         return times
 
     def _per_world(self, name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]:
@@ -147,9 +149,9 @@ class Standing:
         """(nworld,) uint32, of which the worlds draw their random numbers."""
         return wp.array(self.worlds.ids, dtype=wp.uint32, device=self.device)
 
-    def times(self) -> wp.array:
+    def times(self, out: wp.array | None = None) -> wp.array:
         """(nworld,) float64 [s], an array of its own."""
-        return self.worlds.times(self.device)
+        return self.worlds.times(self.device, out)
 
     def carriers(self, kind: Literal["geom", "body", "site", "camera", "world"]) -> Carriers:
         """The poses (nworld, n) of all geoms, bodies, sites or cameras."""
@@ -176,6 +178,8 @@ class Standing:
 
 def is_batch(data: object) -> bool:
     """Whether this is something that many worlds come from."""
+    if isinstance(data, mujoco.MjData):  # first, as it is by far the fastest to tell
+        return False
     return isinstance(data, Worlds | list | tuple | Mapping) or is_on_device(data) or is_mujoco_batch(data)
 
 
