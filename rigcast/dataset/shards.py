@@ -7,8 +7,9 @@
     DIR/<scene>/<episode>/entry.json                       what the manifest says about it
 
 frames.npz has the arrays `<sensor>/<number>/<field>`, with the number in six digits; frames.zarr.zip is the store that
-`rigcast run --format zarr` writes, in one file. Files of the same frames are the same byte for byte: archives bear no
-date, and their parts stand in one order.
+`rigcast run --format zarr` writes, in one file. Fields are those that the data set chooses, time and pose, and of a
+depth camera what `camera_fields` has. Files of the same frames are the same byte for byte: archives bear no date, and
+their parts stand in one order.
 """
 
 import errno
@@ -27,7 +28,7 @@ import mujoco
 import numpy as np
 
 from rigcast.export.exr import write_exr
-from rigcast.export.fields import fields_of
+from rigcast.export.fields import FIELD_NAMES, camera_fields, fields_of
 from rigcast.export.files import require_room
 from rigcast.export.ids import Classes, IdTable
 from rigcast.export.zarr_store import ZarrStore
@@ -61,9 +62,9 @@ class Shard:
         self._latest: dict[str, Frame] = {}
         (folder / "ids.json").write_text(self._ids.json())
         self._frames: _Frames = (
-            _NpzFrames(folder / FRAMES_NAME["npz"])
+            _NpzFrames(folder / FRAMES_NAME["npz"], output.fields)
             if output.format == "npz"
-            else ZarrStore(folder / "frames.zarr", rig.sensors, self._ids)
+            else ZarrStore(folder / "frames.zarr", rig.sensors, self._ids, output.fields)
         )
 
     def write(self, frame: Frame) -> None:
@@ -142,16 +143,18 @@ def model_digest(model: mujoco.MjModel) -> str:
 class _NpzFrames:
     """The arrays of frames in one NPZ file, written as they come."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, fields: Mapping[str, Sequence[str]]) -> None:
+        self._fields = fields
         self._file = zipfile.ZipFile(path, "w")
         self._counts: dict[str, int] = {}
 
     def write(self, frame: Frame) -> None:
         number = self._counts.get(frame.sensor, 0)
         self._counts[frame.sensor] = number + 1
-        fields = {"time": np.float64(frame.time), "pose": frame.pose, **fields_of(frame)}
+        chosen = self._fields.get(frame.sensor, FIELD_NAMES)
+        fields = {"time": np.float64(frame.time), "pose": frame.pose, **fields_of(frame, chosen)}
         if isinstance(frame, CameraFrame):
-            fields["intrinsics"] = frame.intrinsics
+            fields |= camera_fields(frame)
         for name, field in fields.items():
             # ZipInfo has a fixed date
             with self._file.open(
