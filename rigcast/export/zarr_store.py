@@ -76,7 +76,8 @@ class ZarrStore:
         if number % _BLOCK == 0:
             self._resize(frame.sensor, number + _BLOCK)
         for name, row in rows.items():
-            self._write_chunk(f"{frame.sensor}/{name}", number, row)
+            chunk = _SEPARATOR.join(["c", str(number), *["0"] * row.ndim])
+            self.write_chunk(f"{frame.sensor}/{name}/{chunk}", self._compress(row))
         self._frames[frame.sensor] += 1
 
     def close(self) -> None:
@@ -84,10 +85,9 @@ class ZarrStore:
         for name in self._shapes:
             self._resize(name, self._frames[name])
 
-    def _write_chunk(self, array: str, number: int, row: NDArray[Any]) -> None:
-        """Row `number` of an array, which is one chunk."""
-        indices = [str(number), *["0"] * row.ndim]
-        (self._folder / array / _SEPARATOR.join(["c", *indices])).write_bytes(self._compress(row))
+    def write_chunk(self, key: str, chunk: bytes) -> None:
+        """Put the bytes of a chunk where readers look for them: at `key` within the store."""
+        (self._folder / key).write_bytes(chunk)
 
     def _resize(self, sensor: str, count: int) -> None:
         for name in self._shapes[sensor]:
