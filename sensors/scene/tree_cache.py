@@ -22,7 +22,8 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 import rigcast.kernels
-from rigcast.kernels.geometry import TriangleTree, build_triangle_tree
+from rigcast.kernels.geometry import TriangleTree
+from rigcast.kernels.triangle_tree import build_triangle_tree
 from rigcast.sensors.errors import warn_user
 
 MAX_BYTES = 4 * 2**30
