@@ -188,5 +188,5 @@ def split_boxes(
     if not balanced:
         left_count = split_by_sah(boxes, first, count, leaf_size, bins, first_bin)
     if left_count == 0 or left_count == count:
-        left_count = count / 2
+        return count >> 1
     return left_count

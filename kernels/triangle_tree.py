@@ -17,6 +17,8 @@ from .vectors import to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
+Floats = npt.NDArray[np.float32]
+
 
 @wp.struct
 class Triangle:
@@ -119,9 +121,9 @@ def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triang
     with np.errstate(over="ignore"):  # of vertices that are in no face
         places = on_cpu(v.astype(np.float32, copy=False), wp.vec3)
     corners = on_cpu(f.astype(np.int32, copy=False), wp.vec3i)
-    boxes, has_area = _measured(places, corners)
+    lower, upper, has_area = _measured(places, corners)
     face = np.flatnonzero(has_area)
-    tree = build_tree(*(ends[face] for ends in boxes), leaf_size=WIDTH)
+    tree = build_tree(lower[face], upper[face], leaf_size=WIDTH)
     blocks = blocks_of(tree, face)
     box = whole_box(*fill(on_cpu(blocks, TriangleBlock), places, corners))
     return TriangleTree(tree.nodes, blocks, *box, dropped=len(f) - len(face))
@@ -140,19 +142,19 @@ def _require_usable(vertices: npt.NDArray[Any], faces: npt.NDArray[np.integer]) 
         raise ValueError(f"face {face}: vertex {vertex}: got {got}, expected finite numbers up to {FARTHEST:g} m")
 
 
-def _measured(places: wp.array, corners: wp.array) -> tuple[list[npt.NDArray[np.float32]], npt.NDArray[np.bool_]]:
-    """The box of each face, its lower and upper ends (faces, 3), and whether it has an area."""
-    boxes = [wp.empty(corners.size, dtype=wp.vec3, device="cpu") for _ in range(2)]
+def _measured(places: wp.array, corners: wp.array) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+    """The lower and upper ends (faces, 3) of the box of each face, and whether it has an area."""
+    lower, upper = (wp.empty(corners.size, dtype=wp.vec3, device="cpu") for _ in range(2))
     has_area = wp.empty(corners.size, dtype=wp.bool, device="cpu")
-    launch_over_rays(measure_faces, corners.size, [places, corners], [*boxes, has_area], "cpu")
-    return [ends.numpy() for ends in boxes], has_area.numpy()
+    launch_over_rays(measure_faces, corners.size, [places, corners], [lower, upper, has_area], "cpu")
+    return lower.numpy(), upper.numpy(), has_area.numpy()
 
 
 def blocks_of(tree: Tree, face: npt.NDArray[np.integer]) -> npt.NDArray[np.void]:
     """(leaves,) of TriangleBlock, to be filled: box k of the tree is that of face[k]."""
     lane = np.arange(WIDTH)
     is_absent = lane >= tree.leaf_count[:, None]
-    dtype: np.dtype[np.void] = TriangleBlock.numpy_dtype()  # type: ignore[attr-defined]
+    dtype: np.dtype[np.void] = TriangleBlock.numpy_dtype()
     blocks = np.empty(len(is_absent), dtype)
     if len(face):
         box = tree.order[np.where(is_absent, 0, tree.leaf_first[:, None] + lane)]
@@ -160,16 +162,14 @@ def blocks_of(tree: Tree, face: npt.NDArray[np.integer]) -> npt.NDArray[np.void]
     return blocks
 
 
-def fill(blocks: wp.array, places: wp.array, corners: wp.array) -> list[npt.NDArray[np.float32]]:
+def fill(blocks: wp.array, places: wp.array, corners: wp.array) -> list[Floats]:
     """Fill in the corners and normals of the blocks' faces; return their boxes, lower and upper ends (blocks, 3)."""
     boxes = [wp.empty(blocks.size, dtype=wp.vec3, device="cpu") for _ in range(2)]
     launch_over_rays(fill_blocks, blocks.size, [places, corners], [blocks, *boxes], "cpu")
     return [ends.numpy() for ends in boxes]
 
 
-def whole_box(
-    lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32]
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+def whole_box(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
     """The lower and upper end (3,) of the box around all boxes (n, 3); a point at the origin if there are none."""
     if not len(lower):
         return np.zeros(3, np.float32), np.zeros(3, np.float32)
