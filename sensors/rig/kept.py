@@ -78,10 +78,10 @@ class Kept:
         rotation.write(pose[:3, :3])
         return self._placed(fixed, position.array, rotation.array, 1)
 
-    def frames(self, worlds: int, count: int) -> Frames:
-        """For the sensor's pose at so many times in so many worlds."""
-        if self._frames is None or self._frames.position.shape != (worlds, count):
-            self._frames, self._fixed = Frames.empty(worlds, count, self.hits.distance.device), None
+    def frames(self, worlds: int) -> Frames:
+        """For the sensor's pose in so many worlds."""
+        if self._frames is None:
+            self._frames = Frames.empty(worlds, 1, self.hits.distance.device)
         return self._frames
 
     def aim_in_worlds(self, fixed: Rays) -> Rays:
