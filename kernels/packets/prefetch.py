@@ -20,10 +20,10 @@ def _prefetch(array: str) -> str:
 
 # without a return type, which Warp 1.12 would take for that of a value
 @wp.func_native(_prefetch("nodes"))
-def prefetch_node(nodes: wp.array[Node], i: int):  # noqa: ANN201  # type: ignore[no-untyped-def]
+def prefetch_node(nodes: wp.array[Node], i: int):  # type: ignore[no-untyped-def]
     """Ask for node i."""
 
 
 @wp.func_native(_prefetch("blocks"))
-def prefetch_block(blocks: wp.array[TriangleBlock], i: int):  # noqa: ANN201  # type: ignore[no-untyped-def]
+def prefetch_block(blocks: wp.array[TriangleBlock], i: int):  # type: ignore[no-untyped-def]
     """Ask for block i."""
