@@ -17,9 +17,13 @@ from rigcast.kernels.packets.firings import sort_rays
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
-from rigcast.sensors.scene.batch.worlds import Standing
+from rigcast.sensors.scene.batch.attached import Attached
+from rigcast.sensors.scene.batch.per_world import PerWorld
+from rigcast.sensors.scene.batch.standing import Standing
+from rigcast.sensors.scene.batch.worlds import Worlds
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
 from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
@@ -70,16 +74,19 @@ class Mounted:
     depth_physics: DepthPhysics | None
     frames: Iterator[int]
     batches: Iterator[int]
+    filter: Filter | PerWorld[Filter]
+    attached: Attached
 
     @staticmethod
     def on(scene: Scene, spec: Sensor) -> "Mounted":
         pattern = spec.pattern(scene.model)
         firings = _firings(spec, pattern, scene)
         rays = _upload_rays(pattern, firings, scene)
+        mount = spec.mount.bind(scene.model).turned(spec.frame_rotation)
         return Mounted(
             scene,
             spec,
-            spec.mount.bind(scene.model).turned(spec.frame_rotation),
+            mount,
             pattern,
             firings,
             rays,
@@ -90,6 +97,8 @@ class Mounted:
             DepthPhysics(scene, spec, pattern, rays) if isinstance(spec, DepthCamera) and spec.has_effects else None,
             count(),
             count(),
+            spec.filter,
+            Attached.by([mount], scene.device),
         )
 
     def at(self, time: float) -> "Mounted":
@@ -110,12 +119,14 @@ class Mounted:
             physics=None if self.physics is None else self.physics.along(rays),
         )
 
-    @property
-    def bytes_per_world(self) -> int:
+    def bytes_per_world(self, worlds: Worlds) -> int:
         """The most memory that one reading of one of many worlds takes, while it is made."""
-        poses = BYTES_PER_FRAME * (1 if self.firings is None else len(self.firings.times))
+        # its carrier's pose, its own at every firing, and in the frame, and how it is mounted
+        poses = 1 + (1 if self.firings is None else len(self.firings.times)) + 2 + (self.spec.name in worlds.mounts)
+        visible = self.scene.body_of_shape.size if worlds.differ_in_sight(self.spec.name) else 0
         physics = self.physics or self.depth_physics
-        return poses + math.prod(self.pattern.shape) * (BYTES_PER_HIT if physics is None else physics.bytes_per_ray)
+        per_ray = BYTES_PER_HIT if physics is None else physics.bytes_per_ray
+        return poses * BYTES_PER_FRAME + visible + math.prod(self.pattern.shape) * per_ray
 
     @property
     def frame_shape(self) -> tuple[int, ...]:
@@ -130,7 +141,7 @@ class Mounted:
             return yaw_only(pose) if self.spec.yaw_aligned else pose
 
     def visible(self) -> wp.array:
-        return self.scene.visible(self.spec.filter)
+        return self.scene.visible(self.filter)
 
     def rays(self, data: mujoco.MjData) -> Rays:
         """Its rays, all fired now."""
@@ -159,12 +170,16 @@ class Mounted:
         count = worlds.count
         firings = 1 if fired.firings is None else len(fired.firings.times)
         frames = Frames.empty(count, firings, self.scene.device)
-        where = (worlds.carriers(self.mount.parent), self.mount.id, self.mount.offset)
-        frames.place(0, *where, yaw_aligned=self.spec.yaw_aligned, active=worlds.active, times=firings)
+        at = worlds.attached(self.spec, self.attached)
+        yaw_aligned = self.spec.yaw_aligned
+        frames.place(0, worlds.carriers(at), at.on, yaw_aligned=yaw_aligned, active=worlds.active, times=firings)
         position, rotation = frames.position.flatten(), frames.rotation.flatten()
         rays = replace(fired.fixed_rays, position=position, rotation=rotation, worlds=count)
         ring, column = _same_in_each(fired.ring, count), _same_in_each(fired.column, count)
-        return replace(fired, ring=ring, column=column), Aim(worlds.times(), frames.poses(), rays, worlds.ids)
+        filter = worlds.filter_of(self.spec)
+        return replace(fired, ring=ring, column=column, filter=filter), Aim(
+            worlds.times(), frames.poses(), rays, worlds.ids
+        )
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)
