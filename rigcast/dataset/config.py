@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from rigcast.config import read_rig
 from rigcast.export.formats import FORMATS
+from rigcast.rig_file import read_rig
+from rigcast.rig_file.layers import read_layers
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.faults import Fault, faults_of
-from rigcast.yaml_layers import read_layers
 
 from .file import DatasetFile, RecordedMotion, SceneSource, UserController
 

@@ -10,10 +10,11 @@ from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.effects.infrared import Losses, lose
 from rigcast.kernels.effects.random import RandomSource
-from rigcast.kernels.packets.firings import repeat_firing, sort_rays
+from rigcast.kernels.packets.firings import repeat_firing
 from rigcast.kernels.packets.sorting import Packets
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import bound, read
+from rigcast.sensors.scene.packet_cache import cached_packets
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.pattern import Pattern
@@ -128,7 +129,7 @@ class _ReadTimeOfFlight:
         if pattern.subrays is not None:
             self._subrays = scene.rays_in_frame(pattern.subrays, np.zeros(3), np.eye(4)).directions
             self._firing = repeat_firing(rays.firing, spec.time_of_flight.subrays**2)
-            self._packets = None if rays.packets is None else sort_rays(self._subrays, self._firing)
+            self._packets = None if rays.packets is None else cached_packets(self._subrays, self._firing)
 
     def __call__(self, look: _Look) -> DepthReading:
         spec = self._spec

@@ -10,10 +10,11 @@ import warp as wp
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.random import RandomSource
-from rigcast.kernels.packets.firings import repeat_firing, sort_rays
+from rigcast.kernels.packets.firings import repeat_firing
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
+from rigcast.sensors.scene.packet_cache import cached_packets
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.lidar_effects import Noise, Weather
@@ -80,7 +81,7 @@ class LidarPhysics:
         self._packets, self._firing = rays.packets, rays.firing
         if self.sub_rays > 1:
             self._firing = repeat_firing(rays.firing, self.sub_rays)
-            self._packets = None if rays.packets is None else sort_rays(self._directions, self._firing)
+            self._packets = None if rays.packets is None else cached_packets(self._directions, self._firing)
 
     def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
         """One reading of the scene. rays: those it was made with, in the sensor's pose now."""

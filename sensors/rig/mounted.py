@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.kernels.mounts import BYTES_PER_FRAME, Frames
-from rigcast.kernels.packets.firings import sort_rays
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
@@ -21,6 +20,7 @@ from rigcast.sensors.scene.batch.attached import Attached
 from rigcast.sensors.scene.batch.per_world import PerWorld
 from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import Worlds
+from rigcast.sensors.scene.packet_cache import cached_packets
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.filter import Filter
@@ -219,7 +219,7 @@ def _upload_rays(pattern: Pattern, firings: Firings | None, scene: Scene) -> Ray
     rays = scene.rays_in_frame(pattern.directions, origins, np.eye(4))
     if firings is not None:
         rays = replace(rays, firing=wp.array(firings.of_ray, dtype=int, device=scene.device))
-    return replace(rays, packets=sort_rays(rays.directions, rays.firing)) if _in_packets(pattern, scene) else rays
+    return replace(rays, packets=cached_packets(rays.directions, rays.firing)) if _in_packets(pattern, scene) else rays
 
 
 def _upload(values: NDArray[np.generic] | None, dtype: type, spec: Sensor, device: wp.Device) -> wp.array | None:
