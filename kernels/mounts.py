@@ -92,7 +92,7 @@ def place_on_carrier(
     placed_rotation: wp.array2d[wp.mat33d],
     slot: int,
 ) -> None:
-    w, k = wp.tid()
+    w = wp.tid()
     own = w % which.shape[0]
     carrier = which[own] % position.shape[1]
     turn = turns[own]
@@ -102,7 +102,7 @@ def place_on_carrier(
     if active.shape[0] > 0:  # noqa: SIM102
         if not active[w]:
             place = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
-    placed_position[w, slot + k] = place
+    placed_position[w, slot] = place
     # column by column: the product of two matrices rounds otherwise
     axes = wp.matrix_from_cols(
         r * wp.vec3d(turn[0, 0], turn[1, 0], turn[2, 0]),
@@ -111,7 +111,7 @@ def place_on_carrier(
     )
     if yaw_aligned:
         axes = upright(axes)
-    placed_rotation[w, slot + k] = axes
+    placed_rotation[w, slot] = axes
 
 
 @wp.kernel
@@ -176,9 +176,8 @@ class Frames:
         *,
         yaw_aligned: bool = False,
         active: wp.array | None = None,
-        times: int = 1,
     ) -> None:
-        """Put frame `slot`, and so many times in all those after it, where it is attached to the carriers.
+        """Put frame `slot` where it is attached to the carriers.
 
         active: (nworld,) bool, where not the position is NaN; None or empty for all.
         """
@@ -186,8 +185,7 @@ class Frames:
         everywhere = wp.empty(0, dtype=wp.bool, device=device) if active is None else active
         inputs = [carriers.position, carriers.rotation, on.which, on.offset, on.turn, yaw_aligned, everywhere]
         outputs = [self.position, self.rotation, slot]
-        size = (self.position.shape[0], times)
-        wp.launch(place_on_carrier, size, inputs=inputs, outputs=outputs, device=device)
+        wp.launch(place_on_carrier, self.position.shape[0], inputs=inputs, outputs=outputs, device=device)
 
     def poses(self) -> wp.array:
         """(nworld, 4, 4) float64, those of the first frame."""

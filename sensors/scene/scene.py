@@ -30,6 +30,7 @@ from .batch.sources import Batch
 from .batch.standing import Standing
 from .batch.worlds import Worlds, as_worlds, is_batch
 from .flexes import Flexes
+from .freed_memory import give_back_freed_memory
 from .geoms import Geoms
 from .given_rays import GivenRays, take_rays, upload
 from .hits import Hits
@@ -234,6 +235,7 @@ class Scene:
         trees = iter(world.trees)
         for part in self._parts:
             part.trees = [next(trees) for _ in part.trees]
+        give_back_freed_memory()  # what building takes meanwhile is more than the trees
         return world
 
     def refresh(self, name: str) -> None:
