@@ -47,18 +47,20 @@ def traversal(
                 else:
                     entered = enter(nodes[at], sought, reach(best))
                     children = entered.children
+                    away = entered.distance
+                    child = nodes[at].child
                     floor = top
                     while children != 0:
                         j = lowest_bit(children)
                         children = children & (children - 1)
                         # insert where the farther ones are below
                         k = int(top)
-                        while k > floor and distance[wp.max(k - 1, 0)] < entered.distance[j]:
+                        while k > floor and distance[wp.max(k - 1, 0)] < away[j]:
                             distance[k] = distance[k - 1]
                             stack[k] = stack[k - 1]
                             k -= 1
-                        distance[k] = entered.distance[j]
-                        stack[k] = nodes[at].child[j]
+                        distance[k] = away[j]
+                        stack[k] = child[j]
                         top += 1
         return best
 
