@@ -11,6 +11,7 @@ import warp as wp
 RAYS_PER_SLICE = 8192
 TURN = wp.constant(16)
 """Tiles that a thread casts before the next thread's begin."""
+RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 32
 _launched: set[wp.Kernel] = set()
 
 
@@ -43,6 +44,16 @@ def launch_over_rays(
     list(_threads(thread_count()).map(lambda first: launch(first, min(slice_size, count - first)), rest))
 
 
+def launch_over_runs(
+    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
+) -> None:
+    """Launch a kernel for which there is so little to do that a thread takes a run of rays, but on CUDA one.
+
+    Its first arguments are the index of the run of thread 0, and how many rays a run has; the last may have fewer.
+    """
+    prepare_over_runs(kernel, count, inputs, outputs, device)()
+
+
 def prepare_over_rays(
     kernel: wp.Kernel,
     count: int,
@@ -58,6 +69,16 @@ def prepare_over_rays(
     if count and (wp.get_device(device).is_cuda or count <= slice_size):
         return wp.launch(kernel, count, inputs=[0, *inputs], outputs=outputs, device=device, record_cmd=True).launch
     return partial(launch_over_rays, kernel, count, inputs, outputs, device, slice_size)
+
+
+def prepare_over_runs(
+    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
+) -> Callable[[], object]:
+    """`launch_over_runs`, as `prepare_over_rays`."""
+    run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
+    runs = -(-count // run)
+    slice_size = max(RUNS_PER_SLICE, -(-runs // thread_count()))
+    return prepare_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
 
 
 def prepare_over_tiles(

@@ -12,7 +12,8 @@ import warp as wp
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.batch.sources import Batch
-from rigcast.sensors.scene.batch.worlds import Standing, as_worlds, is_batch
+from rigcast.sensors.scene.batch.standing import Standing
+from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.props import as_props
 from rigcast.sensors.scene.scene import Scene
@@ -114,7 +115,9 @@ class Rig:
         mounted = self._select(names)
         if is_batch(data):
             worlds = as_worlds(data)
-            needs = {"scene": self.scene.bytes_per_world, **{m.spec.name: m.bytes_per_world for m in mounted}}
+            worlds.require_sensors(self._mounted)
+            needs = {m.spec.name: m.bytes_per_world(worlds) for m in mounted}
+            needs = {"scene": self.scene.bytes_per_world(worlds), **needs}
             require_room(worlds.count, needs, self.scene.device)
             standing = self.scene.update_worlds(worlds)
             return {m.spec.name: self._frame_of_worlds(m, standing, out) for m in mounted}
