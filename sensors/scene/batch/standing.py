@@ -48,7 +48,7 @@ class Standing:
     @cached_property
     def ids(self) -> wp.array:
         """(nworld,) uint32, of which the worlds draw their random numbers."""
-        return _uploaded_ids(self.worlds.ids.tobytes(), self.device)
+        return _uploaded_ids(self.worlds.ids.tobytes(), self.device.alias)
 
     def times(self, out: wp.array | None = None) -> wp.array:
         """(nworld,) float64 [s], an array of its own."""
@@ -121,5 +121,5 @@ class Standing:
 
 
 @lru_cache(maxsize=8)
-def _uploaded_ids(ids: bytes, device: wp.Device) -> wp.array:
+def _uploaded_ids(ids: bytes, device: str) -> wp.array:
     return wp.array(np.frombuffer(ids, np.uint32), dtype=wp.uint32, device=device)
