@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.launch import thread_count
 from rigcast.kernels.mounts import Frames
 from rigcast.kernels.rays import Rays
@@ -47,8 +47,10 @@ class Kept:
         self._arrays: dict[str, wp.array] = {}
         self._fields: dict[str, wp.array] = {}
         self._current: set[str] = set()
-        self._watched = [hits.distance, hits.shape, hits.face, hits.normal, self.range, self.normal]
+        self._of_hits = [hits.distance, hits.shape, hits.face, hits.normal, self.range, self.normal]
+        self._of_fields: list[wp.array] = []
         self._at_first: list[int] = []
+        self._fields_at_first: list[int] = []
 
     @staticmethod
     def empty(shape: tuple[int, ...], device: wp.Device) -> "Kept":
@@ -62,7 +64,7 @@ class Kept:
     @property
     def is_free(self) -> bool:
         """Whether nobody holds any of the arrays."""
-        return self._references() == self._at_first
+        return _references(self._of_hits) == self._at_first and _references(self._of_fields) == self._fields_at_first
 
     def start(self) -> None:
         """Begin another reading: what was worked out of the last one does not hold any more, but was `asked` for."""
@@ -125,7 +127,7 @@ class Kept:
         if name not in self._current:
             self._work_out(name, work_out, shown)
             self._current.add(name)
-            self._at_first += self._references(len(self._at_first))
+            self._fields_at_first += _references(self._of_fields, len(self._fields_at_first))
         return self._fields[name]
 
     def _work_out(
@@ -135,7 +137,7 @@ class Kept:
         array = work_out(known)
         if array is not known:
             self._arrays[name], self._fields[name] = array, shown(array)
-            self._watched += [array, self._fields[name]]
+            self._of_fields += [array, self._fields[name]]
 
     def scalars(self, array: wp.array) -> wp.array:
         """n values in the frame's shape."""
@@ -153,10 +155,11 @@ class Kept:
 
     def _settle(self) -> None:
         if not self._at_first:  # nobody can hold any of it yet
-            self._at_first = self._references()
+            self._at_first = _references(self._of_hits)
 
-    def _references(self, first: int = 0) -> list[int]:
-        return [getrefcount(array) for array in self._watched[first:]]
+
+def _references(arrays: list[wp.array], first: int = 0) -> list[int]:
+    return [getrefcount(array) for array in arrays[first:]]
 
 
 class Pool:
@@ -165,19 +168,33 @@ class Pool:
     def __init__(self) -> None:
         self._kept: deque[Kept] = deque(maxlen=_MOST)
 
+    @property
+    def free_bytes(self) -> int:
+        """Of the hits in arrays that nobody holds."""
+        return sum(BYTES_PER_HIT * math.prod(self._kept[k].shape) for k in range(len(self._kept)) if self._is_free(k))
+
     def take(self, shape: tuple[int, ...], device: wp.Device) -> Kept:
-        """Arrays for a frame of this shape: those of the oldest one that nobody holds any more, or new ones."""
+        """Arrays for a frame of this shape: those of the oldest one that nobody holds any more, or new ones.
+
+        Those of another shape that nobody holds make room for new ones.
+        """
         for k in range(len(self._kept)):
-            if self._kept[k].shape == shape and getrefcount(self._kept[k]) == _ALONE and self._kept[k].is_free:
-                self._kept.append(self._kept[k])
+            if self._kept[k].shape == shape and self._is_free(k):
+                kept = self._kept[k]
                 del self._kept[k]
+                kept.start()
+                kept.asked = set()
                 break
         else:
-            self._kept.append(Kept.empty(shape, device))
-        kept = self._kept[-1]
-        kept.start()
-        kept.asked = set()
+            for k in reversed(range(len(self._kept))):
+                if self._kept[k].shape != shape and self._is_free(k):
+                    del self._kept[k]
+            kept = Kept.empty(shape, device)
+        self._kept.append(kept)
         return kept
+
+    def _is_free(self, k: int) -> bool:
+        return getrefcount(self._kept[k]) == _ALONE and self._kept[k].is_free
 
 
 _SOME = deque([object()])

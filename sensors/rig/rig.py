@@ -118,7 +118,7 @@ class Rig:
             worlds.require_sensors(self._mounted)
             needs = {m.spec.name: m.bytes_per_world(worlds) for m in mounted}
             needs = {"scene": self.scene.bytes_per_world(worlds), **needs}
-            require_room(worlds.count, needs, self.scene.device)
+            require_room(worlds.count, needs, self.scene.device, sum(m.pool.free_bytes for m in mounted))
             standing = self.scene.update_worlds(worlds)
             return {m.spec.name: self._frame_of_worlds(m, standing, out) for m in mounted}
         self._look(data)

@@ -121,6 +121,15 @@ def test_arrays_that_nobody_holds_are_used_again(monkeypatch: pytest.MonkeyPatch
         assert_same(got[name], values(frame), name)
 
 
+def test_readings_of_many_worlds_use_arrays_again() -> None:
+    rig = Rig(MODEL, SENSORS, "cpu")
+    pointers = []
+    for by in (0.1, 0.2, 0.3, 0.4):
+        frames = rig.sense(worlds(by))
+        pointers.append([[getattr(frame, f).ptr for f in ("range", "points", "pose")] for frame in frames.values()])
+    assert pointers[2:] == pointers[:2]
+
+
 def test_steps_make_no_arrays_once_frames_are_released(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(MODEL, [spec for spec in SENSORS if spec.name in IDEAL], "cpu")
     data = moved(0.0)
@@ -141,6 +150,22 @@ def test_held_frames_do_not_keep_later_ones_from_being_used_again(monkeypatch: p
         rig.sense(moved(1.1), ["lidar"])
     assert made == []
     np.testing.assert_array_equal([array.numpy() for array in held], before)
+
+
+def test_arrays_for_as_many_worlds_as_before_count_as_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(MODEL, SENSORS[:1], "cpu")
+    rig.sense(worlds(0.1))
+    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 5_000)
+    rig.sense(worlds(0.2))
+    with pytest.raises(InputError, match="2 worlds need"):
+        Rig(MODEL, SENSORS[:1], "cpu").sense(worlds(0.2))
+
+
+def test_arrays_for_another_number_of_worlds_are_let_go() -> None:
+    rig = Rig(MODEL, SENSORS[:1], "cpu")
+    for count in (2, 3, 4, 5):
+        rig.sense([moved(0.1)] * count)
+    assert [kept.shape[0] for kept in rig._mounted["lidar"].pool._kept] == [5]
 
 
 @pytest.mark.parametrize("state", [moved, worlds], ids=["one world", "many worlds"])
