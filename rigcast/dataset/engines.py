@@ -122,7 +122,7 @@ class Ray:
 
     Args:
         address: of the cluster, "auto" for the one that this machine belongs to; None starts one.
-        workers: one CPU each; None: as many as the cluster has CPUs.
+        workers: one CPU each; None: as many as the cluster has CPUs when it is joined.
 
     Raises:
         InputError: Ray is not installed, or there is no cluster at the address.
@@ -139,24 +139,30 @@ class Ray:
         except ConnectionError as error:
             raise InputError(f"--address: no Ray cluster at {address!r}: {error}") from None
         self.workers = workers or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+        # where nothing but its CPUs limits a cluster, one episode is on its way while one is made
+        self._most = workers if workers and address else 2 * self.workers
 
     def run(self, make: Make, units: Sequence[Unit]) -> Results:
         remote = self._ray.remote(num_cpus=1, max_retries=2)(_with_one_thread)
         waiting, running = deque(units), dict[Any, Unit]()
         try:
             while waiting or running:
-                while waiting and len(running) < 2 * self.workers:  # one is on its way while one is made
+                while waiting and len(running) < self._most:
                     running[remote.remote(make, waiting[0])] = waiting[0]
                     waiting.popleft()
                 (done, *_), _ = self._ray.wait(list(running), num_returns=1)
-                unit = running.pop(done)
-                try:
-                    result = self._ray.get(done)
-                except self._ray.exceptions.WorkerCrashedError:
-                    result = Result(unit, "its worker died three times: killed, or out of memory")
-                yield result
+                yield self._result(done, running.pop(done))
         finally:
             self._ray.shutdown()
+
+    def _result(self, done: Any, unit: Unit) -> Result:
+        errors = self._ray.exceptions
+        try:
+            return self._ray.get(done)
+        except (errors.WorkerCrashedError, errors.NodeDiedError, errors.OutOfMemoryError):
+            return Result(unit, "its worker died three times: killed, out of memory, or with its machine")
+        except errors.RayError as error:  # such as a machine where rigcast cannot be imported
+            return Result(unit, f"Ray: {str(error).strip().splitlines()[-1]}", stops=True)
 
 
 def _with_one_thread(make: Make, unit: Unit) -> Result:
