@@ -125,19 +125,23 @@ class Ray:
         workers: one CPU each; None: as many as the cluster has CPUs when it is joined.
 
     Raises:
-        InputError: Ray is not installed, or there is no cluster at the address.
+        InputError: Ray is not installed or does not start, or there is no cluster at the address, or one of other
+            versions or with a token that is not known here.
     """
 
     def __init__(self, address: str | None = None, workers: int | None = None) -> None:
         self._ray: Any = load_extra("the engine ray", "ray", "cluster")
         how: dict[str, Any] = {"address": address}
         if address is None:
-            # a small store: only the results, of some hundred bytes each, pass through it
-            how = {"num_cpus": workers or cpu_count(), "object_store_memory": 200e6, "include_dashboard": False}
+            # "local", as else Ray joins one that runs on this machine; a small store: only the results, of some hundred
+            # bytes each, pass through it
+            how = {"address": "local", "num_cpus": workers or cpu_count(), "object_store_memory": 200e6}
+            how["include_dashboard"] = False
         try:
             self._ray.init(log_to_driver=False, logging_level="error", **how)
-        except ConnectionError as error:
-            raise InputError(f"--address: no Ray cluster at {address!r}: {error}") from None
+        except (OSError, RuntimeError, ValueError, self._ray.exceptions.RayError) as error:
+            what = "Ray does not start" if address is None else f"--address: no Ray cluster at {address!r} to join"
+            raise InputError(f"{what}: {str(error).strip()}") from None
         self.workers = workers or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
         # where nothing but its CPUs limits a cluster, one episode is on its way while one is made
         self._most = workers if workers and address else 2 * self.workers

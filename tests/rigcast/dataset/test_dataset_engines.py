@@ -95,7 +95,10 @@ class FakeRay:
     def __init__(self, error: str | None = None) -> None:
         self.error, self.most, self.shut_down = error, 0, False
 
-    def init(self, **_how: Any) -> None: ...
+    def init(self, **how: Any) -> None:
+        self.how = how
+        if how["address"] == "10.0.0.9:6379":
+            raise self.exceptions.RayError("Authentication token is missing")
 
     def cluster_resources(self) -> dict[str, float]:
         return {"CPU": 8.0}
@@ -127,6 +130,17 @@ def test_ray_is_asked_for_no_more_workers_than_it_shall_use(
     made = list(Ray(address, workers).run(Result, units))
     assert [result.unit for result in made] == units
     assert (ray.most, ray.shut_down) == (most, True)
+
+
+def test_ray_starts_one_of_its_own_or_says_why_it_joins_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    ray = FakeRay()
+    monkeypatch.setattr(engines, "load_extra", lambda *_names: ray)
+    Ray()
+    assert ray.how["address"] == "local", "else Ray joins a cluster that runs on this machine"
+    with pytest.raises(
+        InputError, match=r"--address: no Ray cluster at '10\.0\.0\.9:6379' to join: Authentication token"
+    ):
+        Ray("10.0.0.9:6379")
 
 
 @pytest.mark.parametrize(
