@@ -227,7 +227,6 @@ def cast_packets(
     # rays:
     tiles: wp.array[Tile],
     packets: wp.array[Packet],
-    firing_of_tile: wp.array[int],  # empty where there is one firing
     own: RayArrays,
     limit: float,
     cull: int,
@@ -241,13 +240,12 @@ def cast_packets(
     while at < worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
         index = at % tiles.shape[0]
-        firing = world * own.firings
-        if firing_of_tile.shape[0] > 0:
-            firing += firing_of_tile[index]
-        rotation = own.rotation[firing]
         rays = TileRays()
         rays.tile = tiles[index]
-        rays.origin = own.position[firing] + rotation * own.origins[0]
+        ray = world * own.count + rays.tile.ray
+        firing = firing_of(own, ray)
+        rotation = own.rotation[firing]
+        rays.origin = own.position[firing] + rotation * origin_of(own, ray)
         rays.axis = rotation * rays.tile.axis
         rays.u = rotation * rays.tile.u
         rays.v = rotation * rays.tile.v
@@ -297,7 +295,7 @@ def cast(
     packets, worlds = rays.packets, rays.worlds
     if packets.tiles.size:
         scratch = [wp.empty(thread_count() * PACKETS, dtype=kind, device="cpu") for kind in (PacketHits, Directions)]
-        inputs = [worlds, *scene, packets.tiles, packets.packets, packets.firing, *how, *scratch]
+        inputs = [worlds, *scene, packets.tiles, packets.packets, *how, *scratch]
         launch_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()])
     if packets.singles.size:
         _cast_alone(scene, packets.singles, worlds * packets.singles.size, how, hits)

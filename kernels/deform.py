@@ -11,61 +11,12 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .boxes import empty_box, join
 from .fit import REBUILD_RATIO, Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from .geometry import FARTHEST, NO_FACE, Shapes, TriangleBlock, TriangleTree
-from .tree import NO_CHILD, WIDTH, Node, build_tree, set_child, struct_zeros
-from .vectors import to_double, to_float
+from .geometry import FARTHEST, Shapes, TriangleBlock, TriangleTree
+from .tree import NO_CHILD, WIDTH, Node, build_tree, set_child
+from .triangle_tree import blocks_of, fill, on_cpu, whole_box
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
-
-
-@wp.func
-def unit_normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
-    """The winding normal, NaN where the triangle has no area."""
-    normal = wp.cross(to_double(b) - to_double(a), to_double(c) - to_double(a))
-    area = wp.length(normal)
-    if area == wp.float64(0.0):
-        return wp.vec3(wp.nan, wp.nan, wp.nan)
-    return to_float(normal / area)
-
-
-@wp.kernel
-def fill_blocks(
-    vertices: wp.array[wp.vec3],
-    faces: wp.array[wp.vec3i],
-    # in: which faces, out: their corners and normals
-    blocks: wp.array[TriangleBlock],
-    # out, one per block:
-    lower: wp.array[wp.vec3],
-    upper: wp.array[wp.vec3],
-) -> None:
-    i = wp.tid()
-    block = blocks[i]
-    box = empty_box()
-    for j in range(WIDTH):
-        if block.face[j] != NO_FACE:
-            corners = faces[block.face[j]]
-            a = vertices[corners[0]]
-            b = vertices[corners[1]]
-            c = vertices[corners[2]]
-            normal = unit_normal(a, b, c)
-            box = join(join(join(box, a, a), b, b), c, c)
-            block.x0[j] = a[0]
-            block.y0[j] = a[1]
-            block.z0[j] = a[2]
-            block.x1[j] = b[0]
-            block.y1[j] = b[1]
-            block.z1[j] = b[2]
-            block.x2[j] = c[0]
-            block.y2[j] = c[1]
-            block.z2[j] = c[2]
-            block.normal_x[j] = normal[0]
-            block.normal_y[j] = normal[1]
-            block.normal_z[j] = normal[2]
-    blocks[i] = block
-    lower[i] = box.lower
-    upper[i] = box.upper
 
 
 @wp.kernel
@@ -121,10 +72,7 @@ class DeformingTree:
     @property
     def tree(self) -> TriangleTree:
         """As it is now. Its arrays are overwritten by the next move."""
-        lower, upper = (boxes.numpy() for boxes in self._boxes)
-        if len(lower) == 0:
-            lower = upper = np.zeros((1, 3), np.float32)
-        return TriangleTree(self._nodes.numpy(), self._blocks.numpy(), lower.min(axis=0), upper.max(axis=0), dropped=0)
+        return TriangleTree(self._nodes.numpy(), self._blocks.numpy(), *whole_box(*self._boxes), dropped=0)
 
     def move(self, vertices: npt.ArrayLike) -> TriangleTree:
         """Take other places (n, 3) [m] of the vertices, up to FARTHEST in size; return the tree as it is now.
@@ -141,27 +89,17 @@ class DeformingTree:
     def _build(self, vertices: npt.NDArray[np.float32]) -> None:
         corners = vertices[self._faces]
         built = build_tree(corners.min(axis=1), corners.max(axis=1), leaf_size=WIDTH)
-        lane = np.arange(WIDTH)
-        is_absent = lane >= built.leaf_count[:, None]
-        blocks = struct_zeros(TriangleBlock, len(is_absent))
-        for name in blocks.dtype.fields or ():
-            blocks[name] = NO_FACE if name == "face" else np.nan
-        if len(blocks):
-            face = built.order[np.where(is_absent, 0, built.leaf_first[:, None] + lane)]
-            blocks["face"] = np.where(is_absent, NO_FACE, face)
-        self._nodes = wp.array(built.nodes, dtype=Node, device="cpu")
-        self._blocks = wp.array(blocks, dtype=TriangleBlock, device="cpu")
-        self._boxes = [wp.empty(len(blocks), dtype=wp.vec3, device="cpu") for _ in range(2)]
+        self._nodes = on_cpu(built.nodes, Node)
+        self._blocks = on_cpu(blocks_of(built, np.arange(len(corners))), TriangleBlock)
         self._fits = wp.empty(len(built.nodes), dtype=Fit, device="cpu")
         self._refit(vertices)
         self._built_area = self._area
 
     def _refit(self, vertices: npt.NDArray[np.float32]) -> None:
         """Corners, normals and boxes of the present structure, for vertices that have moved."""
-        places = wp.array(vertices, dtype=wp.vec3, device="cpu")
-        outputs = [self._blocks, *self._boxes]
-        wp.launch(fill_blocks, len(self._blocks), inputs=[places, self._faces_on_cpu], outputs=outputs, device="cpu")
-        wp.launch(fit_tree, 1, inputs=self._boxes, outputs=[self._nodes, self._fits], device="cpu")
+        self._boxes = fill(self._blocks, on_cpu(vertices, wp.vec3), self._faces_on_cpu)
+        boxes = [on_cpu(ends, wp.vec3) for ends in self._boxes]
+        wp.launch(fit_tree, 1, inputs=boxes, outputs=[self._nodes, self._fits], device="cpu")
 
     @property
     def _area(self) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .tree import NO_CHILD, WIDTH, Node, build_tree, struct_zeros, vec8, vec8i
+from .tree import Node, moved_nodes, struct_zeros, vec8, vec8i
 
 NO_FACE = wp.constant(-1)
 FARTHEST = wp.constant(1.0e18)
@@ -90,56 +90,6 @@ class TriangleTree:
     dropped: int
 
 
-def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> TriangleTree:
-    """Build a tree over triangles.
-
-    Args:
-        vertices: (n, 3) float32 [m], up to FARTHEST in size.
-        faces: (m, 3) indices into vertices, counter-clockwise seen from outside. Faces without area are dropped.
-
-    Raises:
-        ValueError: a face with an index out of range or a vertex that is not finite or too large.
-    """
-    corners = _corners(np.asarray(vertices, np.float64), np.asarray(faces))
-    edges = corners[:, 1:].astype(np.float64) - corners[:, :1]
-    normals = np.cross(edges[:, 0], edges[:, 1])
-    areas = np.linalg.norm(normals, axis=1)
-    face = np.flatnonzero(areas)
-    corners = corners[face]
-    normals = normals[face] / areas[face, None]
-    first, second, third = np.moveaxis(corners, 1, 0)  # several times as fast as corners.min(axis=1)
-    lower, upper = (extreme(extreme(first, second), third) for extreme in (np.minimum, np.maximum))
-    tree = build_tree(lower, upper, leaf_size=WIDTH)
-    lane = np.arange(WIDTH)
-    is_absent = lane >= tree.leaf_count[:, None]
-    blocks = struct_zeros(TriangleBlock, len(is_absent))
-    if len(face):
-        triangle = tree.order[np.where(is_absent, 0, tree.leaf_first[:, None] + lane)]
-        for k, axis in enumerate("xyz"):
-            for corner in range(3):
-                blocks[f"{axis}{corner}"] = np.where(is_absent, np.nan, corners[triangle, corner, k])
-            blocks[f"normal_{axis}"] = np.where(is_absent, np.nan, normals[triangle, k])
-        blocks["face"] = np.where(is_absent, NO_FACE, face[triangle])
-    if not len(face):
-        lower = upper = np.zeros((1, 3), np.float32)
-    return TriangleTree(tree.nodes, blocks, lower.min(axis=0), upper.max(axis=0), len(edges) - len(face))
-
-
-def _corners(vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.integer]) -> npt.NDArray[np.float32]:
-    """(m, 3, 3) float32: the vertices of each face."""
-    out_of_range = (faces < 0) | (faces >= len(vertices))
-    if out_of_range.any():
-        face, corner = np.argwhere(out_of_range)[0]
-        raise ValueError(f"face {face}: got vertex {faces[face, corner]}, expected 0 to {len(vertices) - 1}")
-    corners = vertices[faces].reshape(-1, 3, 3)
-    bad = ~(np.abs(corners) <= FARTHEST).all(axis=-1)
-    if bad.any():
-        face, corner = np.argwhere(bad)[0]
-        where = f"face {face}: vertex {faces[face, corner]}"
-        raise ValueError(f"{where}: got {corners[face, corner].tolist()}, expected finite numbers up to {FARTHEST:g} m")
-    return corners.astype(np.float32)
-
-
 def join_triangle_trees(
     trees: Sequence[TriangleTree],
 ) -> tuple[npt.NDArray[np.void], npt.NDArray[np.void], npt.NDArray[np.int32]]:
@@ -150,15 +100,6 @@ def join_triangle_trees(
     nodes = np.concatenate([struct_zeros(Node, 0), *moved])
     blocks = np.concatenate([struct_zeros(TriangleBlock, 0), *(t.blocks for t in trees)])
     return nodes, blocks, roots
-
-
-def moved_nodes(nodes: npt.NDArray[np.void], first_node: int, first_block: int) -> npt.NDArray[np.void]:
-    """The nodes of a tree whose root and first block stand at these places of longer arrays."""
-    moved = nodes.copy()
-    child = moved["child"]
-    offset = np.where(child >= 0, first_node, -first_block)
-    moved["child"] = np.where(child == NO_CHILD, NO_CHILD, child + offset)
-    return moved
 
 
 @dataclass(frozen=True)

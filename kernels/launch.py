@@ -1,9 +1,9 @@
 """Launching kernels over many rays: on CUDA in one piece, on the CPU in slices over threads."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import warp as wp
@@ -41,6 +41,23 @@ def launch_over_rays(
         begun = slice_size
     rest = range(begun, count, slice_size)
     list(_threads(thread_count()).map(lambda first: launch(first, min(slice_size, count - first)), rest))
+
+
+def prepare_over_rays(
+    kernel: wp.Kernel,
+    count: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    device: wp.DeviceLike,
+    slice_size: int = RAYS_PER_SLICE,
+) -> Callable[[], object]:
+    """`launch_over_rays`, to be called again and again; it reads what structs among the arguments hold by then.
+
+    Of one slice the arguments are packed only now, which takes longer than a kernel needs for a few rays.
+    """
+    if count and (wp.get_device(device).is_cuda or count <= slice_size):
+        return wp.launch(kernel, count, inputs=[0, *inputs], outputs=outputs, device=device, record_cmd=True).launch
+    return partial(launch_over_rays, kernel, count, inputs, outputs, device, slice_size)
 
 
 def launch_over_tiles(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:

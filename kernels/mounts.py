@@ -71,14 +71,14 @@ def place_on_carrier(
     placed_rotation: wp.array2d[wp.mat33d],
     slot: int,
 ) -> None:
-    w, k = wp.tid()
+    w = wp.tid()
     r = as_mat33d(rotation[w % rotation.shape[0], which])
     place = r * offset + as_vec3d(position[w % position.shape[0], which])
     # nested, as older versions of Warp evaluate the whole of an `and`
     if active.shape[0] > 0:  # noqa: SIM102
         if not active[w]:
             place = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
-    placed_position[w, slot + k] = place
+    placed_position[w, slot] = place
     # column by column: the product of two matrices rounds otherwise
     own = wp.matrix_from_cols(
         r * wp.vec3d(turn[0, 0], turn[1, 0], turn[2, 0]),
@@ -87,7 +87,7 @@ def place_on_carrier(
     )
     if yaw_aligned:
         own = upright(own)
-    placed_rotation[w, slot + k] = own
+    placed_rotation[w, slot] = own
 
 
 @wp.kernel
@@ -153,9 +153,8 @@ class Frames:
         *,
         yaw_aligned: bool = False,
         active: wp.array | None = None,
-        times: int = 1,
     ) -> None:
-        """Put frame `slot`, and so many times in all those after it, at `offset` (4, 4) in carrier `which`.
+        """Put frame `slot` at `offset` (4, 4) in carrier `which`.
 
         active: (nworld,) bool, where not the position is NaN; None or empty for all.
         """
@@ -164,8 +163,7 @@ class Frames:
         frame = [which, wp.vec3d(*offset[:3, 3]), wp.mat33d(*offset[:3, :3].flatten()), yaw_aligned]
         inputs = [carriers.position, carriers.rotation, *frame, everywhere]
         outputs = [self.position, self.rotation, slot]
-        size = (self.position.shape[0], times)
-        wp.launch(place_on_carrier, size, inputs=inputs, outputs=outputs, device=device)
+        wp.launch(place_on_carrier, self.position.shape[0], inputs=inputs, outputs=outputs, device=device)
 
     def poses(self) -> wp.array:
         """(nworld, 4, 4) float64, those of the first frame."""

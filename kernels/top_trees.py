@@ -1,12 +1,14 @@
 """The trees over the shapes of a geometry, one for each span: planted, refitted, and built anew when they are loose."""
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
 from .fit import REBUILD_RATIO, Fit
 from .geometry import Geometry
-from .launch import launch_over_rays
+from .launch import launch_over_rays, prepare_over_rays
 from .top_level import first_boxes, plant, refit, turn_shapes
 from .tree import NO_CHILD, Node, build_tree, empty_nodes, join_trees
 
@@ -85,19 +87,23 @@ class TopTrees:
         self._geometry.top_count = self._nodes.size
         self._geometry.top = wp.empty(count, dtype=Node, device=self._device)
         launch_over_rays(plant, count, [self._nodes], [self._geometry.top], self._device)
+        self._refits = list(self._prepare_refits())
 
-    def _refit(self) -> None:
-        """Fit all nodes: on the CPU, a thread for some of the trees; on CUDA, one for every node of a level."""
+    def _prepare_refits(self) -> Iterator[Callable[[], object]]:
+        """On the CPU, a thread for some of the trees; on CUDA, one for every node of a level, level after level."""
         inputs, outputs = [self._anchor_shape, self._geometry, self._fits], [self._area]
         if self._device.is_cpu:
-            trees = max(1, LEAVES_PER_SLICE // max(1, self._geometry.kind.size))
-            launch_over_rays(
-                refit, self._spans, [1, 0, self._nodes.size, *inputs], outputs, self._device, slice_size=trees
-            )
+            trees, whole = max(1, LEAVES_PER_SLICE // max(1, self._geometry.kind.size)), [1, 0, self._nodes.size]
+            yield prepare_over_rays(refit, self._spans, [*whole, *inputs], outputs, self._device, slice_size=trees)
             return
         for begin, end in reversed(self._levels):
-            threads = end - begin
-            launch_over_rays(refit, self._spans * threads, [threads, begin, end, *inputs], outputs, self._device)
+            threads, level = end - begin, [end - begin, begin, end]
+            yield prepare_over_rays(refit, self._spans * threads, [*level, *inputs], outputs, self._device)
+
+    def _refit(self) -> None:
+        """Fit all nodes."""
+        for fit in self._refits:
+            fit()
 
     def _first_boxes(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         shapes = self._geometry.kind.size

@@ -4,8 +4,9 @@ A tree is an array of nodes of up to eight children each. Node 0 of a tree is it
 parents, and a child is another node (>= 0) or a leaf, written ~leaf (< 0). A box is kept as centre and half size; an
 absent child, NO_CHILD, has half size -inf, which no ray meets.
 
-Building runs on the CPU in two passes: a binary tree by the surface-area heuristic, then a collapse that opens the
-largest boxes of a node until it has eight children.
+Building runs on the CPU, from the root down. The boxes of a node are split in two, and of all parts the one with the
+largest box again, until there are eight or all fit into leaves. A large tree is grown in two rounds: a coarse one in
+one thread, whose leaves hold many boxes; then what is below each of these, in as many threads as there are.
 """
 
 from dataclasses import dataclass
@@ -15,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .binary_tree import BINS, BinaryTree, Bins, Boxes, box_of, build_binary
 from .boxes import Box, half_area
+from .launch import launch_over_rays
+from .splits import BINS, Bin, Boxes, bounds, split_boxes
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -25,6 +27,10 @@ NO_CHILD = wp.constant(-(2**31))
 OUTWARDS = wp.constant(1.0 + 4.0 * 2.0**-23)
 STACK = 96
 """Entries of a traversal stack; no tree needs more."""
+LARGE = 2**15
+"""Boxes from which on a tree is grown in two rounds, for any number of threads."""
+PARTS = 16
+"""A leaf of the coarse tree holds at most this part of all boxes."""
 
 vec8 = wp.types.vector(length=8, dtype=wp.float32)
 vec8i = wp.types.vector(length=8, dtype=wp.int32)
@@ -43,19 +49,58 @@ class Node:
     child: vec8i
 
 
+@wp.struct
+class Run:
+    """Boxes first, first + 1, ... first + count - 1."""
+
+    first: int
+    count: int
+
+
+@wp.struct
+class Pending:
+    """A node to be made of a run of boxes, and how full a traversal stack may be when it is taken off."""
+
+    node: int
+    run: Run
+    room: int
+
+
+@wp.struct
+class Bud:
+    """A node in the making: the runs of boxes that become its children, and their sizes, by which to choose."""
+
+    node: Node
+    members: int
+    first: vec8i
+    count: vec8i
+    size: vec8
+
+
+@wp.struct
+class Growth:
+    """What has been grown: nodes, leaves, and the entries that a traversal stack needs."""
+
+    nodes: int
+    leaves: int
+    stack: int
+
+
 @wp.func
-def child_to_open(tree: BinaryTree, members: vec8i, count: int, balanced: bool) -> int:
-    """Which member has the largest box (balanced: the most boxes) and can be opened; -1 where all are leaves."""
-    best = int(-1)
-    best_size = float(-1.0)
-    for j in range(count):
-        b = members[j]
-        if tree.left[b] > 0:
-            size = wp.where(balanced, float(tree.count[b]), half_area(box_of(tree, b)))
-            if size > best_size or best < 0:
-                best = j
-                best_size = size
-    return best
+def make_run(first: int, count: int) -> Run:
+    run = Run()
+    run.first = first
+    run.count = count
+    return run
+
+
+@wp.func
+def make_pending(node: int, run: Run, room: int) -> Pending:
+    pending = Pending()
+    pending.node = node
+    pending.run = run
+    pending.room = room
+    return pending
 
 
 @wp.func
@@ -87,59 +132,97 @@ def empty_node() -> Node:
     return node
 
 
+@wp.func
+def with_member(bud: Bud, boxes: Boxes, j: int, run: Run, balanced: bool) -> Bud:
+    box = bounds(boxes, run.first, run.count)
+    bud.node = set_child(bud.node, j, box, NO_CHILD)
+    bud.first[j] = run.first
+    bud.count[j] = run.count
+    bud.size[j] = wp.where(balanced, float(run.count), half_area(box))
+    return bud
+
+
+@wp.func
+def member_to_split(bud: Bud, run_size: int) -> int:
+    """Which member is the largest of those with more boxes than run_size; -1 where none has."""
+    best = int(-1)
+    best_size = float(-1.0)
+    for j in range(bud.members):
+        if bud.count[j] > run_size:  # noqa: SIM102, as Warp evaluates both sides of an `and`
+            if bud.size[j] > best_size or best < 0:
+                best = j
+                best_size = bud.size[j]
+    return best
+
+
+@wp.func
+def unfold(
+    boxes: Boxes, run: Run, leaf_size: int, run_size: int, balanced: bool, bins: wp.array[Bin], first_bin: int
+) -> Bud:
+    """Split a run into up to eight, none of which needs to have fewer boxes than run_size."""
+    bud = Bud()
+    bud.node = empty_node()
+    bud = with_member(bud, boxes, 0, run, balanced)
+    bud.members = 1
+    j = member_to_split(bud, run_size)
+    while j >= 0 and bud.members < WIDTH:
+        first = bud.first[j]
+        count = bud.count[j]
+        left_count = split_boxes(boxes, first, count, leaf_size, balanced, bins, first_bin)
+        bud = with_member(bud, boxes, j, make_run(first, left_count), balanced)
+        bud = with_member(bud, boxes, bud.members, make_run(first + left_count, count - left_count), balanced)
+        bud.members += 1
+        j = member_to_split(bud, run_size)
+    return bud
+
+
 @wp.kernel
-def collapse(
-    tree: BinaryTree,
+def grow(
+    first_thread: int,
+    boxes: Boxes,
+    runs: wp.array[Run],
+    leaf_size: int,
+    run_size: int,
     balanced: bool,
-    # scratch, for each node: the binary node it stands for, and how full a traversal stack may be there
-    source: wp.array[int],
-    occupancy: wp.array[int],
-    # out:
+    # scratch, 3 * BINS for each run:
+    bins: wp.array[Bin],
+    # one for each box:
+    pending: wp.array[Pending],
+    # out, one for each box; those of a run begin at its first box:
     nodes: wp.array[Node],
-    leaf_first: wp.array[int],
-    leaf_count: wp.array[int],
-    size: wp.array[int],
+    leaves: wp.array[Run],
+    # out, one for each run:
+    grown: wp.array[Growth],
 ) -> None:
-    """One thread. size: nodes, leaves, and the entries that a traversal stack needs."""
-    source[0] = 0
-    occupancy[0] = 1
-    total = int(1)
-    leaves = int(0)
-    deepest = int(1)
-    at = int(0)
-    while at < total:
-        members = vec8i()
-        members[0] = source[at]
-        count = int(1)
-        opened = child_to_open(tree, members, count, balanced)
-        while opened >= 0 and count < WIDTH:
-            left = tree.left[members[opened]]
-            members[opened] = left
-            members[count] = left + 1
-            count += 1
-            opened = child_to_open(tree, members, count, balanced)
-        room = occupancy[at] - 1 + count
-        deepest = wp.max(deepest, room)
-        node = empty_node()
-        for j in range(count):
-            b = members[j]
-            child = int(0)
-            if tree.left[b] > 0:
-                child = total
-                source[total] = b
-                occupancy[total] = room
-                total += 1
+    """A thread grows the tree of one run, down to leaves of at most run_size boxes.
+
+    A node is settled with all that is below it before its neighbour is, so that boxes stay in the cache.
+    """
+    thread = first_thread + wp.tid()
+    base = runs[thread].first
+    growth = Growth()
+    growth.nodes = 1
+    pending[base] = make_pending(0, runs[thread], 1)
+    left_to_do = int(1)
+    while left_to_do > 0:
+        left_to_do -= 1
+        parent = pending[base + left_to_do]
+        bud = unfold(boxes, parent.run, leaf_size, run_size, balanced, bins, thread * 3 * BINS)
+        room = parent.room - 1 + bud.members
+        growth.stack = wp.max(growth.stack, room)
+        for j in range(bud.members):
+            run = make_run(bud.first[j], bud.count[j])
+            if run.count > run_size:
+                bud.node.child[j] = growth.nodes
+                pending[base + left_to_do] = make_pending(growth.nodes, run, room)
+                growth.nodes += 1
+                left_to_do += 1
             else:
-                child = -1 - leaves
-                leaf_first[leaves] = tree.first[b]
-                leaf_count[leaves] = tree.count[b]
-                leaves += 1
-            node = set_child(node, j, box_of(tree, b), child)
-        nodes[at] = node
-        at += 1
-    size[0] = total
-    size[1] = leaves
-    size[2] = deepest
+                bud.node.child[j] = -1 - growth.leaves
+                leaves[base + growth.leaves] = run
+                growth.leaves += 1
+        nodes[base + parent.node] = bud.node
+    grown[thread] = growth
 
 
 @dataclass(frozen=True)
@@ -155,11 +238,19 @@ class Tree:
     leaf_count: npt.NDArray[np.int32]
 
 
+@dataclass(frozen=True)
+class _Part:
+    """What has been grown of one run: nodes of Node, leaves of Run."""
+
+    nodes: npt.NDArray[np.void]
+    leaves: npt.NDArray[np.void]
+
+
 def build_tree(lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], leaf_size: int) -> Tree:
     """Build a tree over the boxes lower, upper (n, 3), with at most leaf_size boxes in a leaf; n may be 0."""
     if len(lower) == 0:
         return Tree(empty_nodes(1), *(np.zeros(0, np.int32) for _ in range(3)))
-    # SAH trees of real meshes need about half of STACK; a balanced tree over 2^31 boxes needs 71
+    # SAH trees of real meshes need about half of STACK; a balanced tree over 2^31 boxes needs 78
     tree, stack_needed = _build(lower, upper, leaf_size, balanced=False)
     if stack_needed >= STACK:  # one entry is left for the root that join_trees adds
         tree, _ = _build(lower, upper, leaf_size, balanced=True)
@@ -169,46 +260,64 @@ def build_tree(lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], l
 def _build(
     lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], leaf_size: int, balanced: bool
 ) -> tuple[Tree, int]:
+    """Return the tree and the entries that a traversal stack needs, or a few more."""
     n = len(lower)
-    boxes, binary, bins = Boxes(), BinaryTree(), Bins()
+    boxes = Boxes()
     boxes.lower, boxes.upper = (wp.array(a, dtype=wp.vec3, device="cpu", copy=True) for a in (lower, upper))
     boxes.order = wp.array(np.arange(n), dtype=int, device="cpu")
-    binary.lower, binary.upper = _empty(2, 2 * n, wp.vec3)
-    binary.first, binary.count, binary.left = _empty(3, 2 * n, int)
-    bins.lower, bins.upper = _empty(2, (3, BINS), wp.vec3)
-    (bins.count,) = _empty(1, (3, BINS), int)
-    size = wp.zeros(3, dtype=int, device="cpu")
-    (todo,) = _empty(1, n + 1, int)
-    wp.launch(build_binary, 1, inputs=[boxes, leaf_size, balanced, bins, todo], outputs=[binary, size], device="cpu")
-    n_binary = int(size.numpy()[0])
-    (nodes,) = _empty(1, max(1, n_binary // 2), Node)
-    source, occupancy, leaf_first, leaf_count = _empty(4, n_binary, int)
-    outputs = [nodes, leaf_first, leaf_count, size]
-    wp.launch(collapse, 1, inputs=[binary, balanced, source, occupancy], outputs=outputs, device="cpu")
-    n_nodes, n_leaves, stack_needed = (int(x) for x in size.numpy())
-    tree = Tree(
-        nodes.numpy()[:n_nodes].copy(),
-        boxes.order.numpy(),
-        leaf_first.numpy()[:n_leaves].copy(),
-        leaf_count.numpy()[:n_leaves].copy(),
-    )
-    return tree, stack_needed
+    run_size = leaf_size if n < LARGE else max(leaf_size, n // PARTS)
+    whole = struct_zeros(Run, 1)
+    whole["count"] = n
+    (part,), stack = _grow(boxes, whole, leaf_size, run_size, balanced)
+    if run_size > leaf_size:
+        parts, deeper = _grow(boxes, part.leaves, leaf_size, leaf_size, balanced)
+        part, stack = _grafted(part.nodes, parts), stack - 1 + deeper
+    return Tree(part.nodes, boxes.order.numpy(), part.leaves["first"].copy(), part.leaves["count"].copy()), stack
+
+
+def _grow(
+    boxes: Boxes, runs: npt.NDArray[np.void], leaf_size: int, run_size: int, balanced: bool
+) -> tuple[list[_Part], int]:
+    """Grow the tree of each of the runs, and tell how many entries of a stack the most demanding one needs."""
+    n = boxes.order.size
+    pending, nodes, leaves = (wp.empty(n, dtype=struct, device="cpu") for struct in (Pending, Node, Run))
+    bins = wp.empty(len(runs) * 3 * BINS, dtype=Bin, device="cpu")
+    grown = wp.empty(len(runs), dtype=Growth, device="cpu")
+    given = wp.array(runs, dtype=Run, device="cpu")
+    inputs = [boxes, given, leaf_size, run_size, balanced, bins, pending]
+    launch_over_rays(grow, len(runs), inputs, [nodes, leaves, grown], "cpu", slice_size=1)
+    parts = [
+        _Part(nodes.numpy()[first : first + grown_nodes].copy(), leaves.numpy()[first : first + grown_leaves].copy())
+        for (first, _), (grown_nodes, grown_leaves, _) in zip(runs.tolist(), grown.numpy().tolist(), strict=True)
+    ]
+    return parts, int(grown.numpy()["stack"].max())
+
+
+def _grafted(nodes: npt.NDArray[np.void], parts: list[_Part]) -> _Part:
+    """The tree of these nodes with part k in place of leaf ~k."""
+    first_node = len(nodes) + np.cumsum([0, *(len(part.nodes) for part in parts)])
+    first_leaf = np.cumsum([0, *(len(part.leaves) for part in parts)])
+    child = nodes["child"]
+    is_leaf = (child < 0) & (child != NO_CHILD)
+    child[is_leaf] = first_node[~child[is_leaf]]
+    moved = [moved_nodes(part.nodes, *at) for part, *at in zip(parts, first_node[:-1], first_leaf[:-1], strict=True)]
+    return _Part(np.concatenate([nodes, *moved]), np.concatenate([part.leaves for part in parts]))
+
+
+def moved_nodes(nodes: npt.NDArray[np.void], first_node: int, first_leaf: int) -> npt.NDArray[np.void]:
+    """The nodes of a tree whose root and first leaf stand at these places of longer arrays."""
+    moved = nodes.copy()
+    child = moved["child"]
+    offset = np.where(child >= 0, first_node, -first_leaf)
+    moved["child"] = np.where(child == NO_CHILD, NO_CHILD, child + offset)
+    return moved
 
 
 def join_trees(a: npt.NDArray[np.void], b: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """The nodes of one tree of two: a new root above both. Boxes of the root are left to a refit."""
+    """The nodes of one tree of two over the same leaves: a new root above both, whose boxes are left to a refit."""
     root = empty_nodes(1)
     root["child"][0, :2] = 1, 1 + len(a)
-    moved = []
-    for first, nodes in ((1, a), (1 + len(a), b)):
-        child = nodes["child"]
-        moved.append(nodes.copy())
-        moved[-1]["child"] = np.where(child >= 0, child + first, child)
-    return np.concatenate([root, *moved])
-
-
-def _empty(count: int, shape: int | tuple[int, ...], dtype: type) -> list[wp.array]:
-    return [wp.empty(shape, dtype=dtype, device="cpu") for _ in range(count)]
+    return np.concatenate([root, moved_nodes(a, 1, 0), moved_nodes(b, 1 + len(a), 0)])
 
 
 def empty_nodes(count: int) -> npt.NDArray[np.void]:

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .geometry import Geometry, Shapes, TriangleBlock, TriangleTree, join_triangle_trees, moved_nodes
+from .geometry import Geometry, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
 from .top_trees import TopTrees
-from .tree import Node
+from .tree import Node, moved_nodes
 
 Poses = npt.NDArray[np.floating[Any]] | wp.array
 

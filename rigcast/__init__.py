@@ -4,11 +4,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .config import load_rig as load_rig
     from .dataset.reading import open_dataset as open_dataset
     from .export.options import Export as Export
     from .export.recorder import Recorder as Recorder
     from .overlay import overlay as overlay
+    from .rig_file import load_rig as load_rig
     from .ros.node import RosNode as RosNode
     from .sensors.errors import InputError as InputError
     from .sensors.rig.frame import CameraFrame as CameraFrame
@@ -66,7 +66,7 @@ _HOME = {
     "Weather": "sensors.specs.lidar_effects",
     "Worlds": "sensors.scene.batch.worlds",
     "from_model": "sensors.specs.imported",
-    "load_rig": "config",
+    "load_rig": "rig_file",
     "open_dataset": "dataset.reading",
     "overlay": "overlay",
     "set_threads": "sensors.threads",

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.config import sensor_of_preset
+from rigcast.rig_file import sensor_of_preset
 from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
 from rigcast.sensors.specs.presets import Preset, load_preset
 from rigcast.sensors.specs.sensor_spec import SensorSpec

@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 
 import rigcast
 from rigcast.cli import app
-from rigcast.config import open_rig
 from rigcast.export.formats import FORMATS
 from rigcast.export.options import Export
+from rigcast.rig_file import open_rig
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 PAGES = [CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").glob("*.md"))]

@@ -29,6 +29,7 @@ class Tile:
     q_low: vec8
     q_high: vec8
     packets: int  # bit by bit, which of the packets have rays
+    ray: int  # one of them: all have its firing and its origin
 
 
 @wp.struct

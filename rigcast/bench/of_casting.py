@@ -6,7 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from rigcast.config import open_rig
+from rigcast.rig_file import open_rig
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.filter import Filter

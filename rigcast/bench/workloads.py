@@ -19,7 +19,7 @@ import numpy.typing as npt
 import trimesh
 import warp as wp
 
-from rigcast.config import open_rig
+from rigcast.rig_file import open_rig
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.lidar import Lidar

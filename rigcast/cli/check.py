@@ -14,7 +14,7 @@ from rigcast.check import Hit, Report, Row, WrongRay
 from rigcast.check import check as check_rig
 from rigcast.cli.kernels import ready_rig
 from rigcast.cli.options import JsonFile, Overrides, RigPath, console_beside, write_json
-from rigcast.config import open_rig
+from rigcast.rig_file import open_rig
 from rigcast.simulation import initial_data
 
 COUNTS = ("rays", "agree", "edge", "wrong")

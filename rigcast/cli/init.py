@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from rigcast.config import compile_model
 from rigcast.export.files import replacing
+from rigcast.rig_file import compile_model
+from rigcast.rig_file.starter import starter_rig
 from rigcast.sensors.errors import InputError
-from rigcast.starter import starter_rig
 
 
 def init(

@@ -7,8 +7,8 @@ from threading import Timer
 import mujoco
 from rich.console import Console
 
-from rigcast.config import RigConfig
 from rigcast.quiet import quiet_warp
+from rigcast.rig_file import RigConfig
 from rigcast.sensors.rig.rig import Rig
 
 _PATIENCE = 1.5  # s; cached kernels load in less

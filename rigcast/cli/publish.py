@@ -13,7 +13,7 @@ from rich.markup import escape
 from rigcast.cli.kernels import ready_rig
 from rigcast.cli.options import Overrides, RigPath
 from rigcast.cli.run import step_count
-from rigcast.config import open_rig
+from rigcast.rig_file import open_rig
 from rigcast.ros.node import RosNode, require_ros
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig

@@ -17,9 +17,9 @@ from rich.table import Table
 
 from rigcast.cli.kernels import ready_rig
 from rigcast.cli.options import Overrides, RigPath
-from rigcast.config import open_rig
 from rigcast.export.formats import FORMATS
 from rigcast.export.recorder import INDEX_NAME, Recorder
+from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.specs.sensor_spec import SensorSpec

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from rigcast.cli.options import JsonFile, Overrides, RigPath, console_beside, write_json
-from rigcast.config import RigConfig, open_rig
+from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.specs.mount import Mount
 
 

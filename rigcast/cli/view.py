@@ -13,8 +13,8 @@ from rich.markup import escape
 from rigcast.cli.kernels import ready_rig
 from rigcast.cli.options import Overrides
 from rigcast.cli.run import progress, step_count
-from rigcast.config import open_rig
 from rigcast.export.files import make_writable, replacing
+from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.simulation import initial_data
 from rigcast.view.bag import is_bag, read_bag

@@ -11,8 +11,8 @@ from rich.markup import escape
 
 from rigcast.cli.kernels import ready_rig
 from rigcast.cli.options import Overrides, RigPath
-from rigcast.config import open_rig
 from rigcast.export.files import make_writable, replacing
+from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.preview import draw_preview
 from rigcast.simulation import initial_data

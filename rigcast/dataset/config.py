@@ -15,12 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from rigcast.config import read_rig
+from rigcast.export.fields import field_names
 from rigcast.export.formats import FORMATS
+from rigcast.rig_file import read_rig
+from rigcast.rig_file.layers import read_layers
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.faults import Fault, faults_of
-from rigcast.yaml_layers import read_layers
+from rigcast.sensors.names import expected_one_of
 
 from .file import DatasetFile, RecordedMotion, SceneSource, UserController
 
@@ -108,7 +110,7 @@ def read_dataset(path: Path, overrides: Sequence[str] = ()) -> DatasetConfig:
         raise document.error(faults_of(error, DatasetFile)) from None
     folder = path.parent.resolve()  # workers may have other working directories
     faults = [*_name_faults(file), *_rig_faults(file, folder), *_scene_faults(file, folder)]
-    faults += [*_controller_faults(file, folder), *_output_faults(file)]
+    faults += [*_controller_faults(file, folder), *_output_faults(file), *_field_faults(file, folder)]
     if faults:
         raise document.error(faults)
     return DatasetConfig(path, folder, file, _sources(file, folder))
@@ -177,6 +179,25 @@ def _output_faults(file: DatasetFile) -> list[Fault]:
     except InputError as error:
         return [Fault(("output", "format"), str(error))]
     return []
+
+
+def _field_faults(file: DatasetFile, folder: Path) -> list[Fault]:
+    if not (folder / file.rig).is_file():
+        return []  # which is a fault of its own
+    kinds = {spec.name: spec.type for spec in read_rig(folder / file.rig).sensors}
+    faults = []
+    for sensor, chosen in file.output.fields.items():
+        where = ("output", "fields", sensor)
+        if sensor not in kinds:
+            faults.append(Fault(where, f"no sensor {sensor!r}, {expected_one_of(sensor, list(kinds))}", at_key=True))
+            continue
+        known = field_names(kinds[sensor])
+        faults += [
+            Fault((*where, i), f"no field {name!r} of a {kinds[sensor]}, {expected_one_of(name, known)}")
+            for i, name in enumerate(chosen)
+            if name not in known
+        ]
+    return faults
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Any
 
 import mujoco
 
-from rigcast.config import compile_model, open_rig
+from rigcast.rig_file import compile_model, open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
 from rigcast.simulation import Spent, initial_data

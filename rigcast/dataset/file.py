@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from rigcast.export.fields import FIELD_NAMES
 from rigcast.sensors.specs.spec import Spec
 
 Name = Annotated[str, Field(pattern="^[A-Za-z0-9_-]+$", max_length=64)]
@@ -110,6 +111,12 @@ class Output(Spec):
         default="npz", description="npz: as it is, fastest to read; zarr: compressed, needs the extra zarr"
     )
     exr: bool = Field(default=False, description="write the frames of depth cameras as EXR too")
+    fields: Mapping[str, Sequence[str]] = Field(
+        default={},
+        description="by the name of a sensor, the fields of its frames that are written beside time and pose; of other "
+        "sensors all are",
+        json_schema_extra={"additionalProperties": {"type": "array", "items": {"enum": list(FIELD_NAMES)}}},
+    )
 
 
 class DatasetFile(Spec):

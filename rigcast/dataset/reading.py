@@ -33,7 +33,8 @@ class StoredFrame(Mapping[str, NDArray[Any]]):
     """A frame of a data set: its arrays by name, read when asked for and not kept.
 
     sensor, time [s]: as in Frame. scene, episode, seed: what it was made from. `frame["range"]`, `frame["pose"]` and
-    whatever else the frame had, in the shapes, units and with the misses of Frame; `intrinsics` (3, 3) of a camera.
+    whatever else of the frame was chosen, in the shapes, units and with the misses of Frame; of a depth camera also
+    `intrinsics` (3, 3), `depth_scale` () and, with a lens, `distortion_model` () and `distortion`, OpenCV's order.
     """
 
     def __init__(self, place: _Place, entry: Mapping[str, Any], archive: "_Archive") -> None:
@@ -44,7 +45,10 @@ class StoredFrame(Mapping[str, NDArray[Any]]):
         self._number, self._archive = place.number, archive
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        return self._archive.read(self.sensor, self._number, name)
+        try:
+            return self._archive.read(self.sensor, self._number, name)
+        except KeyError:
+            raise KeyError(f"{self!r} has no {name!r}, {expected_one_of(name, list(self))}") from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._archive.names(self.sensor, self._number))
@@ -94,11 +98,14 @@ class Dataset(Sequence[StoredFrame]):
     def torch(self, *fields: str) -> "TorchFrames":
         """A `torch.utils.data.Dataset` of {field: tensor}; the frames should be of one sensor to be batched.
 
-        Raises InputError where torch is not installed.
+        Raises InputError where torch is not installed, or the first frame has no such field.
 
         >>> frames = rigcast.open_dataset("out/rooms").of("top").torch("range", "pose")
         >>> loader = torch.utils.data.DataLoader(frames, batch_size=32, shuffle=True)
         """
+        for name in fields if len(self) else ():
+            if name not in self[0]:
+                raise InputError(f"Dataset.torch: {self[0]!r} has no {name!r}, {expected_one_of(name, list(self[0]))}")
         load_extra("Dataset.torch", "torch", "torch")
         from .in_torch import TorchFrames
 
@@ -195,7 +202,7 @@ class _ZarrArchive:
 
     def names(self, sensor: str, _number: int) -> Iterable[str]:
         group = self._root[sensor]
-        return [*group.array_keys(), *(["intrinsics"] if "intrinsics" in group.attrs else [])]
+        return [*group.array_keys(), *(name for name in group.attrs if name not in ("type", "spec"))]
 
 
 def _archive_of(folder: Path, entry: Mapping[str, Any]) -> _Archive:

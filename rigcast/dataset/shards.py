@@ -7,8 +7,9 @@
     DIR/<scene>/<episode>/entry.json                       what the manifest says about it
 
 frames.npz has the arrays `<sensor>/<number>/<field>`, with the number in six digits; frames.zarr.zip is the store that
-`rigcast run --format zarr` writes, in one file. Files of the same frames are the same byte for byte: archives bear no
-date, and their parts stand in one order.
+`rigcast run --format zarr` writes, in one file. Fields are those that the data set chooses, time and pose, and of a
+depth camera what `camera_fields` has. Files of the same frames are the same byte for byte: archives bear no date, and
+their parts stand in one order.
 """
 
 import errno
@@ -21,13 +22,13 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import IO, Any, Protocol
 
 import mujoco
 import numpy as np
 
 from rigcast.export.exr import write_exr
-from rigcast.export.fields import fields_of
+from rigcast.export.fields import FIELD_NAMES, camera_fields, fields_of
 from rigcast.export.files import require_room
 from rigcast.export.ids import Classes, IdTable
 from rigcast.export.zarr_store import ZarrStore
@@ -48,6 +49,8 @@ _PER_RAY = 256  # bytes of all fields of a ray, rounded up, with the copy that p
 class _Frames(Protocol):
     def write(self, frame: Frame) -> None: ...
 
+    def finish(self) -> None: ...
+
     def close(self) -> None: ...
 
 
@@ -61,9 +64,9 @@ class Shard:
         self._latest: dict[str, Frame] = {}
         (folder / "ids.json").write_text(self._ids.json())
         self._frames: _Frames = (
-            _NpzFrames(folder / FRAMES_NAME["npz"])
+            _NpzFrames(folder / FRAMES_NAME["npz"], output.fields)
             if output.format == "npz"
-            else ZarrStore(folder / "frames.zarr", rig.sensors, self._ids)
+            else _ZarrFrames(folder, rig, self._ids, output.fields)
         )
 
     def write(self, frame: Frame) -> None:
@@ -80,9 +83,7 @@ class Shard:
 
     def finish(self, about: Mapping[str, Any]) -> dict[str, Any]:
         """Complete all files and write entry.json, which it returns: `about`, with files and statistics."""
-        self.close()
-        if self._output.format == "zarr":
-            _pack(self._folder / "frames.zarr", self._folder / FRAMES_NAME["zarr"])
+        self._frames.finish()
         for name, frame in self._latest.items() if self._pictured else ():
             frame.picture().save(self._folder / f"{name}.png", format="png")
         paths = sorted(path for path in self._folder.rglob("*") if path.is_file())
@@ -142,35 +143,55 @@ def model_digest(model: mujoco.MjModel) -> str:
 class _NpzFrames:
     """The arrays of frames in one NPZ file, written as they come."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, fields: Mapping[str, Sequence[str]]) -> None:
+        self._fields = fields
         self._file = zipfile.ZipFile(path, "w")
         self._counts: dict[str, int] = {}
 
     def write(self, frame: Frame) -> None:
         number = self._counts.get(frame.sensor, 0)
         self._counts[frame.sensor] = number + 1
-        fields = {"time": np.float64(frame.time), "pose": frame.pose, **fields_of(frame)}
+        chosen = self._fields.get(frame.sensor, FIELD_NAMES)
+        fields = {"time": np.float64(frame.time), "pose": frame.pose, **fields_of(frame, chosen)}
         if isinstance(frame, CameraFrame):
-            fields["intrinsics"] = frame.intrinsics
+            fields |= camera_fields(frame)
         for name, field in fields.items():
-            # ZipInfo has a fixed date
-            with self._file.open(
-                zipfile.ZipInfo(f"{frame.sensor}/{number:06d}/{name}.npy"), "w", force_zip64=True
-            ) as f:
-                np.lib.format.write_array(f, np.asarray(field), allow_pickle=False)
+            with _part(self._file, f"{frame.sensor}/{number:06d}/{name}.npy") as part:
+                np.lib.format.write_array(part, np.asarray(field), allow_pickle=False)
+
+    def finish(self) -> None:
+        self.close()
 
     def close(self) -> None:
         self._file.close()
 
 
-def _pack(store: Path, archive: Path) -> None:
-    """A Zarr store as one file, as it is, and nothing left of its folder."""
-    with zipfile.ZipFile(archive, "w") as file:
-        for path in sorted(path for path in store.rglob("*") if path.is_file()):
-            info = zipfile.ZipInfo(path.relative_to(store).as_posix())
-            with file.open(info, "w", force_zip64=True) as target, path.open("rb") as source:
-                shutil.copyfileobj(source, target)
-    shutil.rmtree(store)
+class _ZarrFrames(ZarrStore):
+    """A Zarr store in one file: chunks as they come, then what describes them, which is in a folder until then."""
+
+    def __init__(self, folder: Path, rig: Rig, ids: IdTable, fields: Mapping[str, Sequence[str]]) -> None:
+        self._store = folder / "frames.zarr"
+        super().__init__(self._store, rig.sensors, ids, fields)
+        self._file = zipfile.ZipFile(folder / FRAMES_NAME["zarr"], "w")
+
+    def write_chunk(self, key: str, chunk: bytes) -> None:
+        with _part(self._file, key) as part:
+            part.write(chunk)
+
+    def finish(self) -> None:
+        super().close()
+        for path in sorted(self._store.rglob("*.json")):
+            self.write_chunk(path.relative_to(self._store).as_posix(), path.read_bytes())
+        shutil.rmtree(self._store)
+        self.close()
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _part(file: zipfile.ZipFile, name: str) -> IO[bytes]:
+    """A part of an archive to write to, uncompressed; ZipInfo has a fixed date."""
+    return file.open(zipfile.ZipInfo(name), "w", force_zip64=True)
 
 
 def _sealed(path: Path) -> dict[str, Any]:

@@ -1,12 +1,13 @@
 """The per-ray fields of a frame, on the host, as every exporter takes them."""
 
+from collections.abc import Iterable
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.sensors.rig.frame import Frame
+from rigcast.sensors.rig.frame import CameraFrame, Frame
 
 Fields = dict[str, NDArray[Any]]
 
@@ -27,21 +28,46 @@ _TYPES = {
     "prop_id": np.int32,
     "stamp": np.float64,
 }
+FIELD_NAMES = tuple(_TYPES)
 _VECTORS = ("points", "normal")
 
-# What has been brought from the device of frames that are still in use: several formats take the same fields.
-_on_host: WeakKeyDictionary[Frame, Fields] = WeakKeyDictionary()
+# Fields that only some types of sensors have.
+_OWN = {"lidar": ("intensity", "ring", "column"), "depth_camera": ("depth", "depth_16bit", "intensity")}
+
+# What has been brought from the device of frames that are still in use, None for what a frame does not have: several
+# formats take the same fields.
+_on_host: WeakKeyDictionary[Frame, dict[str, NDArray[Any] | None]] = WeakKeyDictionary()
 
 
-def fields_of(frame: Frame) -> Fields:
-    """Every per-ray field that this frame has, in the frame's own shapes.
+def field_names(kind: str) -> list[str]:
+    """The per-ray fields that frames of a type of sensor, such as "lidar", may have."""
+    others = {name for names in _OWN.values() for name in names} - set(_OWN.get(kind, ()))
+    return [name for name in _TYPES if name not in others]
+
+
+def fields_of(frame: Frame, names: Iterable[str] = FIELD_NAMES) -> Fields:
+    """Those of the per-ray fields `names` that this frame has, in the frame's own shapes.
 
     Raises InputError for a batch of worlds: a file holds the frames of one.
     """
     frame.require_one_world()
-    if frame not in _on_host:
-        _on_host[frame] = _fetch(frame)
-    return dict(_on_host[frame])
+    on_host = _on_host.setdefault(frame, {})
+    for name in names:
+        if name not in on_host:
+            on_host[name] = _fetch(frame, name)
+    found = ((name, on_host[name]) for name in names)
+    return {name: field for name, field in found if field is not None}
+
+
+def camera_fields(frame: CameraFrame) -> dict[str, NDArray[Any]]:
+    """What turns pixels into rays and steps of `depth_16bit` into depth.
+
+    `intrinsics` (3, 3), `depth_scale` () [m], and with a lens `distortion_model` () and `distortion`, OpenCV's order.
+    """
+    fields = {"intrinsics": np.asarray(frame.intrinsics), "depth_scale": np.asarray(frame.depth_scale)}
+    if frame.lens is not None:
+        fields |= {"distortion_model": np.asarray(frame.lens.type), "distortion": np.asarray(frame.lens.coefficients)}
+    return fields
 
 
 def rays_of(frame: Frame) -> Fields:
@@ -74,13 +100,9 @@ def intensity_of(rays: Fields, white: float, most: float) -> NDArray[np.float32]
     return np.clip(white * intensity, 0, most).astype(np.float32)
 
 
-def _fetch(frame: Frame) -> Fields:
-    values = {name: getattr(frame, name, None) for name in _TYPES}
-    return {
-        name: np.ascontiguousarray(value.numpy(), dtype=_TYPES[name])
-        for name, value in values.items()
-        if value is not None
-    }
+def _fetch(frame: Frame, name: str) -> NDArray[Any] | None:
+    value = getattr(frame, name, None)
+    return None if value is None else np.ascontiguousarray(value.numpy(), dtype=_TYPES[name])
 
 
 def _has_returns(fields: Fields) -> bool:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rigcast.export.fields import fields_of
+from rigcast.export.fields import camera_fields, fields_of
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 
 
@@ -13,13 +13,10 @@ def write_npz(path: Path, frame: Frame) -> None:
     """Write one frame to `path`, whatever its suffix. Raises OSError where it cannot be written.
 
     Keys: `sensor`, `time`, `pose`, every per-ray field that the frame has (points in the sensor frame; `pose` takes
-    them to the world), and `intrinsics`, `depth_scale` and, with a lens, `distortion_model` and `distortion` (OpenCV's
-    order) of a depth camera.
+    them to the world), and of a depth camera what `camera_fields` has.
     """
     fields: dict[str, Any] = fields_of(frame)
     if isinstance(frame, CameraFrame):
-        fields |= {"depth_scale": np.float64(frame.depth_scale), "intrinsics": frame.intrinsics}
-        if frame.lens is not None:
-            fields |= {"distortion_model": np.str_(frame.lens.type), "distortion": frame.lens.coefficients}
+        fields |= camera_fields(frame)
     with path.open("wb") as file:
         np.savez(file, sensor=frame.sensor, time=frame.time, pose=frame.pose, **fields)

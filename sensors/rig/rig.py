@@ -34,6 +34,10 @@ from .room import require_room
 from .schedule import Schedule
 from .under_way import UnderWay
 
+_STATE = ("qpos", "mocap_pos", "mocap_quat")
+_KINEMATICS = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_camlight)
+"""What poses are worked out by: those of bodies by the first alone, of flexes and cameras by all."""
+
 
 class Rig:
     """Sensors on one model.
@@ -80,6 +84,8 @@ class Rig:
         self.model = model
         self.scene = Scene(model, device, self.props, surfaces=surfaces, on_unsupported=on_unsupported)
         self._data = mujoco.MjData(model)
+        self._state = [getattr(self._data, name) for name in _STATE]
+        self._kinematics = _KINEMATICS if model.ncam or model.nflex else _KINEMATICS[:1]
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
         self._schedules = {s.name: _schedule(s, model.opt.timestep, self.seed) for s in self.sensors}
         rounding = {name: schedule.rounding for name, schedule in self._schedules.items()}
@@ -187,13 +193,10 @@ class Rig:
     def _work_out_poses(self, data: mujoco.MjData) -> None:
         """Those at data.time, into the private copy: mj_step has not done so yet."""
         self._data.time = data.time
-        self._data.qpos[:] = data.qpos
-        self._data.mocap_pos[:] = data.mocap_pos
-        self._data.mocap_quat[:] = data.mocap_quat
-        mujoco.mj_kinematics(self.model, self._data)
-        mujoco.mj_comPos(self.model, self._data)
-        mujoco.mj_flex(self.model, self._data)
-        mujoco.mj_camlight(self.model, self._data)
+        for own, name in zip(self._state, _STATE, strict=True):
+            own[:] = getattr(data, name)
+        for work_out in self._kinematics:
+            work_out(self.model, self._data)
 
     def _require_own(self, data: mujoco.MjData) -> None:
         require_type("Rig: data", data, mujoco.MjData)

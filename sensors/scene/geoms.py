@@ -35,18 +35,22 @@ class Geoms:
         self._lost = Lost(self.name)
         self._assets = geometry.assets
         self._fields = [k for k, asset in enumerate(self._assets) if asset.kind == "hfield"]
-        self._kinds, self._sizes = self._read_kinds(), model.geom_size.tobytes()
+        # views of what the model holds, whoever writes there
+        self._type, self._dataid, self._size = model.geom_type, model.geom_dataid, model.geom_size
+        self._kinds, self._sizes = self._read_kinds(), self._size.tobytes()
         self._elevations = [self._read_elevations(k) for k in self._fields]
         self._to_refresh: set[int] = set()
 
     def update(self, data: mujoco.MjData) -> Snapshot:
         """Raises InputError for a size or height field that has become unusable, and for a geom of another kind."""
         trees = self.renew()
-        is_finite = has_finite_pose(data.geom_xpos, data.geom_xmat)
-        self._lost.warn(data.time, is_finite)
-        # an infinite plane would be hit even where one of its in-plane axes is NaN
-        position = np.where(is_finite[:, None], data.geom_xpos, np.nan)
-        return Snapshot(position, data.geom_xmat, None if trees is None else self.shapes, trees or {})
+        position, rotation = data.geom_xpos, data.geom_xmat
+        if self._lost.any or not have_small_poses(position, rotation):
+            is_finite = has_finite_pose(position, rotation)
+            self._lost.warn(data.time, is_finite)
+            # an infinite plane would be hit even where one of its in-plane axes is NaN
+            position = np.where(is_finite[:, None], position, np.nan)
+        return Snapshot(position, rotation, None if trees is None else self.shapes, trees or {})
 
     def name(self, geom: int) -> str:
         """What a message calls a geom."""
@@ -74,12 +78,12 @@ class Geoms:
         """
         if self._read_kinds() != self._kinds:
             raise InputError("Scene.update: geom_type or geom_dataid has changed; make a new Scene of the model")
-        sizes = self.model.geom_size.tobytes()
+        sizes = self._size.tobytes()
         elevations = [self._read_elevations(k) for k in self._fields]
+        if sizes == self._sizes and elevations == self._elevations and not self._to_refresh:
+            return None
         changed = [old != new for old, new in zip(self._elevations, elevations, strict=True)]
         stale = self._to_refresh.union(np.array(self._fields, int)[changed].tolist())
-        if not stale and sizes == self._sizes:
-            return None
         self._require_finite_sizes()
         renewed = {k: self._assets[k].tree(self.model) for k in sorted(stale)}
         self.trees = [renewed.get(k, tree) for k, tree in enumerate(self.trees)]
@@ -114,11 +118,16 @@ class Geoms:
         return ~(needs_asset(self.model) & (dataid < 0))
 
     def _read_kinds(self) -> tuple[bytes, bytes]:
-        return self.model.geom_type.tobytes(), self.model.geom_dataid.tobytes()
+        return self._type.tobytes(), self._dataid.tobytes()
 
     def _read_elevations(self, tree: int) -> tuple[bytes, bytes]:
         hfield = self._assets[tree].id
         return self.model.hfield_size[hfield].tobytes(), hfield_data(self.model, hfield).tobytes()
+
+
+def have_small_poses(position: NDArray[np.float64], rotation: NDArray[np.float64]) -> bool:
+    """Whether all poses are finite, as far as one product of each array shows: some that are may be too large."""
+    return bool(np.vdot(position, position) <= FARTHEST and np.vdot(rotation, rotation) <= FARTHEST)
 
 
 def has_finite_pose(position: NDArray[np.floating], rotation: NDArray[np.floating]) -> NDArray[np.bool_]:

@@ -18,6 +18,11 @@ class Lost:
         self._name = name
         self._lost: set[int] = set()
 
+    @property
+    def any(self) -> bool:
+        """Whether some were, the last time."""
+        return bool(self._lost)
+
     def warn(self, time: float | None, is_finite: NDArray[np.bool_]) -> None:
         """time [s]: of the data. is_finite: (n,) whose poses are. One warning names up to ten that are new."""
         lost = set(np.flatnonzero(~is_finite).tolist())

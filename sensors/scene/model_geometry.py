@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels import solids
-from rigcast.kernels.geometry import Shapes, TriangleTree, build_triangle_tree
+from rigcast.kernels.geometry import Shapes, TriangleTree
+from rigcast.kernels.triangle_tree import build_triangle_tree
 from rigcast.sensors.errors import InputError
 
 from .tree_cache import cached_triangle_tree

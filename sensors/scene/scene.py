@@ -28,13 +28,14 @@ from .batch.differences import Differences
 from .batch.sources import Batch
 from .batch.worlds import Standing, Worlds, as_worlds, is_batch
 from .flexes import Flexes
+from .freed_memory import give_back_freed_memory
 from .geoms import Geoms
 from .given_rays import GivenRays, take_rays, upload
 from .hits import Hits
 from .looks import Looks, LooksTable
 from .lost import Lost
 from .model_geometry import unsupported_parts
-from .part import OWNERS, Owner, Part, ShapePoses
+from .part import OWNERS, Owner, Part, ShapePoses, Snapshot
 from .props import Props
 from .skins import Skins
 
@@ -90,7 +91,7 @@ class Scene:
             self._geoms,
             *([Flexes(model)] if model.nflex else []),
             *([Skins(model)] if model.nskin else []),
-            self._props,
+            *([self._props] if props else []),
         ]
         self._world = self._make_world()
         owners = np.concatenate([np.full(len(part.ids), part.owner) for part in self._parts])
@@ -105,6 +106,8 @@ class Scene:
         self._looks_table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"
+        # views of what the model holds, whoever writes there
+        self._looks_now = [values for name in _LOOKS if (values := getattr(model, name)).size]
         self._looks_read: list[bytes] = []
         self._visible: dict[Filter, wp.array] = {}
         self._looks: Looks | None = None
@@ -131,11 +134,16 @@ class Scene:
         if is_batch(data):
             self.update_worlds(as_worlds(data))
             return
-        self._world.update(*self.read(data))
+        self._world.update(*_joined(self._snapshots(data)))
         self._stale, self._worlds = "", None
 
     def read(self, data: mujoco.MjData) -> ShapePoses:
         """Where everything stands in `data`, for a `sweep`; rays are cast at it after the next `update` or `sweep`."""
+        poses = _joined(self._snapshots(data))
+        return ShapePoses(poses.position.copy(), poses.rotation.copy())
+
+    def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
+        """Of all parts as they stand in `data`; their sizes and trees are taken."""
         require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
             raise InputError(
@@ -153,10 +161,7 @@ class Scene:
         if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
             self._world.set_shapes(self._shapes())
             self._differences, self._visible = _NO_DIFFERENCES, {}
-        return ShapePoses(
-            np.concatenate([snapshot.position for snapshot in snapshots]),
-            np.concatenate([snapshot.rotation for snapshot in snapshots]),
-        )
+        return snapshots
 
     def sweep(self, poses: Sequence[ShapePoses]) -> None:
         """Take the world as it moves through these poses, of a `read` each, in as many spans less one.
@@ -223,6 +228,7 @@ class Scene:
         trees = iter(world.trees)
         for part in self._parts:
             part.trees = [next(trees) for _ in part.trees]
+        give_back_freed_memory()  # what building takes meanwhile is more than the trees
         return world
 
     def refresh(self, name: str) -> None:
@@ -319,7 +325,7 @@ class Scene:
         return self._looks
 
     def _forget_old_looks(self) -> None:
-        looks = [getattr(self.model, name).tobytes() for name in _LOOKS]
+        looks = [values.tobytes() for values in self._looks_now]
         if looks != self._looks_read:
             self._looks_read, self._visible, self._looks = looks, {}, None
 
@@ -350,6 +356,16 @@ class Scene:
         """The same rays in a frame with another pose (4, 4)."""
         rotation = wp.array(pose[None, :3, :3], dtype=wp.mat33d, device=self.device)
         return replace(rays, position=upload(pose[:3, 3], self.device), rotation=rotation)
+
+
+def _joined(snapshots: list[Snapshot]) -> ShapePoses:
+    """The poses of all; of one they may be those of MuJoCo, not copied."""
+    if len(snapshots) == 1:
+        return ShapePoses(snapshots[0].position, snapshots[0].rotation)
+    return ShapePoses(
+        np.concatenate([snapshot.position for snapshot in snapshots]),
+        np.concatenate([snapshot.rotation for snapshot in snapshots]),
+    )
 
 
 def _find_device(device: wp.DeviceLike) -> wp.Device:

@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from rigcast.kernels.cast import unit_directions
-from rigcast.kernels.geometry import build_triangle_tree
+from rigcast.kernels.triangle_tree import build_triangle_tree
 
 SQUARE = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 NAN, INF = np.nan, np.inf

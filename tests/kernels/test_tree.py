@@ -58,6 +58,12 @@ PLAIN = {
 ALL = {**PLAIN, **ADVERSARIAL}
 
 
+@pytest.fixture(params=[tree.LARGE, 1], ids=["one round", "two rounds"])
+def rounds(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """These trees are small; large ones are grown in two rounds."""
+    monkeypatch.setattr(tree, "LARGE", request.param)
+
+
 def present(node: np.void) -> NDArray[np.int32]:
     """Which of a node's eight children there are."""
     return np.flatnonzero(node["child"] != NO_CHILD).astype(np.int32)
@@ -85,6 +91,7 @@ def extent(built: Tree, boxes: Boxes, k: int) -> tuple[NDArray[np.float64], NDAr
     return lower.min(axis=0), upper.max(axis=0)
 
 
+@pytest.mark.usefixtures("rounds")
 @pytest.mark.parametrize("leaf_size", [1, 4, 8])
 @pytest.mark.parametrize("name", ALL)
 def test_every_box_is_in_exactly_one_leaf_and_every_leaf_and_node_in_one_parent(name: str, leaf_size: int) -> None:
@@ -99,6 +106,7 @@ def test_every_box_is_in_exactly_one_leaf_and_every_leaf_and_node_in_one_parent(
     np.testing.assert_array_equal(np.sort(~children[children < 0]), np.arange(len(leaves)))
 
 
+@pytest.mark.usefixtures("rounds")
 @pytest.mark.parametrize("name", ALL)
 def test_children_come_after_their_parents(name: str) -> None:
     built = build_tree(*ALL[name], leaf_size=1)
@@ -132,6 +140,7 @@ def test_absent_children_have_a_box_that_no_ray_meets(name: str) -> None:
         assert np.isfinite(built.nodes[f"half_{axis}"][~absent]).all()
 
 
+@pytest.mark.usefixtures("rounds")
 @pytest.mark.parametrize("name", ALL)
 def test_no_tree_needs_a_deeper_stack_than_there_is(name: str) -> None:
     assert stack_needed(build_tree(*ALL[name], leaf_size=1)) <= STACK
@@ -142,6 +151,21 @@ def test_the_heuristic_alone_would_need_a_deeper_stack(name: str, monkeypatch: p
     """Otherwise the test above would not see that such trees are balanced instead."""
     monkeypatch.setattr(tree, "STACK", 10**6)
     assert stack_needed(build_tree(*ALL[name], leaf_size=1)) > STACK
+
+
+def test_no_thread_count_changes_a_bit_of_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+    boxes = scattered(2 * tree.LARGE)
+    built = []
+    for threads in ("1", "2", "5"):
+        monkeypatch.setenv("RIGCAST_THREADS", threads)
+        got = build_tree(*boxes, leaf_size=8)
+        built.append([a.tobytes() for a in (got.nodes, got.order, got.leaf_first, got.leaf_count)])
+    assert built[0] == built[1] == built[2]
+
+
+def test_leaves_are_filled() -> None:
+    """A leaf costs a ray the same however full it is."""
+    assert build_tree(*scattered(8000), leaf_size=8).leaf_count.mean() > 7
 
 
 def test_no_boxes_give_a_root_without_children() -> None:

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import rigcast.cli.presets
 from rigcast.cli import app
-from rigcast.rig_file import RigFile
+from rigcast.rig_file.file import RigFile
 from rigcast.sensors.specs.presets import preset_names
 
 COMMANDS = ("init", "run", "check", "validate", "watch", "view", "presets", "schema", "dataset", "bench")

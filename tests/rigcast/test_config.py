@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import pytest
 
-from rigcast.config import load_rig, open_rig, read_rig
+from rigcast.rig_file import load_rig, open_rig, read_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.filter import Filter

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rigcast.configs
-from rigcast.config import RigConfig, read_rig
+from rigcast.rig_file import RigConfig, read_rig
 from rigcast.sensors.errors import InputError
 
 RIGS = [files(rigcast.configs).joinpath(name).read_bytes() for name in ("minimal.yaml", "demo.yaml")]

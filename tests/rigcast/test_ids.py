@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import rigcast
-from rigcast.config import open_rig
 from rigcast.export.ids import IdTable
+from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 
 XML = """

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rigcast.config import open_rig, read_rig
+from rigcast.rig_file import open_rig, read_rig
 from rigcast.sensors.errors import InputError
 
 MODEL = """

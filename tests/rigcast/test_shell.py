@@ -15,9 +15,9 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from rigcast.cli import app
-from rigcast.config import open_rig
+from rigcast.rig_file import open_rig
+from rigcast.rig_file.starter import starter_rig
 from rigcast.schema import dataset_schema, rig_schema
-from rigcast.starter import starter_rig
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 EXAMPLES = sorted([*CONFIGS.glob("*.yaml"), *(CONFIGS.parent / "examples").rglob("*.yaml")])

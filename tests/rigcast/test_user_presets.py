@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigcast import InputError, Lidar, Mount
-from rigcast.config import load_rig, open_rig, read_rig
+from rigcast.rig_file import load_rig, open_rig, read_rig
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco/>")
 OWN = """\

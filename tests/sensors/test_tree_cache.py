@@ -11,8 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from rigcast import InputError, Scene
-from rigcast.kernels.geometry import TriangleTree, build_triangle_tree
-from rigcast.sensors.scene import tree_cache
+from rigcast.kernels.geometry import TriangleTree
+from rigcast.kernels.triangle_tree import build_triangle_tree
+from rigcast.sensors.scene import disk_cache, tree_cache
 from rigcast.sensors.scene.model_geometry import hfield_triangles
 from rigcast.sensors.scene.tree_cache import cached_triangle_tree
 
@@ -64,7 +65,7 @@ def test_any_other_input_is_another_tree(builds: list[int]) -> None:
 
 def test_another_builder_is_another_tree(builds: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
     cached_triangle_tree(VERTICES, FACES)
-    monkeypatch.setattr(tree_cache, "_builder", lambda: b"of another version")
+    monkeypatch.setattr(disk_cache, "_makers", lambda: b"of another version")
     cached_triangle_tree(VERTICES, FACES)
     assert len(builds) == 2
 
@@ -114,7 +115,7 @@ def test_faults_are_those_of_the_builder(folder: Path) -> None:
 
 def test_folder_that_cannot_be_written_is_one_warning(folder: Path) -> None:
     folder.write_text("a file where the folder should be")
-    with pytest.warns(RuntimeWarning, match="a tree cannot be kept"):
+    with pytest.warns(RuntimeWarning, match="nothing can be kept there"):
         assert_same(cached_triangle_tree(VERTICES, FACES), build_triangle_tree(VERTICES, FACES))
 
 
@@ -126,7 +127,7 @@ def test_trees_used_longest_ago_make_room(builds: list[int], folder: Path, monke
 
     (oldest,), (older,) = kept(1), kept(2)
     cached_triangle_tree(VERTICES, FACES[:-1])  # used again, so the other is now the oldest
-    monkeypatch.setattr(tree_cache, "MAX_BYTES", int(2.5 * oldest.stat().st_size))
+    monkeypatch.setattr(disk_cache, "MAX_BYTES", int(2.5 * oldest.stat().st_size))
     (newest,) = kept(3)
     assert set(folder.glob("*.npz")) == {oldest, newest}
     assert older not in (oldest, newest)

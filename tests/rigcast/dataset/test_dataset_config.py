@@ -27,6 +27,13 @@ from .small_datasets import controlled_by, edited
         ("[0, 0.05]", "[0.05, 0]", "set.yaml:8:8", "sensors.top.noise.range_std: must be [low, high], got [0.05, 0.0]"),
         ("range_std: [0", "range_std: [-1", "set.yaml:8:8", "with the lowest values: --set:1:"),
         ("dropout: [0, 0.5]", "drop: [0, 0.5]", "set.yaml:8:8", "did you mean 'dropout'?"),
+        ("seed: 3", "output: {fields: {tpo: [range]}}", "set.yaml:9:19", "no sensor 'tpo', expected one of top, front"),
+        (
+            "seed: 3",
+            "output: {fields: {top: [range, dept]}}",
+            "set.yaml:9:32",
+            "no field 'dept' of a lidar, expected one",
+        ),
         ("count: 2", "count: 0", "set.yaml:5:19", "must be greater than or equal to 1"),
     ],
 )

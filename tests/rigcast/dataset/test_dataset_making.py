@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from rigcast.config import open_rig
 from rigcast.dataset import shards
 from rigcast.dataset.config import Unit, read_dataset
 from rigcast.dataset.engines import InProcess, Make, Results
@@ -19,6 +18,7 @@ from rigcast.dataset.episode import Job, Result, make_episode, open_episode
 from rigcast.dataset.generate import make_dataset
 from rigcast.dataset.manifest import write_manifest
 from rigcast.dataset.reading import open_dataset
+from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 
 from .small_datasets import contents, controlled_by, edited, make

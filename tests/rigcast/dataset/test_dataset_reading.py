@@ -4,13 +4,13 @@ import pickle
 import shutil
 import sys
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 import pytest
 
 import rigcast
+from rigcast.export.fields import field_names
 from rigcast.sensors.errors import InputError
 
 from .small_datasets import edited, make
@@ -42,12 +42,25 @@ def test_a_frame_has_what_its_sensor_gives(whole_folder: Path) -> None:
     assert top["range"].shape == (2, 36)
     assert front["depth"].shape == (6, 8)
     assert front["intrinsics"].shape == (3, 3)
+    assert front["depth_scale"] == 0.001
     assert top["pose"].shape == (4, 4)
     assert float(top["time"]) == top.time
-    assert {"range", "points", "ring", "intensity", "geom_id", "stamp"} <= set(top)
+    elsewhere = {"flex_id", "skin_id", "prop_id"}  # fields of other scenes
+    assert set(top) == {"time", "pose", *field_names("lidar")} - elsewhere
+    assert set(front) == {"time", "pose", "intrinsics", "depth_scale", *field_names("depth_camera")} - elsewhere
     assert "intrinsics" not in top
-    with pytest.raises(KeyError):
-        top["depht"]
+    with pytest.raises(KeyError, match=r"'top' at 0.02 s in episode 0 .* has no 'rnage', .*did you mean 'range'"):
+        top["rnage"]
+
+
+@pytest.mark.parametrize("form", ["npz", "zarr"])
+def test_only_the_fields_that_were_chosen_are_there(path: Path, form: str) -> None:
+    path.write_text(path.read_text() + f"output: {{format: {form}, fields: {{top: [range, skin_id], front: []}}}}\n")
+    make(path)
+    frames = rigcast.open_dataset(path.parent / "out", verify=True)
+    assert set(frames.of("top")[0]) == {"time", "pose", "range"}  # there are no skins
+    assert set(frames.of("front")[0]) == {"time", "pose", "intrinsics", "depth_scale"}
+    assert frames.manifest["statistics"]["front"]["hits"] > 0
 
 
 def test_zarr_holds_the_same_as_npz(path: Path, whole_folder: Path) -> None:
@@ -121,30 +134,25 @@ def test_an_open_data_set_goes_to_other_processes(whole_folder: Path) -> None:
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(frames))[0]["range"], first)
 
 
-_T = TypeVar("_T")
-
-
-class _FakeDataset(Generic[_T]):
-    """What torch.utils.data.Dataset is: a base class without anything that is used here."""
-
-
-def test_torch_gets_tensors(whole_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    torch: Any = ModuleType("torch")
-    torch.utils = ModuleType("torch.utils")
-    torch.utils.data = ModuleType("torch.utils.data")
-    torch.utils.data.Dataset = _FakeDataset
-    torch.from_numpy = lambda array: ("tensor", array)
-    monkeypatch.setitem(sys.modules, "torch", torch)
-    monkeypatch.delitem(sys.modules, "rigcast.dataset.in_torch", raising=False)
+@pytest.mark.parametrize("workers", [0, pytest.param(1, marks=pytest.mark.long)])
+def test_torch_loads_batches(whole_folder: Path, workers: int) -> None:
+    data: Any = pytest.importorskip("torch.utils.data")
     top = rigcast.open_dataset(whole_folder).of("top")
-    frames: Any = top.torch("range", "pose")
-    assert issubclass(type(frames), _FakeDataset)
-    assert len(frames) == len(top)
-    for name, (kind, array) in frames[3].items():
-        assert kind == "tensor"
-        assert array.flags.writeable
-        np.testing.assert_array_equal(array, top[3][name])
-    monkeypatch.delitem(sys.modules, "rigcast.dataset.in_torch", raising=False)
+    frames: Any = top.torch("range", "pose", "geom_id")
+    assert isinstance(frames, data.Dataset)
+    context = "spawn" if workers else None  # a fork of a process with Warp's threads may hang
+    batches = list(data.DataLoader(frames, batch_size=5, num_workers=workers, multiprocessing_context=context))
+    assert [len(batch["range"]) for batch in batches] == [5, 5, 5, 5]
+    for k, frame in enumerate(top):
+        for name in ("range", "pose", "geom_id"):
+            got = batches[k // 5][name][k % 5].numpy()
+            assert got.dtype == frame[name].dtype
+            np.testing.assert_array_equal(got, frame[name], err_msg=f"{name} of frame {k}")
+
+
+def test_a_field_that_torch_cannot_have_is_named(whole_folder: Path) -> None:
+    with pytest.raises(InputError, match=r"has no 'rnage', expected one of .*; did you mean 'range'"):
+        rigcast.open_dataset(whole_folder).of("top").torch("rnage")
 
 
 def test_without_torch_it_is_said_what_to_install(whole_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ from rigcast.sensors.yaml_positions import (
     require_extent,
 )
 
-from .yaml_set import assigned, read_assignments
+from .overrides import assigned, read_assignments
 
 _MODELS = (".xml", ".mjcf", ".urdf", ".mjb")  # what is given by mistake in place of a rig
 _MOST_FILES = 100  # that one rig may be made of
