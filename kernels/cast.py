@@ -231,11 +231,13 @@ def cast_packets(
     limit: float,
     cull: int,
     # scratch:
+    copies: wp.array[Geometry],  # for each thread
     best: wp.array[PacketHits],
     world_directions: wp.array[Directions],
     out: Out,
 ) -> None:
     """The tiles of one of so many threads, one after the other, world after world."""
+    copies[thread] = g
     at = thread * TURN
     while at < worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
@@ -256,6 +258,7 @@ def cast_packets(
         rays.visible = visible
         rays.first_packet = index * PACKETS
         rays.packets = packets
+        rays.geometry = copies
         rays.first_slot = thread * PACKETS
         rays.best = best
         rays.directions = world_directions
@@ -294,7 +297,8 @@ def cast(
         return hits
     packets, worlds = rays.packets, rays.worlds
     if packets.tiles.size:
-        scratch = [wp.empty(thread_count() * PACKETS, dtype=kind, device="cpu") for kind in (PacketHits, Directions)]
+        sizes = {Geometry: thread_count(), PacketHits: thread_count() * PACKETS, Directions: thread_count() * PACKETS}
+        scratch = [wp.empty(size, dtype=kind, device="cpu") for kind, size in sizes.items()]
         inputs = [worlds, *scene, packets.tiles, packets.packets, *how, *scratch]
         launch_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()])
     if packets.singles.size:

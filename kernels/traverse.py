@@ -23,22 +23,21 @@ class Entered:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-int bits = 0;
-for (int j = 0; j < 8; ++j)
-    bits |= (a[j] < 0) << j;
-return bits;
+    int bits = 0;
+    for (int j = 0; j < 8; ++j) bits |= (a[j] < 0) << j;
+    return bits;
 #else
-typedef int ints __attribute__((ext_vector_type(8)));
-typedef bool bools __attribute__((ext_vector_type(8)));
-ints values;
-__builtin_memcpy(&values, &a, sizeof(values));
-bools negative = __builtin_convertvector(values < 0, bools);
-unsigned char bits;
-__builtin_memcpy(&bits, &negative, sizeof(bits));
-return bits;
+    typedef int ints __attribute__((ext_vector_type(8)));
+    typedef bool bools __attribute__((ext_vector_type(8)));
+    ints values;
+    __builtin_memcpy(&values, &a, sizeof(values));
+    bools negative = __builtin_convertvector(values < 0, bools);
+    unsigned char bits;
+    __builtin_memcpy(&bits, &negative, sizeof(bits));
+    return bits;
 #endif
 """)
-def sign_bits(a: vec8i) -> int:
+def sign_bits(a: vec8i) -> int:  # type: ignore[empty-body]
     """Bit by bit, which of eight numbers are below 0: one instruction, which no loop is turned into."""
 
 

@@ -41,13 +41,13 @@ def smaller(a: float, b: float) -> float:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-return __ffs(mask) - 1;
+    return __ffs(mask) - 1;
 #else
-return __builtin_ctz(mask);
+    return __builtin_ctz(mask);
 #endif
 """)
-def lowest_bit(mask: int) -> int:
-    """Index of the lowest bit that is set; one must be."""
+def lowest_bit(mask: int) -> int:  # type: ignore[empty-body]
+    """Index of the lowest bit that is set; there must be one."""
 
 
 @wp.func
