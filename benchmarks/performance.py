@@ -250,8 +250,8 @@ per ray, before and after, on a machine in use (noise of 10 to 30 %); depth came
   twice, and what is called from two places is not inlined but given a copy of the geometry, 900 bytes: 562 to 507.
   Masks of boxes in one instruction, by native code: to 464. The nearest box entered at once, without a way over the
   stack: to 449. All together 565 to 430, in the room 497 to 380, on the G1 469 to 358, aloha_pot 146 to 82.
-- Shapes without bounds, and what has no place, hung from the root of the tree over the others, and not from a root above
-  both: two nodes less for every ray that goes alone or in a packet.
+- Shapes without bounds, and what has no place, hung from the root of the tree over the others, and not from a root
+  above both: two nodes less for every ray that goes alone or in a packet.
 - Directions that are given as numpy arrays made unit vectors by a kernel, on all threads, not by numpy on one: 150
   to 35 for each ray of `Scene.cast`.
 - Sides of a split weighed by the blocks that their triangles fill, in place of the triangles: 7.6 of 8 lanes are filled
