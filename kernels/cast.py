@@ -107,24 +107,20 @@ def write_hit(g: Geometry, out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
     write_place(out, i, hit.shape, place.distance, place.face, place.normal, ray.limit)
 
 
-@wp.kernel
-def cast_rays(
-    first: int,
-    per_thread: int,
-    count: int,
-    # scene:
+@wp.func
+def cast_run(
+    begin: int,
+    end: int,
     g: Geometry,
     visible: wp.array[wp.bool],
-    # rays:
-    which: wp.array[int],  # of each world; empty for all
+    which: wp.array[int],
     rays: RayArrays,
     limit: float,
     cull: int,
     out: Out,
 ) -> None:
-    """So many rays per thread, of this count."""
-    begin = (first + wp.tid()) * per_thread
-    for k in range(begin, wp.min(begin + per_thread, count)):
+    """Rays begin to end - 1, as for cast_rays."""
+    for k in range(begin, end):
         i = int(k)
         if which.shape[0] > 0:
             i = k / which.shape[0] * rays.count + which[k % which.shape[0]]
@@ -140,6 +136,30 @@ def cast_rays(
             write_hit(g, out, i, cast_ray(g, visible, ray), ray)
         else:
             write_miss(out, i, wp.nan)
+
+
+@wp.kernel
+def cast_rays(
+    first: int,
+    per_thread: int,
+    count: int,
+    # scene:
+    g: Geometry,
+    visible: wp.array[wp.bool],
+    # rays:
+    which: wp.array[int],  # of each world; empty for all
+    rays: RayArrays,
+    limit: float,
+    cull: int,
+    out: Out,
+) -> None:
+    """So many rays per thread, of this count.
+
+    The loop is a function of its own, for Warp compiles the body of a kernel twice, and what is called from two places
+    is not inlined: each call would copy the geometry.
+    """
+    begin = (first + wp.tid()) * per_thread
+    cast_run(begin, wp.min(begin + per_thread, count), g, visible, which, rays, limit, cull, out)
 
 
 @wp.func
@@ -207,27 +227,27 @@ def cast_packets(
     # rays:
     tiles: wp.array[Tile],
     packets: wp.array[Packet],
-    firing_of_tile: wp.array[int],  # empty where there is one firing
     own: RayArrays,
     limit: float,
     cull: int,
     # scratch:
+    copies: wp.array[Geometry],  # for each thread
     best: wp.array[PacketHits],
     world_directions: wp.array[Directions],
     out: Out,
 ) -> None:
     """The tiles of one of so many threads, one after the other, world after world."""
+    copies[thread] = g
     at = thread * TURN
     while at < worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
         index = at % tiles.shape[0]
-        firing = world * own.firings
-        if firing_of_tile.shape[0] > 0:
-            firing += firing_of_tile[index]
-        rotation = own.rotation[firing]
         rays = TileRays()
         rays.tile = tiles[index]
-        rays.origin = own.position[firing] + rotation * own.origins[0]
+        ray = world * own.count + rays.tile.ray
+        firing = firing_of(own, ray)
+        rotation = own.rotation[firing]
+        rays.origin = own.position[firing] + rotation * origin_of(own, ray)
         rays.axis = rotation * rays.tile.axis
         rays.u = rotation * rays.tile.u
         rays.v = rotation * rays.tile.v
@@ -238,6 +258,7 @@ def cast_packets(
         rays.visible = visible
         rays.first_packet = index * PACKETS
         rays.packets = packets
+        rays.geometry = copies
         rays.first_slot = thread * PACKETS
         rays.best = best
         rays.directions = world_directions
@@ -276,8 +297,9 @@ def cast(
         return hits
     packets, worlds = rays.packets, rays.worlds
     if packets.tiles.size:
-        scratch = [wp.empty(thread_count() * PACKETS, dtype=kind, device="cpu") for kind in (PacketHits, Directions)]
-        inputs = [worlds, *scene, packets.tiles, packets.packets, packets.firing, *how, *scratch]
+        sizes = {Geometry: thread_count(), PacketHits: thread_count() * PACKETS, Directions: thread_count() * PACKETS}
+        scratch = [wp.empty(size, dtype=kind, device="cpu") for kind, size in sizes.items()]
+        inputs = [worlds, *scene, packets.tiles, packets.packets, *how, *scratch]
         launch_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()])
     if packets.singles.size:
         _cast_alone(scene, packets.singles, worlds * packets.singles.size, how, hits)
@@ -300,8 +322,8 @@ def widen(narrow: wp.array[wp.vec3], wide: wp.array[wp.vec3d]) -> None:
 
 
 @wp.kernel
-def normalize(vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]) -> None:
-    i = wp.tid()
+def normalize(first: int, vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]) -> None:
+    i = first + wp.tid()
     # scaled by the largest component first: squares of 1e-200 would vanish, those of 1e200 overflow
     scaled = vectors[i] / wp.max(wp.abs(vectors[i]))
     unit[i] = scaled / wp.length(scaled)
@@ -319,5 +341,5 @@ def as_double(vectors: wp.array) -> wp.array:
 def unit_directions(vectors: wp.array) -> wp.array:
     """(n,) vec3d of length 1, NaN where (n,) vec3 or vec3d vectors have none."""
     unit = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
-    wp.launch(normalize, vectors.size, inputs=[as_double(vectors)], outputs=[unit], device=vectors.device)
+    launch_over_rays(normalize, vectors.size, [as_double(vectors)], [unit], vectors.device)
     return unit

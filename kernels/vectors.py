@@ -39,16 +39,15 @@ def smaller(a: float, b: float) -> float:
     return wp.where(a < b, a, b)
 
 
-@wp.func
-def lowest_bit(mask: int) -> int:
-    """Index of the lowest bit that is set, of sixteen."""
-    bit = mask & -mask
-    return (
-        wp.where(bit & 0xAAAA != 0, 1, 0)
-        + wp.where(bit & 0xCCCC != 0, 2, 0)
-        + wp.where(bit & 0xF0F0 != 0, 4, 0)
-        + wp.where(bit & 0xFF00 != 0, 8, 0)
-    )
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __ffs(mask) - 1;
+#else
+    return __builtin_ctz(mask);
+#endif
+""")
+def lowest_bit(mask: int) -> int:  # type: ignore[empty-body]
+    """Index of the lowest bit that is set; there must be one."""
 
 
 @wp.func

@@ -1,14 +1,27 @@
-"""Rays that leave one after the other, on their way into packets."""
+"""Rays that leave one after the other, or side by side, on their way into packets."""
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
+
+from rigcast.kernels.rays import Rays
 
 from .sorting import Packets, sort_into_packets
 
 
-def sort_rays(directions: wp.array, firing: wp.array | None) -> Packets:
-    """Sort rays with unit directions (n,) vec3d; firing (n,) int32 says which of several each belongs to."""
-    return sort_into_packets(directions.numpy(), None if firing is None else firing.numpy())
+def sort_rays(directions: wp.array, group: npt.NDArray[np.int32] | None) -> Packets:
+    """Sort rays with unit directions (n,) vec3d; group (n,) says which leave together, None that all do."""
+    return sort_into_packets(directions.numpy(), group)
+
+
+def groups_of(rays: Rays) -> npt.NDArray[np.int32] | None:
+    """(n,) the same number for rays that leave from one origin in one firing; None where all do."""
+    firing = None if rays.firing is None else rays.firing.numpy()
+    if rays.origins.size == 1:
+        return firing
+    where = rays.origins.numpy() if firing is None else np.column_stack([rays.origins.numpy(), firing])
+    _, group = np.unique(where, axis=0, return_inverse=True)
+    return group.reshape(-1).astype(np.int32)
 
 
 def repeat_firing(firing: wp.array | None, times: int) -> wp.array | None:

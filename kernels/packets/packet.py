@@ -29,6 +29,7 @@ class Tile:
     q_low: vec8
     q_high: vec8
     packets: int  # bit by bit, which of the packets have rays
+    ray: int  # one of them: all have its firing and its origin
 
 
 @wp.struct
@@ -91,7 +92,8 @@ class TileRays:
     first_ray: int  # of their world
     first_packet: int
     packets: wp.array[Packet]
-    first_slot: int  # of PACKETS
+    geometry: wp.array[Geometry]  # for each thread, that of the cast
+    first_slot: int  # of PACKETS of this thread
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
 
@@ -103,6 +105,7 @@ class PacketRays:
     ray: WorldRay  # all but the direction
     packet: int
     packets: wp.array[Packet]
+    geometry: wp.array[Geometry]
     slot: int
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
@@ -166,6 +169,7 @@ def packet_of(rays: TileRays, k: int) -> PacketRays:
     packet.ray.cull = rays.cull
     packet.packet = rays.first_packet + k
     packet.packets = rays.packets
+    packet.geometry = rays.geometry
     packet.slot = rays.first_slot + k
     packet.best = rays.best
     packet.directions = rays.directions
@@ -187,7 +191,7 @@ def hit_of_lane(hits: PacketHits, i: int) -> Hit:
 
 
 @wp.func
-def offer(g: Geometry, packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int, reach: float) -> float:
+def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int, reach: float) -> float:
     """Let a packet's rays take the hits (near, far) of one shape or triangle where they are first; return its reach."""
     slot = packet.slot
     best_near = packet.best[slot].near
@@ -214,17 +218,16 @@ def offer(g: Geometry, packet: PacketRays, near: lanes, far: lanes, shape: int, 
     while open != 0:
         i = lowest_bit(open)
         open = open & (open - 1)
-        decide_lane_of_packet(g, packet, i, near[i], far[i], shape, triangle)
+        decide_lane_of_packet(packet, i, near[i], far[i], shape, triangle)
     return APART * farthest(packet.best[slot].far)
 
 
 @wp.func
-def decide_lane_of_packet(
-    g: Geometry, packet: PacketRays, i: int, near: float, far: float, shape: int, triangle: int
-) -> None:
+def decide_lane_of_packet(packet: PacketRays, i: int, near: float, far: float, shape: int, triangle: int) -> None:
+    """Float64 decides. The geometry comes by reference: it is large, and where it is an argument it is copied."""
     hit = hit_within(near, far, shape, triangle)
     hits = packet.best[packet.slot]
-    first = decided(g, hit_of_lane(hits, i), hit, ray_of_lane(packet, i))
+    first = decided(packet.geometry[packet.slot / PACKETS], hit_of_lane(hits, i), hit, ray_of_lane(packet, i))
     hits.near[i] = first.near
     hits.far[i] = first.far
     hits.shape[i] = first.shape

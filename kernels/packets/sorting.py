@@ -40,13 +40,12 @@ Doubles = npt.NDArray[np.float64]
 class Packets:
     """Rays sorted into tiles of packets, on the CPU.
 
-    singles: the rays that go alone. firing: (tiles,) int32, to which of several firings the rays of each tile belong.
+    singles: the rays that go alone.
     """
 
     tiles: wp.array
     packets: wp.array
     singles: wp.array
-    firing: wp.array | None = None
 
 
 @dataclass(frozen=True)
@@ -58,20 +57,19 @@ class _Arrangement:
 
     tiles: Indices
     singles: Indices
-    firing: npt.NDArray[np.int32]
     bases: Doubles
     places: Doubles
     low: Doubles
     high: Doubles
 
     @staticmethod
-    def of(tiles: Indices, singles: Indices, firing: npt.NDArray[np.int32], directions: Doubles) -> "_Arrangement":
+    def of(tiles: Indices, singles: Indices, directions: Doubles) -> "_Arrangement":
         """Of tiles as they are, but for those whose rays are far apart: they go alone."""
         bases, places = _places(tiles, directions)
         low, high = places[..., :2].min(axis=2) - SLACK, places[..., :2].max(axis=2) + SLACK
         is_dense = np.prod(high - low, axis=-1).sum(axis=1) < SPARSE * (tiles >= 0).sum(axis=(1, 2))
         sparse = tiles[~is_dense]
-        kept = (a[is_dense] for a in (firing, bases, places, low, high))
+        kept = (a[is_dense] for a in (bases, places, low, high))
         return _Arrangement(tiles[is_dense], np.concatenate([singles, sparse[sparse >= 0]]), *kept)
 
     @property
@@ -81,23 +79,21 @@ class _Arrangement:
         return float(packets.sum() + len(self.singles) * SEEN**2)
 
 
-def sort_into_packets(directions: Doubles, firing: npt.NDArray[np.int32] | None = None) -> Packets:
-    """Sort rays with unit directions (n, 3); those of a tile belong to one firing, (n,), where there are several."""
-    found = _in_blocks(directions, firing)
-    if firing is None and _least_cost_of_runs(directions) < found.cost:
+def sort_into_packets(directions: Doubles, group: npt.NDArray[np.int32] | None = None) -> Packets:
+    """Sort rays with unit directions (n, 3); those of a tile belong to one group, (n,), where there are several."""
+    found = _in_blocks(directions, group)
+    if group is None and _least_cost_of_runs(directions) < found.cost:
         found = min(found, _in_runs(directions), key=lambda arrangement: arrangement.cost)
     return Packets(
         wp.array(_tile_structs(found.tiles, found.bases, found.low, found.high), dtype=Tile, device="cpu"),
         wp.array(_packet_structs(found.tiles, found.places, directions), dtype=Packet, device="cpu"),
         wp.array(found.singles, dtype=int, device="cpu"),
-        None if firing is None else wp.array(found.firing, dtype=int, device="cpu"),
     )
 
 
-def _in_blocks(directions: Doubles, firing: npt.NDArray[np.int32] | None) -> _Arrangement:
-    rays, of_tile, singles = _tiles_of_firings(directions, firing)
-    tiles = _halved_to(rays, directions, LANES).reshape(-1, PACKETS, LANES)
-    return _Arrangement.of(tiles, singles, of_tile, directions)
+def _in_blocks(directions: Doubles, group: npt.NDArray[np.int32] | None) -> _Arrangement:
+    rays, singles = _tiles_of_groups(directions, group)
+    return _Arrangement.of(_halved_to(rays, directions, LANES).reshape(-1, PACKETS, LANES), singles, directions)
 
 
 def _least_cost_of_runs(directions: Doubles) -> float:
@@ -120,7 +116,7 @@ def _in_runs(directions: Doubles) -> _Arrangement:
     blocks, singles = _tiles_of(directions[rest])
     blocks = _halved_to(np.where(blocks >= 0, rest[blocks], ~rest[~blocks]), directions, LANES)
     tiles = np.concatenate([tiles, blocks.reshape(-1, PACKETS, LANES)])
-    return _Arrangement.of(tiles, rest[singles], np.zeros(len(tiles), np.int32), directions)
+    return _Arrangement.of(tiles, rest[singles], directions)
 
 
 def _tiles_of_runs(runs: Indices, directions: Doubles) -> Indices:
@@ -132,20 +128,16 @@ def _tiles_of_runs(runs: Indices, directions: Doubles) -> Indices:
     return np.stack(filled)
 
 
-def _tiles_of_firings(
-    directions: Doubles, firing: npt.NDArray[np.int32] | None
-) -> tuple[Indices, npt.NDArray[np.int32], Indices]:
-    """(tiles, TILE) rays as of `_tiles_of`, (tiles,) their firings, and the rays that go alone."""
-    if firing is None:
-        tiles, singles = _tiles_of(directions)
-        return tiles, np.zeros(len(tiles), np.int32), singles
-    order = np.argsort(firing, kind="stable")
+def _tiles_of_groups(directions: Doubles, group: npt.NDArray[np.int32] | None) -> tuple[Indices, Indices]:
+    """As `_tiles_of`, with the rays of a tile from one group."""
+    if group is None:
+        return _tiles_of(directions)
+    order = np.argsort(group, kind="stable")
     parts = [
-        (rays, *_tiles_of(directions[rays])) for rays in np.split(order, np.flatnonzero(np.diff(firing[order])) + 1)
+        (rays, *_tiles_of(directions[rays])) for rays in np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
     ]
     return (
         np.concatenate([np.where(tiles >= 0, rays[tiles], ~rays[~tiles]) for rays, tiles, _ in parts]),
-        np.concatenate([np.repeat(firing[rays[:1]], len(tiles)) for rays, tiles, _ in parts]),
         np.concatenate([rays[singles] for rays, _, singles in parts]),
     )
 
@@ -157,6 +149,7 @@ def _tile_structs(tiles: Indices, bases: Doubles, low: Doubles, high: Doubles) -
     for k, name in enumerate("pq"):
         structs[f"{name}_low"], structs[f"{name}_high"] = low[..., k], high[..., k]
     structs["packets"] = ((tiles >= 0).any(axis=2) << np.arange(PACKETS)).sum(axis=1)
+    structs["ray"] = _or_near(tiles[:, 0, 0])
     return structs
 
 

@@ -59,7 +59,7 @@ def visit_closed_form(
     directions.z = local_z
     size = g.size[packet.ray.scope.first_shape + shape]
     spans = triage_closed_forms(g.kind[shape], size, origin, directions, packet.ray.cull)
-    return offer(g, packet, spans.near, spans.far, shape, 0, reach)
+    return offer(packet, spans.near, spans.far, shape, 0, reach)
 
 
 @wp.func
@@ -79,7 +79,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
         k = lowest_bit(packets)
         packets = packets & (packets - 1)
         if has_triangles(kind):
-            sought = packet_among_triangles(rays, view, k, shape, cull)
+            sought = packet_among_triangles(g, rays, view, k, shape, cull)
             reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[at], sought, reach[k])
         else:
             reach[k] = visit_closed_form(g, packet_of(rays, k), shape, to_local, view.origin, reach[k])

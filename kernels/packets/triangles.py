@@ -19,6 +19,7 @@ from rigcast.kernels.vectors import larger, lowest_bit, norm1, smaller
 
 from .frustum import Frustum, enter_frustum, frustum_of, some_lane_enters
 from .packet import LANES, PacketRays, TileRays, View, lanes, offer, packet_of
+from .prefetch import prefetch_block, prefetch_node
 
 SIDE_ROUNDING = wp.constant(12.0 * 2.0**-23)  # 24u
 DISTANCE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
@@ -51,6 +52,8 @@ class Sought:
     """A packet as the triangles of one shape see it."""
 
     packet: PacketRays
+    nodes: wp.array[Node]
+    blocks: wp.array[TriangleBlock]
     shape: int
     cull: int
     view: View
@@ -63,11 +66,13 @@ class Sought:
 
 
 @wp.func
-def packet_among_triangles(rays: TileRays, view: View, k: int, shape: int, cull: int) -> Sought:
+def packet_among_triangles(g: Geometry, rays: TileRays, view: View, k: int, shape: int, cull: int) -> Sought:
     """Packet k of a tile as one shape sees it."""
     tile = rays.tile
     sought = Sought()
     sought.packet = packet_of(rays, k)
+    sought.nodes = g.nodes
+    sought.blocks = g.blocks
     sought.shape = shape
     sought.cull = cull
     sought.view = view
@@ -240,6 +245,22 @@ def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: flo
     edges = edges_of(g.blocks[index], sought)
     at = sought.packet.packet
     length = sought.packet.packets[at].length  # Warp 1.12 takes the field for its function, where it is an argument
+    # fields are taken out of their struct first: an element of a field would be a copy of all of it
+    side0_a = edges.side0_a
+    side0_u = edges.side0_u
+    side0_v = edges.side0_v
+    side1_a = edges.side1_a
+    side1_u = edges.side1_u
+    side1_v = edges.side1_v
+    side2_a = edges.side2_a
+    side2_u = edges.side2_u
+    side2_v = edges.side2_v
+    slope_a = edges.slope_a
+    slope_u = edges.slope_u
+    slope_v = edges.slope_v
+    rounding = edges.rounding
+    height = edges.height
+    size = edges.reach
     possible = edges.possible
     while possible != 0:
         j = lowest_bit(possible)
@@ -248,17 +269,17 @@ def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: flo
             sought.packet.packets[at].p,
             sought.packet.packets[at].q,
             length,
-            wp.vec3(edges.side0_a[j], edges.side0_u[j], edges.side0_v[j]),
-            wp.vec3(edges.side1_a[j], edges.side1_u[j], edges.side1_v[j]),
-            wp.vec3(edges.side2_a[j], edges.side2_u[j], edges.side2_v[j]),
-            wp.vec3(edges.slope_a[j], edges.slope_u[j], edges.slope_v[j]),
-            edges.rounding[j],
-            edges.height[j],
-            edges.reach[j],
+            wp.vec3(side0_a[j], side0_u[j], side0_v[j]),
+            wp.vec3(side1_a[j], side1_u[j], side1_v[j]),
+            wp.vec3(side2_a[j], side2_u[j], side2_v[j]),
+            wp.vec3(slope_a[j], slope_u[j], slope_v[j]),
+            rounding[j],
+            height[j],
+            size[j],
             sought.cull,
         )
         if met.some != 0:
-            reach = offer(g, sought.packet, met.near, met.far, sought.shape, index * WIDTH + j, reach)
+            reach = offer(sought.packet, met.near, met.far, sought.shape, index * WIDTH + j, reach)
     return reach
 
 
@@ -267,6 +288,14 @@ def enter_of_packet(node: Node, sought: Sought, reach: float) -> Entered:
     """The boxes that some ray of the packet enters."""
     entered = enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
     at = sought.packet.packet
+    center_x = node.center_x
+    center_y = node.center_y
+    center_z = node.center_z
+    half_x = node.half_x
+    half_y = node.half_y
+    half_z = node.half_z
+    distance = entered.distance
+    child = node.child
     widest = 1.0 + wp.abs(sought.p) + sought.p_half + wp.abs(sought.q) + sought.q_half
     todo = entered.children
     while todo != 0:
@@ -277,13 +306,17 @@ def enter_of_packet(node: Node, sought: Sought, reach: float) -> Entered:
             sought.packet.packets[at].q,
             sought.packet.best[sought.packet.slot].far,
             sought.view,
-            wp.vec3(node.center_x[j], node.center_y[j], node.center_z[j]),
-            wp.vec3(node.half_x[j], node.half_y[j], node.half_z[j]),
-            entered.distance[j],
+            wp.vec3(center_x[j], center_y[j], center_z[j]),
+            wp.vec3(half_x[j], half_y[j], half_z[j]),
+            distance[j],
             widest,
         )
         if some == 0:
             entered.children = entered.children & ~(1 << j)
+        elif child[j] < 0:
+            prefetch_block(sought.blocks, -1 - child[j])
+        else:
+            prefetch_node(sought.nodes, child[j])
     return entered
 
 

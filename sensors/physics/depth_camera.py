@@ -10,15 +10,14 @@ from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.effects.infrared import Losses, lose
 from rigcast.kernels.effects.random import RandomSource
-from rigcast.kernels.packets.firings import repeat_firing
-from rigcast.kernels.packets.sorting import Packets
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import bound, read
-from rigcast.sensors.scene.packet_cache import cached_packets
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.ranging import Ranging, Stereo, TimeOfFlight
+
+from .sub_rays import SubRays
 
 _KINECT_V1 = {"nguyen": kinect_v1.NGUYEN, "disparity": kinect_v1.DISPARITY}
 
@@ -40,9 +39,8 @@ class _Look:
     visible: wp.array
     source: RandomSource
 
-    def cast(self, directions: wp.array, packets: Packets | None, firing: wp.array | None) -> HitArrays:
+    def cast(self, rays: Rays) -> HitArrays:
         """What rays from the camera hit, to any distance, with normals in its frame."""
-        rays = replace(self.rays, directions=directions, packets=packets, firing=firing)
         hits = self.scene.cast_rays(rays, self.visible, math.inf)
         read(hits, rays, min_range=0.0)
         return hits
@@ -61,9 +59,9 @@ class _Look:
 class DepthPhysics:
     """The errors that the specification of one camera asks for, ready on the device of a scene."""
 
-    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern, rays: Rays) -> None:
+    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern) -> None:
         self._scene, self._spec = scene, spec
-        self._read = _ReadStereo(spec.stereo, pattern) if spec.stereo else _ReadTimeOfFlight(scene, spec, pattern, rays)
+        self._read = _ReadStereo(spec.stereo, pattern) if spec.stereo else _ReadTimeOfFlight(scene, spec, pattern)
 
     @property
     def bytes_per_ray(self) -> int:
@@ -89,7 +87,7 @@ class _ReadStereo:
 
     def __call__(self, look: _Look) -> DepthReading:
         spec, directions = self._spec, look.rays.directions
-        seen = look.cast(directions, look.rays.packets, look.rays.firing)
+        seen = look.cast(look.rays)
         surface = seen if spec.kinect_v1 is None else self._shifted(look, seen)
         hits = _copy(surface)
         if spec.shadow:
@@ -106,7 +104,7 @@ class _ReadStereo:
         assert self._spec.kinect_v1 is not None
         model, size = _KINECT_V1[self._spec.kinect_v1], (self._pair.width, self._pair.height)
         shifted = kinect_v1.shift(model, size, look.source, look.rays.directions, seen.normal)
-        hits = look.cast(shifted.reshape((look.rays.worlds, -1)), None, look.rays.firing)
+        hits = look.cast(replace(look.rays, directions=shifted.reshape((look.rays.worlds, -1)), packets=None))
         kinect_v1.at_own_pixel(hits.distance, shifted, look.rays.directions)
         return hits
 
@@ -122,22 +120,23 @@ class _ReadStereo:
 
 
 class _ReadTimeOfFlight:
-    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern, rays: Rays) -> None:
+    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern) -> None:
         assert spec.time_of_flight is not None
         self._spec: TimeOfFlight = spec.time_of_flight
-        self._subrays, self._packets, self._firing = None, None, rays.firing
+        self._subrays = None
         if pattern.subrays is not None:
-            self._subrays = scene.rays_in_frame(pattern.subrays, np.zeros(3), np.eye(4)).directions
-            self._firing = repeat_firing(rays.firing, spec.time_of_flight.subrays**2)
-            self._packets = None if rays.packets is None else cached_packets(self._subrays, self._firing)
+            directions = scene.rays_in_frame(pattern.subrays, np.zeros(3), np.eye(4)).directions
+            self._subrays = SubRays(spec.time_of_flight.subrays**2, lambda _: directions)
 
     def __call__(self, look: _Look) -> DepthReading:
         spec = self._spec
         if self._subrays is None:
-            seen = look.cast(look.rays.directions, look.rays.packets, look.rays.firing)
+            seen = look.cast(look.rays)
         else:
-            rays, looks = look.cast(self._subrays, self._packets, self._firing), look.scene.looks()
-            seen = time_of_flight.mix(rays, self._subrays, looks.reflectivity, spec.subrays**2)
+            rays = self._subrays.of(look.rays)
+            seen = time_of_flight.mix(
+                look.cast(rays), rays.directions, look.scene.looks().reflectivity, spec.subrays**2
+            )
         hits = _copy(seen)
         look.lose(spec, 0.0, hits)
         wrap = math.inf if spec.modulation_hz is None else time_of_flight.SPEED_OF_LIGHT / (2 * spec.modulation_hz)

@@ -1,7 +1,6 @@
 """A lidar's way from rays to a reading: beams, surfaces, weather, returns, ranging."""
 
 import math
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,14 +9,14 @@ import warp as wp
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.random import RandomSource
-from rigcast.kernels.packets.firings import repeat_firing
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
-from rigcast.sensors.scene.packet_cache import cached_packets
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.lidar_effects import Noise, Weather
+
+from .sub_rays import SubRays
 
 _MODES = {
     "first": returns.FIRST,
@@ -37,16 +36,16 @@ class Reading:
 
 
 class LidarPhysics:
-    """The effects that the specification of one lidar asks for, ready on the device of a scene."""
+    """The effects that the specification of one lidar of `count` rays asks for, ready on the device of a scene."""
 
-    def __init__(self, scene: Scene, spec: Lidar, rays: Rays) -> None:
-        self.scene, self.spec, self.count = scene, spec, rays.directions.size
+    def __init__(self, scene: Scene, spec: Lidar, count: int) -> None:
+        self.scene, self.spec, self.count = scene, spec, count
         noise = spec.noise or Noise()
         angles, weights = _sub_rays(spec)
         self.sub_rays = len(weights)
         self._angles = wp.array(angles, dtype=wp.vec2, device=scene.device)
         self._angle_std = math.radians(noise.angle_std_deg)
-        self._aim(rays)
+        self._spread = SubRays(self.sub_rays, lambda rays: beams.aim(rays, self._angles, RandomSource(), 0.0))
         self._travelled = wp.zeros(self.count * self.sub_rays, dtype=float, device=scene.device)
         self._share = wp.array(np.tile(weights, self.count), dtype=float, device=scene.device)
         self._extinction = _extinction(spec.weather or Weather())
@@ -68,26 +67,10 @@ class LidarPhysics:
             + (slots + returns_kept) * echoes.BYTES_PER_ECHO
         )
 
-    def along(self, rays: Rays) -> "LidarPhysics":
-        """The same effects on as many other rays."""
-        other = copy(self)
-        other._aim(rays)
-        return other
-
-    def _aim(self, rays: Rays) -> None:
-        """The sub-rays of these rays, in packets where the rays are."""
-        self._origins = beams.repeated(rays.origins, self.sub_rays)
-        self._directions = beams.aim(rays, self._angles, RandomSource(), 0.0)
-        self._packets, self._firing = rays.packets, rays.firing
-        if self.sub_rays > 1:
-            self._firing = repeat_firing(rays.firing, self.sub_rays)
-            self._packets = None if rays.packets is None else cached_packets(self._directions, self._firing)
-
     def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
-        """One reading of the scene. rays: those it was made with, in the sensor's pose now."""
+        """One reading of the scene, with the sensor's rays in its pose now."""
         spec, count = self.spec, self.count * rays.worlds
-        aimed = {"directions": self._directions, "origins": self._origins}
-        sub_rays = replace(rays, **aimed, packets=self._packets, firing=self._firing)
+        sub_rays = rays if self.sub_rays == 1 else self._spread.of(rays)
         if self._angle_std > 0:
             directions = beams.aim(rays, self._angles, source, self._angle_std, rays.worlds)
             sub_rays = replace(sub_rays, directions=directions.reshape((rays.worlds, -1)), packets=None)

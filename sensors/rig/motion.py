@@ -121,13 +121,6 @@ class Track:
             fraction,
         )
 
-    @staticmethod
-    def still(pose: Doubles, count: int) -> "Track":
-        """One pose (4, 4), as often as this."""
-        rotation = np.broadcast_to(pose[:3, :3], (count, 3, 3))
-        zeros = np.zeros(count)
-        return Track(np.broadcast_to(pose[:3, 3], (count, 3)), rotation, zeros.astype(np.int32), zeros)
-
     def pose(self) -> Doubles:
         """(4, 4) at the first of its times."""
         pose = np.eye(4)

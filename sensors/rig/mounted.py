@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import count
 from typing import NamedTuple
 
@@ -13,19 +14,26 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.kernels.mounts import BYTES_PER_FRAME, Frames
+from rigcast.kernels.packets.firings import groups_of
+from rigcast.kernels.packets.in_order import pack_in_order
+from rigcast.kernels.packets.sorting import Packets
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
-from rigcast.sensors.scene.batch.worlds import Standing
+from rigcast.sensors.scene.batch.attached import Attached
+from rigcast.sensors.scene.batch.per_world import PerWorld
+from rigcast.sensors.scene.batch.standing import Standing
+from rigcast.sensors.scene.batch.worlds import Worlds
 from rigcast.sensors.scene.packet_cache import cached_packets
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
 from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 
-from .motion import Firings, Track
+from .motion import FEWEST, Firings, Track
 
 Sensor = Lidar | DepthCamera | HeightScan
 
@@ -53,8 +61,8 @@ class Aim(NamedTuple):
 class Mounted:
     """A sensor on a scene, with the rays of one reading on the device.
 
-    firings: of a sensor that moves during a reading, None of others. frames: numbers readings whose errors are drawn,
-    batches: those of many worlds.
+    firings: of a sensor that moves during a reading, None of others. rays_at_once: as if all were fired at one time.
+    frames: numbers readings whose errors are drawn, batches: those of many worlds.
     """
 
     scene: Scene
@@ -62,7 +70,7 @@ class Mounted:
     mount: BoundMount
     pattern: Pattern
     firings: Firings | None
-    fixed_rays: Rays
+    rays_at_once: Rays
     firing_times: wp.array | None
     ring: wp.array | None
     column: wp.array | None
@@ -70,52 +78,64 @@ class Mounted:
     depth_physics: DepthPhysics | None
     frames: Iterator[int]
     batches: Iterator[int]
+    filter: Filter | PerWorld[Filter]
+    attached: Attached
 
     @staticmethod
     def on(scene: Scene, spec: Sensor) -> "Mounted":
         pattern = spec.pattern(scene.model)
-        firings = _firings(spec, pattern, scene)
-        rays = _upload_rays(pattern, firings, scene)
+        rays = _upload_rays(pattern, scene)
+        mount = spec.mount.bind(scene.model).turned(spec.frame_rotation)
         return Mounted(
             scene,
             spec,
-            spec.mount.bind(scene.model).turned(spec.frame_rotation),
+            mount,
             pattern,
-            firings,
+            _firings(spec, pattern, scene),
             rays,
             _upload(pattern.firing_times, wp.float64, spec, scene.device),
             _upload(pattern.ring, wp.int32, spec, scene.device),
             _upload(pattern.column, wp.int32, spec, scene.device),
-            LidarPhysics(scene, spec, rays) if isinstance(spec, Lidar) and spec.has_effects else None,
-            DepthPhysics(scene, spec, pattern, rays) if isinstance(spec, DepthCamera) and spec.has_effects else None,
+            LidarPhysics(scene, spec, rays.directions.size) if isinstance(spec, Lidar) and spec.has_effects else None,
+            DepthPhysics(scene, spec, pattern) if isinstance(spec, DepthCamera) and spec.has_effects else None,
             count(),
             count(),
+            spec.filter,
+            Attached.by([mount], scene.device),
         )
 
     def at(self, time: float) -> "Mounted":
         """With the rays of a reading that begins at `time` [s], where a pattern is another one in each reading."""
         if self.pattern.later is None:
             return self
-        pattern, device = self.pattern.at(time), self.scene.device
-        firings = _firings(self.spec, pattern, self.scene)
-        rays = _upload_rays(pattern, firings, self.scene)
+        pattern, scene, spec = self.pattern.at(time), self.scene, self.spec
+        turned = replace(self, pattern=pattern, rays_at_once=_upload_rays(pattern, scene))
+        if all(getattr(pattern, name) is getattr(self.pattern, name) for name in ("firing_times", "ring", "column")):
+            return turned
         return replace(
-            self,
-            pattern=pattern,
-            firings=firings,
-            fixed_rays=rays,
-            firing_times=_upload(pattern.firing_times, wp.float64, self.spec, device),
-            ring=_upload(pattern.ring, wp.int32, self.spec, device),
-            column=_upload(pattern.column, wp.int32, self.spec, device),
-            physics=None if self.physics is None else self.physics.along(rays),
+            turned,
+            firings=_firings(spec, pattern, scene),
+            firing_times=_upload(pattern.firing_times, wp.float64, spec, scene.device),
+            ring=_upload(pattern.ring, wp.int32, spec, scene.device),
+            column=_upload(pattern.column, wp.int32, spec, scene.device),
         )
 
-    @property
-    def bytes_per_world(self) -> int:
+    @cached_property
+    def rays_fired(self) -> Rays:
+        """The rays of a sensor that moves, each with its firing."""
+        assert self.firings is not None
+        rays = replace(self.rays_at_once, firing=wp.array(self.firings.of_ray, dtype=int, device=self.scene.device))
+        packed = _in_packets(self.pattern, self.scene) and self.pattern.origins is None
+        return replace(rays, packets=_packets(self.pattern, rays) if packed else None)
+
+    def bytes_per_world(self, worlds: Worlds) -> int:
         """The most memory that one reading of one of many worlds takes, while it is made."""
-        poses = BYTES_PER_FRAME * (1 if self.firings is None else len(self.firings.times))
+        # its pose and its carrier's, the frame's, which is a third larger, and how it is mounted
+        poses = 4 + (self.spec.name in worlds.mounts)
+        visible = self.scene.body_of_shape.size if worlds.differ_in_sight(self.spec.name) else 0
         physics = self.physics or self.depth_physics
-        return poses + math.prod(self.pattern.shape) * (BYTES_PER_HIT if physics is None else physics.bytes_per_ray)
+        per_ray = BYTES_PER_HIT if physics is None else physics.bytes_per_ray
+        return poses * BYTES_PER_FRAME + visible + math.prod(self.pattern.shape) * per_ray
 
     @property
     def frame_shape(self) -> tuple[int, ...]:
@@ -130,19 +150,17 @@ class Mounted:
             return yaw_only(pose) if self.spec.yaw_aligned else pose
 
     def visible(self) -> wp.array:
-        return self.scene.visible(self.spec.filter)
+        return self.scene.visible(self.filter)
 
     def rays(self, data: mujoco.MjData) -> Rays:
         """Its rays, all fired now."""
-        if self.firings is None:
-            return self.scene.in_pose(self.fixed_rays, self.pose(data))
-        return self.rays_along(Track.still(self.pose(data), len(self.firings.times)))
+        return self.scene.in_pose(self.rays_at_once, self.pose(data))
 
     def rays_along(self, track: Track) -> Rays:
         """The rays of a sensor that moves, which is on this track at the times of its firings."""
         device = self.scene.device
         return replace(
-            self.fixed_rays,
+            self.rays_fired,
             position=wp.array(track.position, dtype=wp.vec3d, device=device),
             rotation=wp.array(track.rotation, dtype=wp.mat33d, device=device),
             span=wp.array(track.span, dtype=int, device=device),
@@ -157,14 +175,16 @@ class Mounted:
         number = next(self.batches)
         fired = self.at(number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.duration)
         count = worlds.count
-        firings = 1 if fired.firings is None else len(fired.firings.times)
-        frames = Frames.empty(count, firings, self.scene.device)
-        where = (worlds.carriers(self.mount.parent), self.mount.id, self.mount.offset)
-        frames.place(0, *where, yaw_aligned=self.spec.yaw_aligned, active=worlds.active, times=firings)
+        frames = Frames.empty(count, 1, self.scene.device)
+        at = worlds.attached(self.spec, self.attached)
+        frames.place(0, worlds.carriers(at), at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
         position, rotation = frames.position.flatten(), frames.rotation.flatten()
-        rays = replace(fired.fixed_rays, position=position, rotation=rotation, worlds=count)
+        rays = replace(fired.rays_at_once, position=position, rotation=rotation, worlds=count)
         ring, column = _same_in_each(fired.ring, count), _same_in_each(fired.column, count)
-        return replace(fired, ring=ring, column=column), Aim(worlds.times(), frames.poses(), rays, worlds.ids)
+        filter = worlds.filter_of(self.spec)
+        return replace(fired, ring=ring, column=column, filter=filter), Aim(
+            worlds.times(), frames.poses(), rays, worlds.ids
+        )
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)
@@ -187,24 +207,28 @@ def _firings(spec: Sensor, pattern: Pattern, scene: Scene) -> Firings | None:
     if not spec.moves:
         return None
     times = np.zeros(pattern.shape) if pattern.firing_times is None else pattern.firing_times
-    return Firings.of(times.reshape(-1), packed=_in_packets(pattern, scene))
+    return Firings.of(times.reshape(-1), packed=scene.device.is_cpu and pattern.origins is None)
 
 
 def _in_packets(pattern: Pattern, scene: Scene) -> bool:
-    """Whether rays are cast in packets: on the CPU, where they leave from one origin.
+    """Whether rays are cast in packets: on the CPU, where enough of them leave from one origin."""
+    if not scene.device.is_cpu or pattern.origins is None:
+        return scene.device.is_cpu
+    origins = pattern.origins.reshape(-1, 3)
+    return FEWEST * len(np.unique(origins, axis=0)) <= len(origins)
 
-    Those of a pattern that is another one in each reading are cast alone: sorting them would take longer.
-    """
-    return scene.device.is_cpu and pattern.origins is None and pattern.later is None
 
-
-def _upload_rays(pattern: Pattern, firings: Firings | None, scene: Scene) -> Rays:
+def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
     """The rays of a pattern on the device."""
     origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
     rays = scene.rays_in_frame(pattern.directions, origins, np.eye(4))
-    if firings is not None:
-        rays = replace(rays, firing=wp.array(firings.of_ray, dtype=int, device=scene.device))
-    return replace(rays, packets=cached_packets(rays.directions, rays.firing)) if _in_packets(pattern, scene) else rays
+    return replace(rays, packets=_packets(pattern, rays)) if _in_packets(pattern, scene) else rays
+
+
+def _packets(pattern: Pattern, rays: Rays) -> Packets:
+    """The rays of a pattern in packets: sorted once, or in order where they are others in each reading."""
+    group = groups_of(rays)
+    return cached_packets(rays.directions, group) if pattern.later is None else pack_in_order(rays.directions, group)
 
 
 def _upload(values: NDArray[np.generic] | None, dtype: type, spec: Sensor, device: wp.Device) -> wp.array | None:

@@ -38,10 +38,11 @@ class Steered(Spec):
         samples, lines = self.samples(rate_hz), len(self.line_elevation_deg)
         column, ring = (index.ravel() for index in np.indices((samples, lines), dtype=np.int32))
         sampled = np.arange(samples) / self.sample_rate_hz
+        fired = np.repeat(sampled, lines)
 
         def at(time: float) -> Pattern:
             rays = self.directions(self.start + time + sampled).reshape(-1, 3)
-            return Pattern(rays, firing_times=np.repeat(sampled, lines), ring=ring, column=column, later=at)
+            return Pattern(rays, firing_times=fired, ring=ring, column=column, later=at)
 
         return at(0.0)
 
@@ -59,12 +60,12 @@ class Wedge(Spec):
     tilted_first: bool = Field(description="whether the light meets the tilted face before the other one")
 
     def bend(self, beam: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, lines, 3) directions behind the wedge of those before it, at times (n,) [s]."""
+        """(3, n, lines) directions behind the wedge of those before it, at times (n,) [s]."""
         turned, tilt = 2 * np.pi * self.rpm / 60 * time, np.deg2rad(self.tilt_deg)
         leaning = np.stack(
-            [np.full_like(time, np.cos(tilt)), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)], axis=-1
-        )[:, None]
-        square = np.array([1.0, 0.0, 0.0])
+            [np.full_like(time, np.cos(tilt)), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)]
+        )[..., None]
+        square = np.array([1.0, 0.0, 0.0])[:, None, None]
         first, second = (leaning, square) if self.tilted_first else (square, leaning)
         return refract(refract(beam, first, 1 / self.index), second, self.index)
 
@@ -94,10 +95,10 @@ class Rosette(Steered):
 
     def directions(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         line = np.deg2rad(np.asarray(self.line_elevation_deg))
-        beam = np.broadcast_to(directions_at(np.zeros_like(line), line), (len(time), len(line), 3))
+        beam = directions_at(np.zeros_like(line), line).T[:, None]
         for wedge in self.wedges:
             beam = wedge.bend(beam, time)
-        return beam
+        return np.ascontiguousarray(np.moveaxis(beam, 0, -1))
 
 
 class Nodding(Steered):
@@ -122,8 +123,8 @@ class Nodding(Steered):
 
 
 def refract(beam: NDArray[np.float64], normal: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
-    """(..., 3) unit directions behind a face; `ratio` is n1 / n2. NaN where all of the light is reflected."""
-    along = np.sum(beam * normal, axis=-1, keepdims=True)
+    """(3, ...) unit directions behind a face; `ratio` is n1 / n2. NaN where all of the light is reflected."""
+    along = np.sum(beam * normal, axis=0)
     with np.errstate(invalid="ignore"):
         behind = np.sqrt(1 - ratio**2 * (1 - along**2))
     return np.asarray(ratio * beam + (behind - ratio * along) * normal)

@@ -191,8 +191,7 @@ def test_firings_are_sorted_into_tiles_of_their_own(seed: int) -> None:
     directions = unit(rng.normal((5, 0, 0), size=(3000, 3)))
     firing: NDArray[np.int32] = rng.permutation(np.repeat(np.arange(4), 750)).astype(np.int32)
     packets = sort_into_packets(directions, firing)
-    assert packets.firing is not None
-    numbers, tiles = packets.packets.numpy()["ray"].reshape(packets.tiles.size, -1), packets.firing.numpy()
+    numbers, one = packets.packets.numpy()["ray"].reshape(packets.tiles.size, -1), packets.tiles.numpy()["ray"]
     assert sorted([*numbers[numbers >= 0], *packets.singles.numpy()]) == list(range(3000))
-    for rays, of_tile in zip(numbers, tiles, strict=True):
-        assert set(firing[rays[rays >= 0]]) == {of_tile}
+    for rays, of_tile in zip(numbers, one, strict=True):
+        assert set(firing[rays[rays >= 0]]) == {firing[of_tile]}

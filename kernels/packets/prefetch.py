@@ -1,0 +1,29 @@
+"""Nodes and blocks on their way into the cache of a CPU, before they are needed."""
+
+import warp as wp
+
+from rigcast.kernels.geometry import TriangleBlock
+from rigcast.kernels.tree import Node
+
+CACHE_LINE = 64
+
+
+def _prefetch(array: str) -> str:
+    """Of C++, that asks for all cache lines of element i; a GPU hides latencies by its many threads."""
+    return f"""
+#if !defined(__CUDA_ARCH__)
+    const char* element = (const char*)&{array}.data[i];
+    for (size_t at = 0; at < sizeof({array}.data[0]); at += {CACHE_LINE}) __builtin_prefetch(element + at);
+#endif
+"""
+
+
+# without a return type, which Warp 1.12 would take for that of a value
+@wp.func_native(_prefetch("nodes"))
+def prefetch_node(nodes: wp.array[Node], i: int):  # type: ignore[no-untyped-def]
+    """Ask for node i."""
+
+
+@wp.func_native(_prefetch("blocks"))
+def prefetch_block(blocks: wp.array[TriangleBlock], i: int):  # type: ignore[no-untyped-def]
+    """Ask for block i."""

@@ -1,0 +1,41 @@
+"""Rays that are cast in place of each ray of a sensor."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import warp as wp
+
+from rigcast.kernels.effects.beams import repeated
+from rigcast.kernels.packets.firings import groups_of, repeat_firing
+from rigcast.kernels.rays import Rays
+from rigcast.sensors.scene.packet_cache import cached_packets
+
+
+class SubRays:
+    """So many rays, `times`, in place of each, which `directions` (n times,) vec3d are worked out for.
+
+    They are kept, and their packets with them, for as long as the rays have the same directions and firings.
+    """
+
+    def __init__(self, times: int, directions: Callable[[Rays], wp.array]) -> None:
+        self._times, self._directions = times, directions
+        self._of: tuple[wp.array, wp.array | None] | None = None
+        self._made: Rays | None = None
+
+    def of(self, rays: Rays) -> Rays:
+        """The sub-rays of these rays, in their pose, in packets where the rays are."""
+        if self._made is None or self._of is None or not _same(self._of, (rays.directions, rays.firing)):
+            made = replace(
+                rays,
+                directions=self._directions(rays),
+                origins=repeated(rays.origins, self._times),
+                firing=repeat_firing(rays.firing, self._times),
+            )
+            packets = None if rays.packets is None else cached_packets(made.directions, groups_of(made))
+            self._of, self._made = (rays.directions, rays.firing), replace(made, packets=packets)
+        kept = self._made
+        return replace(rays, directions=kept.directions, origins=kept.origins, firing=kept.firing, packets=kept.packets)
+
+
+def _same(a: tuple[object, object], b: tuple[object, object]) -> bool:
+    return all(x is y for x, y in zip(a, b, strict=True))

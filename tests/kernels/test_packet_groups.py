@@ -1,0 +1,117 @@
+"""Packets of rays that were not sorted, and of rays from several origins: they hit what each of them hits alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from made_worlds import Doubles, Hits, assert_same, random_plan, random_rotations, rays_of, unit
+from numpy.typing import NDArray
+
+from rigcast.kernels.cast import cast
+from rigcast.kernels.packets.firings import groups_of, sort_rays
+from rigcast.kernels.packets.in_order import pack_in_order
+from rigcast.kernels.packets.packet import LANES, PACKETS
+from rigcast.kernels.packets.sorting import Packets
+from rigcast.kernels.rays import Rays
+from rigcast.kernels.triangle import CULL_NONE
+from rigcast.kernels.world import World
+
+
+def path(count: int, turns: float = 8.0) -> Doubles:
+    """A beam that winds around +x."""
+    along = np.linspace(0, 1, count)
+    aside, angle = 0.6 * np.sin(17 * along), 2 * np.pi * turns * along
+    return unit(np.stack([np.ones(count), aside * np.cos(angle), aside * np.sin(angle)], axis=-1))
+
+
+def vectors(values: Doubles) -> wp.array:
+    return wp.array(values, dtype=wp.vec3d, device="cpu")
+
+
+def hits_of(world: World, rays: Rays) -> Hits:
+    visible = wp.full(world.geometry.kind.size, True, dtype=wp.bool, device="cpu")
+    hits = cast(world.geometry, visible, rays, np.inf, CULL_NONE)
+    return Hits(hits.distance.numpy(), hits.shape.numpy(), hits.face.numpy(), hits.normal.numpy())
+
+
+def assert_every_ray_is_in_one_place(packets: Packets, group: NDArray[np.int32]) -> None:
+    """And the rays of a tile are of one group."""
+    numbers = packets.packets.numpy()["ray"].reshape(packets.tiles.size, PACKETS * LANES)
+    assert sorted([*numbers[numbers >= 0], *packets.singles.numpy()]) == list(range(len(group)))
+    for rays, one in zip(numbers, packets.tiles.numpy()["ray"], strict=True):
+        assert set(group[rays[rays >= 0]]) == {group[one]}
+
+
+GROUPS: dict[str, NDArray[np.int32]] = {
+    "one": np.zeros(3001, np.int32),
+    "a few rays each": (np.arange(3001) // 24).astype(np.int32),
+    "more than a tile each": (np.arange(3001) // 700).astype(np.int32),
+    "mixed": np.random.default_rng(0).integers(0, 5, 3001).astype(np.int32),
+}
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_rays_in_order_are_in_one_place_each(name: str) -> None:
+    group = GROUPS[name]
+    packets = pack_in_order(vectors(path(len(group), turns=1)), None if name == "one" else group)
+    assert packets.singles.size == 0
+    assert_every_ray_is_in_one_place(packets, group)
+
+
+def test_none_in_order_are_no_packets() -> None:
+    packets = pack_in_order(vectors(np.empty((0, 3))))
+    assert packets.tiles.size == packets.packets.size == packets.singles.size == 0
+
+
+def test_rays_that_do_not_follow_a_path_go_alone() -> None:
+    """The first 640 do; of the rest one is no direction at all."""
+    directions = np.concatenate([path(640, turns=2), unit(np.random.default_rng(1).normal(size=(1000, 3)))])
+    directions[900] = np.nan
+    packets = pack_in_order(vectors(directions))
+    assert sorted(packets.singles.numpy()) == list(range(640, 1640))
+    assert_every_ray_is_in_one_place(packets, np.zeros(1640, np.int32))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", GROUPS)
+def test_rays_in_order_hit_what_they_hit_alone(name: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    world, directions = random_plan(seed).world(), path(3001, turns=rng.uniform(1, 80))
+    position, rotation = vectors(rng.uniform(-3, 3, (1, 3))), wp.array(random_rotations(rng, 1), dtype=wp.mat33d)
+    alone = replace(rays_of(np.zeros(3), directions), position=position, rotation=rotation)
+    packets = pack_in_order(alone.directions, None if name == "one" else GROUPS[name])
+    got, expected = hits_of(world, replace(alone, packets=packets)), hits_of(world, alone)
+    assert_same(got, expected, f"seed {seed}")
+    assert np.isfinite(got.distance).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rays_from_several_origins_hit_what_they_hit_alone(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    world, directions = random_plan(seed).world(), path(2000)
+    origins = rng.uniform(-1, 1, (5, 3))[rng.integers(0, 5, 2000)]
+    alone = rays_of(origins, directions)
+    rotation = wp.array(random_rotations(rng, 1), dtype=wp.mat33d, device="cpu")
+    alone = replace(alone, position=vectors(rng.uniform(-3, 3, (1, 3))), rotation=rotation)
+    group = groups_of(alone)
+    assert group is not None
+    packets = sort_rays(alone.directions, group)
+    assert_every_ray_is_in_one_place(packets, group)
+    assert packets.tiles.size > 0
+    assert_same(hits_of(world, replace(alone, packets=packets)), hits_of(world, alone), f"seed {seed}")
+
+
+def test_groups_have_one_origin_and_one_firing() -> None:
+    origins = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 0], [0, 0, 1], [0, 0, 0]], float)
+    rays, firing = rays_of(origins, np.eye(3)[[0] * 5]), wp.array([0, 0, 0, 1, 1], dtype=int, device="cpu")
+    together = groups_of(rays)
+    assert together is not None
+    assert [together[0] == together[k] for k in range(5)] == [True, False, True, False, True]
+    apart = groups_of(replace(rays, firing=firing))
+    assert apart is not None
+    assert len(set(apart)) == 4
+    assert apart[0] == apart[2]
+    one_origin = replace(rays, origins=rays.origins[:1])
+    assert groups_of(one_origin) is None
+    np.testing.assert_array_equal(groups_of(replace(one_origin, firing=firing)), firing.numpy())
