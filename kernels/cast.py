@@ -8,7 +8,7 @@ import warp as wp
 
 from .geometry import FARTHEST, Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
-from .launch import RAYS_PER_SLICE, TURN, prepare_over_rays, prepare_over_tiles, thread_count
+from .launch import RAYS_PER_SLICE, TURN, launch_over_rays, prepare_over_rays, prepare_over_tiles, thread_count
 from .moving import at_firings
 from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, int_lanes, world_ray
 from .packets.places import Places, places_on_shape
