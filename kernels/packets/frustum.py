@@ -6,7 +6,7 @@ from rigcast.kernels.hits import APART
 from rigcast.kernels.ray import inverse_of
 from rigcast.kernels.traverse import Entered
 from rigcast.kernels.tree import WIDTH, Node, vec8
-from rigcast.kernels.vectors import larger, norm1, smaller
+from rigcast.kernels.vectors import larger, smaller
 
 from .packet import LANES, PACKETS, Packet, Tile, Vectors, View, lanes
 
@@ -128,17 +128,48 @@ def inverse_directions(packet: Packet, view: View) -> Vectors:
 
 
 @wp.func
-def some_lane_enters(inverse: Vectors, far: lanes, view: View, center: wp.vec3, half: wp.vec3, widest: float) -> int:
-    """Whether any ray may enter a box before its best hit (at most `far` away): 1 or 0. As enter_boxes has it.
+def boxes_from(node: Node, view: View, widest: float) -> Node:
+    """The boxes of a node as seen from the view's origin, wider by as much as rays of a packet may be off them.
 
     Rounding, u = eps / 2: d = a + p u + q v is within 5u w in each component, w = 1 + |p| + |q| being larger than any
     of them, and its length and the quotient within 4u: as far as the box, |c|_1 + |h|_1 at most, a ray is within 9u w
-    (|c|_1 + |h|_1) of where it should be. 16u are allowed for; all else is within the view's margin, as there.
-    widest: the largest w of the packet.
+    (|c|_1 + |h|_1) of where it should be. 16u are allowed for; all else is within the view's margin, as for
+    enter_boxes. widest: the largest w of the packet.
     """
-    c = center - view.origin
-    margin = view.margin + LANE_ROUNDING * widest * (norm1(c) + norm1(half))
-    h = half + wp.vec3(margin, margin, margin)
+    center_x = node.center_x
+    center_y = node.center_y
+    center_z = node.center_z
+    half_x = node.half_x
+    half_y = node.half_y
+    half_z = node.half_z
+    origin = view.origin
+    margin = view.margin
+    slack = LANE_ROUNDING * widest
+    for j in range(WIDTH):
+        x = center_x[j] - origin[0]
+        y = center_y[j] - origin[1]
+        z = center_z[j] - origin[2]
+        wider = margin + slack * (wp.abs(x) + wp.abs(y) + wp.abs(z) + half_x[j] + half_y[j] + half_z[j])
+        center_x[j] = x
+        center_y[j] = y
+        center_z[j] = z
+        half_x[j] = half_x[j] + wider
+        half_y[j] = half_y[j] + wider
+        half_z[j] = half_z[j] + wider
+    boxes = Node()
+    boxes.center_x = center_x
+    boxes.center_y = center_y
+    boxes.center_z = center_z
+    boxes.half_x = half_x
+    boxes.half_y = half_y
+    boxes.half_z = half_z
+    boxes.child = node.child
+    return boxes
+
+
+@wp.func
+def some_lane_enters(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
+    """Whether any ray enters a box of boxes_from before its best hit (at most `far` away): 1 or 0. As enter_boxes."""
     inverse_x = inverse.x
     inverse_y = inverse.y
     inverse_z = inverse.z

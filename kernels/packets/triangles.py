@@ -17,7 +17,7 @@ from rigcast.kernels.triangle import GRAZING
 from rigcast.kernels.triangle import ROUNDING as HEIGHT_ROUNDING
 from rigcast.kernels.vectors import larger, lowest_bit, norm1, smaller
 
-from .frustum import Frustum, enter_frustum, frustum_of, inverse_directions, some_lane_enters
+from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, inverse_directions, some_lane_enters
 from .packet import LANES, PacketRays, TileRays, Vectors, View, lanes, offer, packet_of
 from .prefetch import prefetch_block, prefetch_node
 
@@ -310,14 +310,15 @@ def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: flo
 def enter_of_packet(node: Node, sought: Sought, reach: float) -> Entered:
     """The boxes that some ray of the packet enters."""
     entered = enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
-    center_x = node.center_x
-    center_y = node.center_y
-    center_z = node.center_z
-    half_x = node.half_x
-    half_y = node.half_y
-    half_z = node.half_z
-    child = node.child
     widest = 1.0 + wp.abs(sought.p) + sought.p_half + wp.abs(sought.q) + sought.q_half
+    boxes = boxes_from(node, sought.view, widest)
+    center_x = boxes.center_x
+    center_y = boxes.center_y
+    center_z = boxes.center_z
+    half_x = boxes.half_x
+    half_y = boxes.half_y
+    half_z = boxes.half_z
+    child = boxes.child
     todo = entered.children
     while todo != 0:
         j = lowest_bit(todo)
@@ -325,10 +326,8 @@ def enter_of_packet(node: Node, sought: Sought, reach: float) -> Entered:
         some = some_lane_enters(
             sought.inverse,
             sought.packet.best[sought.packet.slot].far,
-            sought.view,
             wp.vec3(center_x[j], center_y[j], center_z[j]),
             wp.vec3(half_x[j], half_y[j], half_z[j]),
-            widest,
         )
         if some == 0:
             entered.children = entered.children & ~(1 << j)

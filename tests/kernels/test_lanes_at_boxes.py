@@ -8,9 +8,10 @@ import warp as wp
 from made_worlds import random_rotations
 from numpy.typing import NDArray
 
-from rigcast.kernels.packets.frustum import inverse_directions, some_lane_enters
+from rigcast.kernels.packets.frustum import boxes_from, inverse_directions, some_lane_enters
 from rigcast.kernels.packets.packet import LANES, Packet, View, lanes
 from rigcast.kernels.ray import box_margin
+from rigcast.kernels.tree import Node
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -44,7 +45,17 @@ def _some_lane_enters(
         d = view.axis + packet.p[k] * view.u + packet.q[k] * view.v
         packet.length[k] = wp.length(d)
         every[k] = far[i]
-    out[i] = some_lane_enters(inverse_directions(packet, view), every, view, center[i], half[i], 2.0)
+    node = Node()
+    node.center_x[0] = center[i][0]
+    node.center_y[0] = center[i][1]
+    node.center_z[0] = center[i][2]
+    node.half_x[0] = half[i][0]
+    node.half_y[0] = half[i][1]
+    node.half_z[0] = half[i][2]
+    box = boxes_from(node, view, 2.0)
+    c = wp.vec3(box.center_x[0], box.center_y[0], box.center_z[0])
+    h = wp.vec3(box.half_x[0], box.half_y[0], box.half_z[0])
+    out[i] = some_lane_enters(inverse_directions(packet, view), every, c, h)
 
 
 class Packets:
