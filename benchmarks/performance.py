@@ -280,7 +280,8 @@ per ray, before and after, on a machine in use (noise of 10 to 30 %); depth came
 `-march=native`, which were as fast within noise, as Warp generates code for the CPU at hand either way; packets halved
 by expected cost; packets of 2 x 8 or 16 x 1 pixels for cameras, which help in one scene and harm in another; the test
 of boxes against all rays at leaves only; the lowest bit of a mask by the exponent of a float; asking for blocks before
-their boxes are held against all rays, and not after, which fetches too many; nodes and blocks that begin on cache lines.
+their boxes are held against all rays, and not after, which fetches too many; nodes and blocks that begin on cache
+lines.
 
 *Where time goes:* on the G1's depth image a third into the tree over shapes, clearing packets and writing hits, a
 quarter into boxes, 10 % into edges of triangles and 18 % into triangles; 5 % of all is waiting for memory, on the
