@@ -284,8 +284,8 @@ per ray, before and after, on a machine in use (noise of 10 to 30 %); depth came
 by expected cost; packets of 2 x 8 or 16 x 1 pixels for cameras, which help in one scene and harm in another; the test
 of boxes against all rays at leaves only; the lowest bit of a mask by the exponent of a float; asking for blocks before
 their boxes are held against all rays, and not after, which fetches too many; rays with unrelated origins cast in the
-order of a Morton curve over origins and directions, which makes the cast itself up to 10 % faster, less than it takes to
-sort them; a traversal that leaves all but the nearest box unsorted (packets 3 to 13 % slower); trees over the shapes
+order of a Morton curve over origins and directions, which makes the cast itself up to 10 % faster, less than it takes
+to sort them; a traversal that leaves all but the nearest box unsorted (packets 3 to 13 % slower); trees over the shapes
 collapsed from binary ones at the least cost (3 % fewer nodes visited).
 
 *Where time goes:* on the G1's depth image a fifth to a quarter into nodes and blocks that are not in the cache, 45 %
