@@ -11,6 +11,7 @@ import warp as wp
 RAYS_PER_SLICE = 8192
 TURN = wp.constant(16)
 """Tiles that a thread casts before the next thread's begin."""
+RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 32
 _launched: set[wp.Kernel] = set()
 
 
@@ -41,6 +42,19 @@ def launch_over_rays(
         begun = slice_size
     rest = range(begun, count, slice_size)
     list(_threads(thread_count()).map(lambda first: launch(first, min(slice_size, count - first)), rest))
+
+
+def launch_over_runs(
+    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
+) -> None:
+    """Launch a kernel for which there is so little to do that a thread takes a run of rays, but on CUDA one.
+
+    Its first arguments are the index of the run of thread 0, and how many rays a run has; the last may have fewer.
+    """
+    run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
+    runs = -(-count // run)
+    slice_size = max(RUNS_PER_SLICE, -(-runs // thread_count()))
+    launch_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
 
 
 def prepare_over_rays(

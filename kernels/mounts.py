@@ -18,11 +18,32 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 class Carriers:
     """Frames in many worlds, on one device: position (nworld, n) vec3 or vec3d [m], rotation likewise mat33 or mat33d.
 
-    The first axis may have one entry instead, which holds in all worlds.
+    The first axis may have one entry instead, which holds in all worlds; the second too, the carrier that is asked for.
     """
 
     position: wp.array
     rotation: wp.array
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """What a frame is fixed to, and where, for all worlds (1,) or in each (nworld,), on one device.
+
+    which: int32, the carrier. offset: vec3d [m] and turn: mat33d, the frame's pose in it; columns are its axes.
+    """
+
+    which: wp.array
+    offset: wp.array
+    turn: wp.array
+
+    @staticmethod
+    def of(which: npt.ArrayLike, offset: npt.NDArray[np.float64], device: wp.DeviceLike) -> "Attachment":
+        """Of carriers (n,) and poses in them (n, 4, 4)."""
+        return Attachment(
+            wp.array(which, dtype=int, device=device),
+            wp.array(np.ascontiguousarray(offset[:, :3, 3]), dtype=wp.vec3d, device=device),
+            wp.array(np.ascontiguousarray(offset[:, :3, :3]), dtype=wp.mat33d, device=device),
+        )
 
 
 @wp.func
@@ -60,10 +81,10 @@ def place_on_carrier(
     # carriers:
     position: wp.array2d[Any],
     rotation: wp.array2d[Any],
-    which: int,
-    # the frame on it:
-    offset: wp.vec3d,
-    turn: wp.mat33d,
+    # the frame on it, in all worlds or in each:
+    which: wp.array[int],
+    offset: wp.array[wp.vec3d],
+    turns: wp.array[wp.mat33d],
     yaw_aligned: bool,
     active: wp.array[wp.bool],  # empty for all
     # out, one per world:
@@ -72,22 +93,25 @@ def place_on_carrier(
     slot: int,
 ) -> None:
     w = wp.tid()
-    r = as_mat33d(rotation[w % rotation.shape[0], which])
-    place = r * offset + as_vec3d(position[w % position.shape[0], which])
+    own = w % which.shape[0]
+    carrier = which[own] % position.shape[1]
+    turn = turns[own]
+    r = as_mat33d(rotation[w % rotation.shape[0], carrier])
+    place = r * offset[own] + as_vec3d(position[w % position.shape[0], carrier])
     # nested, as older versions of Warp evaluate the whole of an `and`
     if active.shape[0] > 0:  # noqa: SIM102
         if not active[w]:
             place = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
     placed_position[w, slot] = place
     # column by column: the product of two matrices rounds otherwise
-    own = wp.matrix_from_cols(
+    axes = wp.matrix_from_cols(
         r * wp.vec3d(turn[0, 0], turn[1, 0], turn[2, 0]),
         r * wp.vec3d(turn[0, 1], turn[1, 1], turn[2, 1]),
         r * wp.vec3d(turn[0, 2], turn[1, 2], turn[2, 2]),
     )
     if yaw_aligned:
-        own = upright(own)
-    placed_rotation[w, slot] = own
+        axes = upright(axes)
+    placed_rotation[w, slot] = axes
 
 
 @wp.kernel
@@ -148,20 +172,18 @@ class Frames:
         self,
         slot: int,
         carriers: Carriers,
-        which: int,
-        offset: npt.NDArray[np.float64],
+        on: Attachment,
         *,
         yaw_aligned: bool = False,
         active: wp.array | None = None,
     ) -> None:
-        """Put frame `slot` at `offset` (4, 4) in carrier `which`.
+        """Put frame `slot` where it is attached to the carriers.
 
         active: (nworld,) bool, where not the position is NaN; None or empty for all.
         """
         device = self.position.device
         everywhere = wp.empty(0, dtype=wp.bool, device=device) if active is None else active
-        frame = [which, wp.vec3d(*offset[:3, 3]), wp.mat33d(*offset[:3, :3].flatten()), yaw_aligned]
-        inputs = [carriers.position, carriers.rotation, *frame, everywhere]
+        inputs = [carriers.position, carriers.rotation, on.which, on.offset, on.turn, yaw_aligned, everywhere]
         outputs = [self.position, self.rotation, slot]
         wp.launch(place_on_carrier, self.position.shape[0], inputs=inputs, outputs=outputs, device=device)
 

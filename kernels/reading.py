@@ -1,20 +1,24 @@
-"""From hits to what a sensor reads: range limits, and vectors in the sensor's frame."""
+"""From hits to what a sensor reads: range limits, and vectors in the sensor's frame.
+
+There is little to do for a ray, less than to begin a thread on the CPU: a thread takes a run of rays there.
+"""
 
 import warp as wp
 
 from rigcast.kernels.effects.echoes import SurfaceArrays
 
 from .cast import HitArrays
-from .launch import launch_over_rays
+from .launch import launch_over_runs
 from .rays import RayArrays, Rays, direction_of, firing_of, origin_of
 from .vectors import to_double, to_float
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
 @wp.kernel
 def read_hits(
     first: int,
+    run: int,  # rays per thread
     rays: RayArrays,
     per_ray: int,
     min_range: float,
@@ -23,21 +27,22 @@ def read_hits(
     shape: wp.array[int],
     normal: wp.array[wp.vec3],
 ) -> None:
-    i = first + wp.tid()
-    if distance[i] < min_range:
-        distance[i] = -wp.inf
-        shape[i] = -1
-        normal[i] = wp.vec3(0.0, 0.0, 0.0)
-    elif shape[i] >= 0:
-        rotation = rays.rotation[firing_of(rays, i / per_ray)]
-        normal[i] = to_float(wp.transpose(rotation) * to_double(normal[i]))
+    begin = (first + wp.tid()) * run
+    for i in range(begin, wp.min(begin + run, distance.shape[0])):
+        if distance[i] < min_range:
+            distance[i] = -wp.inf
+            shape[i] = -1
+            normal[i] = wp.vec3(0.0, 0.0, 0.0)
+        elif shape[i] >= 0:
+            rotation = rays.rotation[firing_of(rays, i / per_ray)]
+            normal[i] = to_float(wp.transpose(rotation) * to_double(normal[i]))
 
 
 def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
     """Turn hits into readings in place: nearer than min_range [m] is -inf, normals go to the rays' frame."""
     count, outputs = hits.distance.size, [hits.distance, hits.shape, hits.normal]
     inputs = [rays.arrays, _per_ray(hits.distance, rays), min_range]
-    launch_over_rays(read_hits, count, inputs, outputs, hits.distance.device)
+    launch_over_runs(read_hits, count, inputs, outputs, hits.distance.device)
 
 
 def _per_ray(values: wp.array, rays: Rays) -> int:
@@ -48,6 +53,7 @@ def _per_ray(values: wp.array, rays: Rays) -> int:
 @wp.kernel
 def bound_readings(
     first: int,
+    run: int,  # rays per thread
     min_range: float,
     max_range: float,
     # in and out:
@@ -55,20 +61,21 @@ def bound_readings(
     shape: wp.array[int],
     normal: wp.array[wp.vec3],
 ) -> None:
-    i = first + wp.tid()
-    if distance[i] < min_range:
-        distance[i] = -wp.inf
-    elif distance[i] > max_range:
-        distance[i] = wp.inf
-    if not wp.isfinite(distance[i]):
-        shape[i] = -1
-        normal[i] = wp.vec3(0.0, 0.0, 0.0)
+    begin = (first + wp.tid()) * run
+    for i in range(begin, wp.min(begin + run, distance.shape[0])):
+        if distance[i] < min_range:
+            distance[i] = -wp.inf
+        elif distance[i] > max_range:
+            distance[i] = wp.inf
+        if not wp.isfinite(distance[i]):
+            shape[i] = -1
+            normal[i] = wp.vec3(0.0, 0.0, 0.0)
 
 
 def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
     """Make measured distances outside of these limits [m] -inf and +inf, in place; where none is, nothing is hit."""
     outputs = [hits.distance, hits.shape, hits.normal]
-    launch_over_rays(bound_readings, hits.distance.size, [min_range, max_range], outputs, hits.distance.device)
+    launch_over_runs(bound_readings, hits.distance.size, [min_range, max_range], outputs, hits.distance.device)
 
 
 @wp.func
@@ -81,53 +88,59 @@ def point_in_frame(rays: RayArrays, i: int, distance: float) -> wp.vec3d:
 
 @wp.kernel
 def points_in_frame(
-    first: int, rays: RayArrays, per_ray: int, distance: wp.array[float], points: wp.array[wp.vec3]
+    first: int, run: int, rays: RayArrays, per_ray: int, distance: wp.array[float], points: wp.array[wp.vec3]
 ) -> None:
-    k = first + wp.tid()
-    points[k] = to_float(point_in_frame(rays, k / per_ray, distance[k]))
+    begin = (first + wp.tid()) * run
+    for k in range(begin, wp.min(begin + run, distance.shape[0])):
+        points[k] = to_float(point_in_frame(rays, k / per_ray, distance[k]))
 
 
 @wp.kernel
 def points_in_world(
-    first: int, rays: RayArrays, per_ray: int, distance: wp.array[float], points: wp.array[wp.vec3d]
+    first: int, run: int, rays: RayArrays, per_ray: int, distance: wp.array[float], points: wp.array[wp.vec3d]
 ) -> None:
-    k = first + wp.tid()
-    i = k / per_ray
-    firing = firing_of(rays, i)
-    points[k] = rays.position[firing] + rays.rotation[firing] * point_in_frame(rays, i, distance[k])
+    begin = (first + wp.tid()) * run
+    for k in range(begin, wp.min(begin + run, distance.shape[0])):
+        i = k / per_ray
+        firing = firing_of(rays, i)
+        points[k] = rays.position[firing] + rays.rotation[firing] * point_in_frame(rays, i, distance[k])
 
 
 @wp.kernel
-def depth_along_z(first: int, rays: RayArrays, distance: wp.array[float], depth: wp.array[float]) -> None:
+def depth_along_z(first: int, run: int, rays: RayArrays, distance: wp.array[float], depth: wp.array[float]) -> None:
     """z-depth, below 0 for rays that look backwards; +-inf and NaN where the range is."""
-    i = first + wp.tid()
-    depth[i] = distance[i]
-    if wp.isfinite(distance[i]):
-        depth[i] = float(wp.float64(distance[i]) * direction_of(rays, i)[2])
+    begin = (first + wp.tid()) * run
+    for i in range(begin, wp.min(begin + run, distance.shape[0])):
+        depth[i] = distance[i]
+        if wp.isfinite(distance[i]):
+            depth[i] = float(wp.float64(distance[i]) * direction_of(rays, i)[2])
 
 
 @wp.kernel
-def depth_in_steps(first: int, depth: wp.array[float], scale: float, steps: wp.array[wp.uint16]) -> None:
+def depth_in_steps(first: int, run: int, depth: wp.array[float], scale: float, steps: wp.array[wp.uint16]) -> None:
     """The nearest whole number of steps; 0 where that is none that 16 bits hold."""
-    i = first + wp.tid()
-    count = wp.round(depth[i] / scale)
-    steps[i] = wp.uint16(0)
-    if count >= 0.0 and count <= 65535.0:
-        steps[i] = wp.uint16(int(count))
+    begin = (first + wp.tid()) * run
+    for i in range(begin, wp.min(begin + run, depth.shape[0])):
+        count = wp.round(depth[i] / scale)
+        steps[i] = wp.uint16(0)
+        if count >= 0.0 and count <= 65535.0:
+            steps[i] = wp.uint16(int(count))
 
 
 @wp.kernel
-def look_up(first: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]) -> None:
+def look_up(first: int, run: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]) -> None:
     """table[index], -1 where the index is."""
-    i = first + wp.tid()
-    values[i] = -1
-    if index[i] >= 0:
-        values[i] = table[index[i]]
+    begin = (first + wp.tid()) * run
+    for i in range(begin, wp.min(begin + run, index.shape[0])):
+        values[i] = -1
+        if index[i] >= 0:
+            values[i] = table[index[i]]
 
 
 @wp.kernel
 def reflected_share(
     first: int,
+    run: int,  # rays per thread
     surfaces: SurfaceArrays,
     rays: RayArrays,
     distance: wp.array[float],
@@ -135,18 +148,19 @@ def reflected_share(
     normal: wp.array[wp.vec3],
     intensity: wp.array[float],
 ) -> None:
-    i = first + wp.tid()
-    intensity[i] = 0.0
-    if wp.isfinite(distance[i]) and shape[i] >= 0:
-        cosine = wp.abs(float(wp.dot(to_double(normal[i]), direction_of(rays, i))))
-        intensity[i] = surfaces.reflectivity[shape[i]] * wp.min(cosine, 1.0)
+    begin = (first + wp.tid()) * run
+    for i in range(begin, wp.min(begin + run, distance.shape[0])):
+        intensity[i] = 0.0
+        if wp.isfinite(distance[i]) and shape[i] >= 0:
+            cosine = wp.abs(float(wp.dot(to_double(normal[i]), direction_of(rays, i))))
+            intensity[i] = surfaces.reflectivity[shape[i]] * wp.min(cosine, 1.0)
 
 
 def intensity(hits: HitArrays, rays: Rays, surfaces: SurfaceArrays) -> wp.array:
     """(n,) rho cos(theta) of hits whose normals are in the rays' frame, 0 where there is none."""
     out = wp.empty(hits.distance.size, dtype=float, device=hits.distance.device)
     inputs = [surfaces, rays.arrays, hits.distance, hits.shape, hits.normal]
-    launch_over_rays(reflected_share, out.size, inputs, [out], out.device)
+    launch_over_runs(reflected_share, out.size, inputs, [out], out.device)
     return out
 
 
@@ -154,7 +168,7 @@ def points(distance: wp.array, rays: Rays) -> wp.array:
     """(n k,) vec3 [m] in the sensor's frame, of n rays with k distances each, NaN where one is not finite."""
     out = wp.empty(distance.size, dtype=wp.vec3, device=distance.device)
     inputs = [rays.arrays, _per_ray(distance, rays), distance]
-    launch_over_rays(points_in_frame, distance.size, inputs, [out], distance.device)
+    launch_over_runs(points_in_frame, distance.size, inputs, [out], distance.device)
     return out
 
 
@@ -162,26 +176,26 @@ def world_points(distance: wp.array, rays: Rays) -> wp.array:
     """(n k,) vec3d [m] in the world, of n rays with k distances each, NaN where one is not finite."""
     out = wp.empty(distance.size, dtype=wp.vec3d, device=distance.device)
     inputs = [rays.arrays, _per_ray(distance, rays), distance]
-    launch_over_rays(points_in_world, distance.size, inputs, [out], distance.device)
+    launch_over_runs(points_in_world, distance.size, inputs, [out], distance.device)
     return out
 
 
 def z_depth(distance: wp.array, rays: Rays) -> wp.array:
     """(n,) float32 [m], the z coordinate of the points; +-inf and NaN where the range is."""
     out = wp.empty(distance.size, dtype=float, device=distance.device)
-    launch_over_rays(depth_along_z, distance.size, [rays.arrays, distance], [out], distance.device)
+    launch_over_runs(depth_along_z, distance.size, [rays.arrays, distance], [out], distance.device)
     return out
 
 
 def depth_16bit(depth: wp.array, scale: float) -> wp.array:
     """(n,) uint16: depth (n,) [m] in steps of scale [m], 0 where it is not finite or beyond 65535 steps."""
     out = wp.empty(depth.size, dtype=wp.uint16, device=depth.device)
-    launch_over_rays(depth_in_steps, depth.size, [depth, scale], [out], depth.device)
+    launch_over_runs(depth_in_steps, depth.size, [depth, scale], [out], depth.device)
     return out
 
 
 def take(table: wp.array, index: wp.array) -> wp.array:
     """(n,) int32: table[index], -1 where index is -1."""
     out = wp.empty(index.size, dtype=int, device=index.device)
-    launch_over_rays(look_up, index.size, [table, index], [out], index.device)
+    launch_over_runs(look_up, index.size, [table, index], [out], index.device)
     return out

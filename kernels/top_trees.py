@@ -10,38 +10,48 @@ from .fit import REBUILD_RATIO, Fit
 from .geometry import Geometry
 from .launch import launch_over_rays, prepare_over_rays
 from .top_level import first_boxes, plant, refit, turn_shapes
-from .tree import NO_CHILD, Node, build_tree, empty_nodes, join_trees
+from .tree import NO_CHILD, WIDTH, Node, build_tree, empty_nodes, join_trees
 
 LEAVES_PER_SLICE = 4096
 """Shapes that one CPU thread fits trees to before it takes more."""
+_BYTES_PER_NODE = wp.types.type_size_in_bytes(Node) + wp.types.type_size_in_bytes(Fit)
+_BYTES_PER_TREE = 32  # its anchor, reach and area
+BYTES_PER_SHAPE = 96
+"""Of the nodes of the tree of each of many worlds, at most, if there are three shapes or more."""
 
 
 class TopTrees:
     """Of a geometry whose shapes and poses are set; it keeps `top`, `anchor`, `top_reach` and `turn` up to date.
 
     All trees have the same nodes but for their boxes: the heuristic's, for the shapes where they were when the trees
-    were last built, each in the first span in which it was anywhere.
+    were last built, each in the first span in which it was anywhere. Those of many worlds have full nodes where the
+    heuristic's would take more than BYTES_PER_SHAPE.
     """
 
     def __init__(self, geometry: Geometry, device: wp.Device) -> None:
         self._geometry, self._device = geometry, device
         self._anchor_shape = 0
         self._built_area = -1.0
-        self._spans, self._instants = 0, 0
+        self._worlds, self._spans, self._instants = 0, 0, 0
         self._seen: wp.array | None = None
         self._is_seen: wp.Event | None = None
         self._set_nodes(empty_nodes(1))
 
     @property
     def bytes_per_tree(self) -> int:
-        """With what is fitted around its nodes."""
-        fitted = 2 * wp.types.type_size_in_bytes(wp.vec3) + 2 * wp.types.type_size_in_bytes(float)
-        return self._nodes.size * (wp.types.type_size_in_bytes(Node) + fitted)
+        """With what is fitted around its nodes; of many worlds the most that it can be, until they are built."""
+        nodes = self._nodes.size * _BYTES_PER_NODE
+        if self._worlds < 2:
+            nodes = max(_BYTES_PER_NODE, BYTES_PER_SHAPE * self._geometry.kind.size)
+        return nodes + _BYTES_PER_TREE
 
     def fit(self, worlds: int, instants: int) -> None:
         """Fit the trees to the poses of so many worlds at so many instants each."""
         g, device = self._geometry, self._device
         spans = worlds * max(instants - 1, 1)
+        if (worlds > 1) != (self._worlds > 1):
+            self._built_area = -1.0
+        self._worlds = worlds
         if (spans, instants) != (self._spans, self._instants):
             self._spans, self._instants, g.instants = spans, instants, instants
             g.turn = wp.empty(spans * g.kind.size if instants > 1 else 0, dtype=wp.vec3d, device=device)
@@ -60,11 +70,9 @@ class TopTrees:
         """Build the trees anew, and anchor them at a shape in the midst."""
         lower, upper = self._first_boxes()
         is_bounded = np.isfinite(lower[:, 0])
-        nodes = _tree_over(np.flatnonzero(is_bounded), lower, upper)
-        if not is_bounded.all():
-            # those without bounds, and those that are nowhere yet
-            nowhere = np.zeros_like(lower)
-            nodes = join_trees(nodes, _tree_over(np.flatnonzero(~is_bounded), nowhere, nowhere))
+        nodes = _tree_over(lower, upper, is_bounded, leaf_size=1)
+        if self._worlds > 1 and len(nodes) * _BYTES_PER_NODE > BYTES_PER_SHAPE * len(lower):
+            nodes = _tree_over(lower, upper, is_bounded, leaf_size=WIDTH)
         bounded = np.flatnonzero(is_bounded)
         if bounded.size:
             # near the median, as one shape that has gone astray must not loosen the boxes of all others
@@ -146,11 +154,34 @@ def _by_level(nodes: npt.NDArray[np.void]) -> tuple[npt.NDArray[np.void], list[t
 
 
 def _tree_over(
-    shapes: npt.NDArray[np.intp], lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32]
+    lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], is_bounded: npt.NDArray[np.bool_], leaf_size: int
 ) -> npt.NDArray[np.void]:
-    """Nodes of a tree over some of the shapes; leaf ~k is shape k."""
-    tree = build_tree(lower[shapes], upper[shapes], leaf_size=1)
+    """Nodes of a tree over all shapes; leaf ~k is shape k."""
+    nodes, others = _tree_of(np.flatnonzero(is_bounded), lower, upper, leaf_size), np.flatnonzero(~is_bounded)
+    free = np.flatnonzero(nodes["child"][0] == NO_CHILD)
+    if others.size <= free.size:
+        nodes["child"][0, free[: others.size]] = ~others
+        return nodes
+    # those without bounds, and those that are nowhere yet
+    nowhere = np.zeros_like(lower)
+    return join_trees(nodes, _tree_of(others, nowhere, nowhere, WIDTH))
+
+
+def _tree_of(
+    shapes: npt.NDArray[np.intp], lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], leaf_size: int
+) -> npt.NDArray[np.void]:
+    """Nodes of a tree over some of the shapes, those of a leaf in a node of their own."""
+    tree = build_tree(lower[shapes], upper[shapes], leaf_size)
+    lane = np.arange(WIDTH)
+    place = np.minimum(tree.leaf_first[:, None] + lane, shapes.size - 1)
+    members = np.where(lane < tree.leaf_count[:, None], ~shapes[tree.order[place]], NO_CHILD)
+    is_alone = tree.leaf_count == 1
+    added = empty_nodes(int((~is_alone).sum()))
+    added["child"] = members[~is_alone]
+    if len(members) == 1 and len(added) == 1:
+        return added
+    of_leaf = np.where(is_alone, members[:, 0], len(tree.nodes) - 1 + np.cumsum(~is_alone))
     child = tree.nodes["child"]
     is_leaf = (child < 0) & (child != NO_CHILD)
-    child[is_leaf] = ~shapes[tree.order[tree.leaf_first[~child[is_leaf]]]].astype(np.int32)
-    return tree.nodes
+    child[is_leaf] = of_leaf[~child[is_leaf]]
+    return np.concatenate([tree.nodes, added])

@@ -20,10 +20,14 @@ from rigcast.kernels.packets.sorting import Packets
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
-from rigcast.sensors.scene.batch.worlds import Standing
+from rigcast.sensors.scene.batch.attached import Attached
+from rigcast.sensors.scene.batch.per_world import PerWorld
+from rigcast.sensors.scene.batch.standing import Standing
+from rigcast.sensors.scene.batch.worlds import Worlds
 from rigcast.sensors.scene.packet_cache import cached_packets
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
 from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
@@ -74,15 +78,18 @@ class Mounted:
     depth_physics: DepthPhysics | None
     frames: Iterator[int]
     batches: Iterator[int]
+    filter: Filter | PerWorld[Filter]
+    attached: Attached
 
     @staticmethod
     def on(scene: Scene, spec: Sensor) -> "Mounted":
         pattern = spec.pattern(scene.model)
         rays = _upload_rays(pattern, scene)
+        mount = spec.mount.bind(scene.model).turned(spec.frame_rotation)
         return Mounted(
             scene,
             spec,
-            spec.mount.bind(scene.model).turned(spec.frame_rotation),
+            mount,
             pattern,
             _firings(spec, pattern, scene),
             rays,
@@ -93,6 +100,8 @@ class Mounted:
             DepthPhysics(scene, spec, pattern) if isinstance(spec, DepthCamera) and spec.has_effects else None,
             count(),
             count(),
+            spec.filter,
+            Attached.by([mount], scene.device),
         )
 
     def at(self, time: float) -> "Mounted":
@@ -119,13 +128,14 @@ class Mounted:
         packed = _in_packets(self.pattern, self.scene) and self.pattern.origins is None
         return replace(rays, packets=_packets(self.pattern, rays) if packed else None)
 
-    @property
-    def bytes_per_world(self) -> int:
+    def bytes_per_world(self, worlds: Worlds) -> int:
         """The most memory that one reading of one of many worlds takes, while it is made."""
+        # its pose and its carrier's, the frame's, which is a third larger, and how it is mounted
+        poses = 4 + (self.spec.name in worlds.mounts)
+        visible = self.scene.body_of_shape.size if worlds.differ_in_sight(self.spec.name) else 0
         physics = self.physics or self.depth_physics
-        return BYTES_PER_FRAME + math.prod(self.pattern.shape) * (
-            BYTES_PER_HIT if physics is None else physics.bytes_per_ray
-        )
+        per_ray = BYTES_PER_HIT if physics is None else physics.bytes_per_ray
+        return poses * BYTES_PER_FRAME + visible + math.prod(self.pattern.shape) * per_ray
 
     @property
     def frame_shape(self) -> tuple[int, ...]:
@@ -140,7 +150,7 @@ class Mounted:
             return yaw_only(pose) if self.spec.yaw_aligned else pose
 
     def visible(self) -> wp.array:
-        return self.scene.visible(self.spec.filter)
+        return self.scene.visible(self.filter)
 
     def rays(self, data: mujoco.MjData) -> Rays:
         """Its rays, all fired now."""
@@ -166,12 +176,15 @@ class Mounted:
         fired = self.at(number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.duration)
         count = worlds.count
         frames = Frames.empty(count, 1, self.scene.device)
-        where = (worlds.carriers(self.mount.parent), self.mount.id, self.mount.offset)
-        frames.place(0, *where, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
+        at = worlds.attached(self.spec, self.attached)
+        frames.place(0, worlds.carriers(at), at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
         position, rotation = frames.position.flatten(), frames.rotation.flatten()
         rays = replace(fired.rays_at_once, position=position, rotation=rotation, worlds=count)
         ring, column = _same_in_each(fired.ring, count), _same_in_each(fired.column, count)
-        return replace(fired, ring=ring, column=column), Aim(worlds.times(), frames.poses(), rays, worlds.ids)
+        filter = worlds.filter_of(self.spec)
+        return replace(fired, ring=ring, column=column, filter=filter), Aim(
+            worlds.times(), frames.poses(), rays, worlds.ids
+        )
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)

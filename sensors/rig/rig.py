@@ -108,7 +108,9 @@ class Rig:
         mounted = self._select(names)
         if is_batch(data):
             worlds = as_worlds(data)
-            needs = {"scene": self.scene.bytes_per_world, **{m.spec.name: m.bytes_per_world for m in mounted}}
+            worlds.require_sensors(self._mounted)
+            needs = {m.spec.name: m.bytes_per_world(worlds) for m in mounted}
+            needs = {"scene": self.scene.bytes_per_world(worlds), **needs}
             require_room(worlds.count, needs, self.scene.device)
             standing = self.scene.update_worlds(worlds)
             return {m.spec.name: self._read(*m.in_worlds(standing)) for m in mounted}

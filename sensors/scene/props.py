@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels import solids
@@ -15,7 +16,8 @@ from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 
-from .batch.worlds import Standing
+from .batch.attached import Attached
+from .batch.standing import Standing
 from .lost import Lost
 from .part import Owner, Snapshot
 from .tree_cache import cached_triangle_tree
@@ -26,7 +28,7 @@ class Props:
 
     owner: Owner = "prop"
 
-    def __init__(self, model: mujoco.MjModel, given: Iterable[Prop]) -> None:
+    def __init__(self, model: mujoco.MjModel, given: Iterable[Prop], device: wp.Device) -> None:
         props = as_props(given)
         for prop in props:
             refuse(f"prop {prop.name!r}", prop.faults(model))
@@ -36,6 +38,7 @@ class Props:
         self.trees = [_build(first[mesh]) for mesh in meshes]
         self.shapes = _shapes([meshes.index((prop.file, prop.scale)) for prop in props], self.trees)
         self._mounts = [prop.mount.bind(model) for prop in props]
+        self._attached = [Attached.by([mount], device) for mount in self._mounts]
         self.ids = np.arange(len(props), dtype=np.int32)
         self.bodies = np.array([mount.body_id for mount in self._mounts], np.int32)
         self._lost = Lost(lambda k: f"prop {props[k].name!r}")
@@ -50,8 +53,8 @@ class Props:
 
     def place(self, frames: Frames, first: int, worlds: Standing) -> None:
         """Make frames first, first + 1, ... those of the props in many worlds."""
-        for k, mount in enumerate(self._mounts):
-            frames.place(first + k, worlds.carriers(mount.parent), mount.id, mount.offset)
+        for k, attached in enumerate(self._attached):
+            frames.place(first + k, worlds.carriers(attached), attached.on)
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         return ~filter.hidden_bodies(self.model)[self.bodies]

@@ -25,8 +25,10 @@ from rigcast.sensors.specs.surface import Surface
 from rigcast.sensors.threads import require_thread_count
 
 from .batch.differences import Differences
+from .batch.per_world import PerWorld
 from .batch.sources import Batch
-from .batch.worlds import Standing, Worlds, as_worlds, is_batch
+from .batch.standing import Standing
+from .batch.worlds import Worlds, as_worlds, is_batch
 from .flexes import Flexes
 from .freed_memory import give_back_freed_memory
 from .geoms import Geoms
@@ -52,6 +54,7 @@ _LOOKS = (
 )
 
 
+_MOST_FILTERS = 64  # whose geoms are kept on the device
 _NO_DIFFERENCES = Differences()
 _BYTES_PER_SIZE = 44  # of a shape, with its tree, its box and its reach
 
@@ -86,7 +89,7 @@ class Scene:
         self.model = model
         require_thread_count()
         self.device = _find_device(device)
-        self._geoms, self._props = Geoms(model), Props(model, props)
+        self._geoms, self._props = Geoms(model), Props(model, props, self.device)
         self._parts: list[Part] = [
             self._geoms,
             *([Flexes(model)] if model.nflex else []),
@@ -109,7 +112,7 @@ class Scene:
         # views of what the model holds, whoever writes there
         self._looks_now = [values for name in _LOOKS if (values := getattr(model, name)).size]
         self._looks_read: list[bytes] = []
-        self._visible: dict[Filter, wp.array] = {}
+        self._visible: dict[Filter | PerWorld[Filter], wp.array] = {}
         self._looks: Looks | None = None
         self._worlds: int | None = None  # how many there are, if it is a batch of them
         self._differences = _NO_DIFFERENCES
@@ -181,7 +184,7 @@ class Scene:
         deforming = [part.owner for part in self._parts if part.owner in ("flex", "skin")]
         if deforming:
             raise InputError(f"Scene: many worlds of a model with a {deforming[0]}, expected a model without one")
-        standing = worlds.at(self.model, self.device)
+        standing = Standing(worlds, self.model, self.device)
         self._take_differences(worlds)
         poses = self._poses(standing)
         if standing.geom_is_finite is not None:
@@ -209,7 +212,7 @@ class Scene:
 
     def _poses(self, worlds: Standing) -> Carriers:
         """(nworld, nshape) poses of all shapes: those of the geoms where they are, if there are no props."""
-        geoms, props = worlds.carriers("geom"), len(self._props.ids)
+        geoms, props = worlds.geoms, len(self._props.ids)
         if not props:
             return geoms
         frames = Frames.empty(worlds.count, self.model.ngeom + props, self.device)
@@ -217,10 +220,14 @@ class Scene:
         self._props.place(frames, self.model.ngeom, worlds)
         return Carriers(frames.position, frames.rotation)
 
-    @property
-    def bytes_per_world(self) -> int:
-        """What each of many worlds takes, if its poses have to be copied and its sizes are its own."""
-        return self._world.bytes_per_world + len(self._shapes().kind) * (BYTES_PER_FRAME + _BYTES_PER_SIZE)
+    def bytes_per_world(self, worlds: Worlds) -> int:
+        """What each of many worlds takes, beside what is read in it."""
+        geoms, props = self.model.ngeom, len(self._props.ids)
+        copied = geoms * worlds.bytes_per_pose
+        if props:  # the poses of all in one array, and of what carries the props
+            copied += (geoms + 2 * props) * BYTES_PER_FRAME
+        sizes = (geoms + props) * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
+        return self._world.bytes_per_world + copied + sizes
 
     def _make_world(self) -> World:
         """A world of all parts, which take over its trees: their triangles are held once."""
@@ -254,7 +261,7 @@ class Scene:
         directions: ArrayLike | wp.array,
         max_distance: float = np.inf,
         cull: Cull = "none",
-        filter: Filter | None = None,
+        filter: Filter | Sequence[Filter] | None = None,
         out: Hits | None = None,
     ) -> Hits:
         """The first hit of each ray.
@@ -264,7 +271,8 @@ class Scene:
             directions: (..., 3), of any length but 0, in the world; (nworld, ..., 3) after an update with many worlds.
             max_distance: greatest distance at which something is hit, inclusive [m].
             cull: "back" drops hits on surfaces that face along the ray (d . n > 0), "front" those that face it.
-            filter: which geoms may be hit; None: all that are not transparent.
+            filter: which geoms may be hit; None: all that are not transparent. Of many worlds it may be a list, one for
+                each.
             out: hits of an earlier cast of as many rays on this scene's device, which are written over: no arrays are
                 made for the new ones. None makes new arrays.
 
@@ -279,13 +287,13 @@ class Scene:
             raise InputError(f"Scene.cast: {self._stale}, expected scene.update(data) first")
         if not isinstance(cull, str) or cull not in _CULL:
             raise InputError(f"Scene.cast: no cull {cull!r}, {expected_one_of(str(cull), list(_CULL))}")
-        require_type("Scene.cast: filter", filter, Filter, NoneType)
+        wanted = self._wanted(filter)
         require_type("Scene.cast: max_distance", max_distance, Real)
         if not max_distance >= 0:
             raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
         given = take_rays(origins, directions, self.device)
         room = None if out is None else out.room_for(given.shape, self.device)
-        rays, visible = self._placed(given), self.visible(filter)
+        rays, visible = self._placed(given), self.visible(wanted)
         return self.hits(self.cast_rays(rays, visible, max_distance, cull, room), given.shape)
 
     def _placed(self, given: GivenRays) -> Rays:
@@ -304,18 +312,29 @@ class Scene:
             worlds=worlds,
         )
 
-    def visible(self, filter: Filter | None) -> wp.array:
+    def _wanted(self, filter: Filter | Sequence[Filter] | None) -> Filter | PerWorld[Filter]:
+        if isinstance(filter, list | tuple) and self._worlds is not None:
+            return PerWorld.of("Scene.cast: filter", filter, Filter, self._worlds)
+        require_type("Scene.cast: filter", filter, Filter, NoneType)
+        return filter if isinstance(filter, Filter) else Filter()
+
+    def visible(self, filter: Filter | PerWorld[Filter]) -> wp.array:
         """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit, as the model looks now."""
         self._forget_old_looks()
-        wanted = filter or Filter()
-        if wanted not in self._visible:
-            seen = np.concatenate([part.visible(wanted) for part in self._parts])
+        if filter not in self._visible:
+            if len(self._visible) == _MOST_FILTERS:
+                self._visible.clear()
+            seen = filter.each(self._seen_by) if isinstance(filter, PerWorld) else self._seen_by(filter)
             present = self._differences.present(self._geoms)
             if present is not None:
-                seen = np.tile(seen, (len(present), 1))
+                seen = np.broadcast_to(seen, (len(present), seen.shape[-1])).copy()
                 seen[:, : self.model.ngeom] &= present
-            self._visible[wanted] = wp.array(seen.reshape(-1), dtype=wp.bool, device=self.device)
-        return self._visible[wanted]
+            self._visible[filter] = wp.array(seen.reshape(-1), dtype=wp.bool, device=self.device)
+        return self._visible[filter]
+
+    def _seen_by(self, filter: Filter) -> NDArray[np.bool_]:
+        """(shapes,) what a filter lets rays hit."""
+        return np.concatenate([part.visible(filter) for part in self._parts])
 
     def looks(self) -> Looks:
         """How the shapes look to a sensor's light, as the model looks now."""

@@ -8,7 +8,7 @@ import warp as wp
 from made_worlds import Doubles, Hits, Plan, assert_same, random_plan, random_rotations, unit
 from numpy.typing import ArrayLike
 
-from rigcast.kernels import launch
+from rigcast.kernels import launch, solids
 from rigcast.kernels.cast import cast
 from rigcast.kernels.geometry import Shapes
 from rigcast.kernels.packets.sorting import sort_into_packets
@@ -185,6 +185,28 @@ def test_worlds_without_shapes_are_empty() -> None:
     world.update(np.zeros((WORLDS, 0, 3)), np.zeros((WORLDS, 0, 9)))
     for got in cast_all(world, sensor(*sensor_poses(0), True)):
         assert (got.distance == np.inf).all()
+
+
+@pytest.mark.parametrize("count", [3, 8, 9, 10, 16, 17, 25, 60, 200])
+def test_trees_of_many_worlds_take_at_most_100_bytes_a_shape(count: int) -> None:
+    """With planes, which are in no box, and shapes of all sizes that are here crowded and there far apart."""
+    for planes in (0, 1, 4):
+        rng, plan = np.random.default_rng(count + planes), Plan()
+        for k in range(count + planes):
+            kind = solids.PLANE if k >= count else solids.ELLIPSOID
+            size = np.zeros(3) if k >= count else np.exp(rng.normal(size=3)) * 0.3
+            plan.add(kind, size, rng.normal(size=3) * rng.choice([0.1, 1, 10]))
+        world = plan.world()
+        promised = world.bytes_per_world
+        position, rotation = scattered(plan, count)
+        world.update(position, rotation)
+        g, at = world.geometry, sensor_poses(count)
+        taken = sum(array.capacity for array in (g.top, g.anchor, g.top_reach, world._top._fits, world._top._area))
+        where = f"{count} shapes, {planes} planes"
+        assert taken <= WORLDS * 100 * (count + planes), f"{where}: {taken / WORLDS / (count + planes):.0f} bytes"
+        assert taken <= WORLDS * world.bytes_per_world <= WORLDS * promised, where
+        for w, got in enumerate(cast_all(world, sensor(*at, True))[:2]):
+            assert_same(got, cast_one(plan, (position[w], rotation[w]), (at[0][w], at[1][w]), True), where)
 
 
 @pytest.mark.parametrize("threads", [1, 3])

@@ -7,6 +7,7 @@ import pytest
 import warp as wp
 from made_worlds import Doubles, random_rotations, unit
 
+from rigcast.kernels import launch
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import points, read, take, world_points, z_depth
@@ -70,3 +71,14 @@ def test_depth_is_the_range_along_z_and_infinite_where_it_is() -> None:
 def test_taken_is_what_the_table_holds_and_minus_1_of_minus_1() -> None:
     got = take(device(np.array([10, 20, 30]), wp.int32), device(np.array([2, -1, 0, 0, 1, -1]), wp.int32)).numpy()
     np.testing.assert_array_equal(got, [30, -1, 10, 10, 20, -1])
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("count", [1, launch.RAYS_PER_RUN, 200_003])
+def test_every_ray_is_read_whatever_runs_and_threads_there_are(
+    threads: int, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launch, "thread_count", lambda: threads)
+    rng = np.random.default_rng(count)
+    table, index = rng.integers(0, 1000, 50).astype(np.int32), rng.integers(0, 50, count).astype(np.int32)
+    np.testing.assert_array_equal(take(device(table, wp.int32), device(index, wp.int32)).numpy(), table[index])

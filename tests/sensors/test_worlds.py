@@ -241,56 +241,6 @@ def test_random_numbers_follow_the_ids_of_the_worlds(robot: mujoco.MjModel, data
     assert all((same[k] != same[0]).any() for k in range(1, COUNT))
 
 
-def test_sizes_may_differ(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
-    scales = [1.0, 0.5, 2.0, 1.5]
-    sizes = np.array([robot.geom_size * scale for scale in scales])
-    rig = rig_of(robot, "lidar", "weather")
-    frames = rig.sense(Worlds(datas, geom_size=sizes))
-    for world, (data, scale) in enumerate(zip(datas, scales, strict=True)):
-        other = model()
-        other.geom_size[:] *= scale
-        for name, frame in alone(other, data, world, "lidar", "weather").items():
-            assert_same(frames[name].world(world), frame, f"world {world}, sizes times {scale}")
-    # and are the model's again for worlds that say nothing of them
-    again = rig_of(robot, "lidar").sense(datas)["lidar"]
-    assert_same(rig.sense(datas, ["lidar"])["lidar"], again, "sizes of the model")
-    np.testing.assert_array_equal(rig.sense(datas[1], ["lidar"])["lidar"].range.numpy(), again.range.numpy()[1])
-
-
-def test_meshes_and_height_fields_may_differ_or_be_absent() -> None:
-    robot = model()
-    tent, cube = robot.mesh("tent").id, robot.mesh("cube").id  # no geom of the model has the cube
-    datas = states(robot, 3)
-    geom, hill = robot.geom("tent").id, robot.geom("hill").id
-    dataid = np.tile(robot.geom_dataid, (3, 1))
-    dataid[:, geom] = [tent, cube, -1]
-    dataid[2, hill] = -1
-    frames = rig_of(robot, "lidar").sense(Worlds(datas, geom_dataid=wp.array(dataid, dtype=int, device="cpu")))
-    for world in range(3):
-        other = model()
-        other.geom_dataid[geom] = dataid[world, geom] if world < 2 else tent
-        if world == 2:
-            other.geom_rgba[[geom, hill], 3] = 0  # never hit
-        frame = alone(other, datas[world], world, "lidar")["lidar"]
-        assert_same(frames["lidar"].world(world), frame, f"world {world}")
-    assert (frames["lidar"].geom_id.numpy()[1] == geom).any()
-
-
-def test_geoms_may_be_there_in_some_worlds_only(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
-    visible = np.random.default_rng(5).random((COUNT, robot.ngeom)) < 0.6
-    rig = rig_of(robot, "lidar", "weather")
-    frames = rig.sense(Worlds(datas, visible=visible))
-    for world, data in enumerate(datas):
-        other = model()
-        other.geom_matid[~visible[world]] = -1
-        other.geom_rgba[~visible[world], 3] = 0  # never hit
-        for name, frame in alone(other, data, world, "lidar", "weather").items():
-            assert_same(frames[name].world(world), frame, f"seed 5, world {world}")
-    assert_same(
-        rig.sense(datas, ["lidar"])["lidar"], rig_of(robot, "lidar").sense(datas)["lidar"], "all are there again"
-    )
-
-
 def test_props_move_with_their_bodies(robot: mujoco.MjModel, datas: list[mujoco.MjData], tmp_path: Path) -> None:
     trimesh.creation.box((0.4, 0.5, 0.6)).export(tmp_path / "box.stl")
     mounts = {"crate": Mount(body="can", pos=(0.5, 0, 0.4), euler_deg=(10, 20, 30)), "post": Mount(pos=(1, 1, 0.5))}
@@ -357,6 +307,21 @@ FAULTS: dict[str, tuple[Any, str]] = {
         {"geom_xpos": np.full((2, 8, 3), "x"), "geom_xmat": np.zeros((2, 8, 9))},
         "geom_xpos: got an array of <U1",
     ),
+    "rotations that are nothing": (
+        {"geom_xpos": np.zeros((2, 8, 3)), "geom_xmat": np.zeros((2, 8, 9))},
+        "batch: geom_xmat of world 0 is all zeros, expected rotation matrices",
+    ),
+    "one on the host": (
+        {"geom_xpos": wp.zeros((2, 8), dtype=wp.vec3, device="cpu"), "geom_xmat": np.zeros((2, 8, 9))},
+        "geom_xpos, geom_xmat: got one on the host, expected both there or on the device",
+    ),
+    "two precisions": (
+        {
+            "geom_xpos": wp.zeros((2, 8), dtype=wp.vec3, device="cpu"),
+            "geom_xmat": wp.zeros((2, 8), dtype=wp.mat33d, device="cpu"),
+        },
+        "geom_xpos, geom_xmat: got arrays of vec3f and mat33d, expected both in one precision",
+    ),
     "vectors of whole numbers on the device": (
         {"geom_xpos": wp.zeros((2, 8), dtype=wp.vec3i, device="cpu"), "geom_xmat": np.zeros((2, 8, 9))},
         r"geom_xpos: got an array \(2, 8\) of vec3i, expected \(2, 8\) of vec3f or vec3d",
@@ -370,38 +335,21 @@ def test_what_is_no_batch_is_refused(robot: mujoco.MjModel, batch: Any, message:
         rig_of(robot, "fixed").sense(batch)
 
 
-OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
-    "too few active": ({"active": [True] * 3}, r"active: got shape \(3,\), expected \(4, \.\.\.\): one per world"),
-    "numbers for active": ({"active": [0.5] * 4}, "active: got an array of float64, expected bool"),
-    "negative ids": ({"ids": [0, 1, -2, 3]}, "ids: world 2: got -2, expected .* whole numbers from 0 to 2"),
-    "sizes of other geoms": (
-        {"geom_size": np.ones((4, 2, 3))},
-        r"geom_size: got shape \(4, 2, 3\), expected \(4, 8, 3\)",
-    ),
-    "visible of other geoms": ({"visible": np.ones((4, 2), bool)}, r"visible: got shape \(4, 2\), expected \(4, 8\)"),
-    "a size of NaN": (
-        {"geom_size": np.full((4, 8, 3), np.nan)},
-        "geom_size: world 0, geom 0: got .*nan.*, expected up to",
-    ),
-    "a mesh there is not": (
-        {"geom_dataid": np.full((4, 8), 7)},
-        "geom_dataid: world 0, geom 1: got 7, expected a mesh or height field of the model, or -1",
-    ),
-}
-
-
-@pytest.mark.parametrize(("options", "message"), OPTIONS.values(), ids=list(OPTIONS))
-def test_what_does_not_fit_the_worlds_is_refused(
-    robot: mujoco.MjModel, datas: list[mujoco.MjData], options: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        rig_of(robot, "fixed").sense(Worlds(datas, **options))
-
-
 def test_data_of_another_model_is_refused_by_its_place(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
     other = mujoco.MjModel.from_xml_string("<mujoco/>")
     with pytest.raises(InputError, match=r"batch\[2\] belongs to another model than the rig"):
         rig_of(robot, "fixed").sense([*datas[:2], mujoco.MjData(other)])
+
+
+def test_a_world_that_was_never_worked_out_is_told(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    new = mujoco.MjData(robot)
+    with pytest.raises(InputError, match="geom_xmat of world 2 has not been worked out, expected mj_forward or"):
+        rig_of(robot, "lidar").sense([*datas[:2], new])
+    frame = rig_of(robot, "lidar").sense(Worlds([*datas[:2], new], active=[True, True, False]))["lidar"]
+    expected = rig_of(robot, "lidar").sense(datas[:2])["lidar"]
+    for world in range(2):
+        assert_same(frame.world(world), expected.world(world), f"world {world}")
+    assert np.isnan(frame.range.numpy()[2]).all()
 
 
 def test_poses_that_a_mount_needs_are_asked_for(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:

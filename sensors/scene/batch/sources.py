@@ -9,11 +9,16 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
 
+from .arrays import is_float32
+
 FIELDS = ("geom_xpos", "geom_xmat", "xpos", "xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat", "time")
 """What is asked of a batch: poses of geoms, and of the bodies, sites and cameras that carry sensors and props."""
+
+SHAPE_FIELDS = ("geom_size", "geom_dataid")
 
 
 Batch: TypeAlias = Any
@@ -24,12 +29,18 @@ class Source(Protocol):
     """Where worlds come from."""
 
     count: int
+    unset: str
+    """What is said of a rotation of all zeros: why it is so, and what to do."""
+
+    @property
+    def bytes_per_pose(self) -> int:
+        """What the copy of the pose of a geom takes on the device, 0 where it is used in place."""
 
     def field(self, name: str) -> Any:
         """An array whose first axis is the world, None where there is none of this name."""
 
-    def sizes(self) -> NDArray[np.float64] | None:
-        """(nworld, ngeom, 3) sizes of geoms, None where they are the model's."""
+    def of_models(self) -> dict[str, NDArray[Any]]:
+        """(nworld, ngeom, ...) of SHAPE_FIELDS those in which the worlds' models differ."""
 
     def require_model(self, model: mujoco.MjModel) -> None: ...
 
@@ -37,18 +48,20 @@ class Source(Protocol):
 class _ListOfData:
     """Several MjData."""
 
+    unset = "has not been worked out, expected mj_forward or mj_kinematics first"
+
     def __init__(self, datas: Sequence[object]) -> None:
         for k, data in enumerate(datas):
             if not isinstance(data, mujoco.MjData):
                 raise InputError(f"Worlds: batch[{k}]: got {type(data).__name__}, expected MjData")
         self._datas = datas
-        self.count = len(datas)
+        self.count, self.bytes_per_pose = len(datas), BYTES_PER_FRAME
 
     def field(self, name: str) -> Any:
         return np.array([getattr(data, name) for data in self._datas])
 
-    def sizes(self) -> None:
-        return None
+    def of_models(self) -> dict[str, NDArray[Any]]:
+        return {}
 
     def require_model(self, model: mujoco.MjModel) -> None:
         for k, data in enumerate(self._datas):
@@ -59,22 +72,20 @@ class _ListOfData:
 class _MujocoBatch:
     """A `mujoco.batch.Batch`. Fields are zero until it has run once after they were asked for."""
 
+    unset = (
+        "has not been worked out since it was first asked for, expected batch.forward() or batch.step() now, before "
+        "the next reading"
+    )
+
     def __init__(self, batch: Any) -> None:
-        self._batch, self.count = batch, batch.nsim
+        self._batch, self.count, self.bytes_per_pose = batch, batch.nsim, BYTES_PER_FRAME
 
     def field(self, name: str) -> Any:
-        values = self._batch.bind(name)
-        if name.endswith("xmat"):
-            missing = np.flatnonzero(~values.reshape(self.count, -1).any(axis=1))
-            if values.size and missing.size:
-                raise InputError(
-                    f"Worlds: batch: {name} of world {missing[0]} has not been worked out since it was first asked "
-                    "for, expected batch.forward() or batch.step() now, before the next reading"
-                )
-        return values
+        return self._batch.bind(name)
 
-    def sizes(self) -> NDArray[np.float64] | None:
-        return self._batch.expanded("geom_size")
+    def of_models(self) -> dict[str, NDArray[Any]]:
+        fields = {name: self._batch.expanded(name) for name in SHAPE_FIELDS}
+        return {name: values for name, values in fields.items() if values is not None}
 
     def require_model(self, model: mujoco.MjModel) -> None:
         if self._batch.models is not None:
@@ -86,6 +97,8 @@ class _MujocoBatch:
 class _Arrays:
     """Arrays by MuJoCo's names."""
 
+    unset = "is all zeros, expected rotation matrices"
+
     def __init__(self, get: Callable[[str], Any]) -> None:
         self._get = get
         position = get("geom_xpos")
@@ -93,11 +106,18 @@ class _Arrays:
             raise InputError("Worlds: batch: expected 'geom_xpos' and 'geom_xmat', got none")
         self.count = len(position)
 
+    @property
+    def bytes_per_pose(self) -> int:
+        given = [self._get(name) for name in ("geom_xpos", "geom_xmat")]
+        if isinstance(given[0], wp.array):
+            return 0
+        return BYTES_PER_FRAME // 2 if all(is_float32(each) for each in given) else BYTES_PER_FRAME
+
     def field(self, name: str) -> Any:
         return self._get(name)
 
-    def sizes(self) -> None:
-        return None
+    def of_models(self) -> dict[str, NDArray[Any]]:
+        return {}
 
     def require_model(self, model: mujoco.MjModel) -> None:
         """Shapes tell, when the arrays are used."""

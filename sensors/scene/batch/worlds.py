@@ -1,26 +1,24 @@
 """Many worlds of one model: where their poses are, and in what they differ."""
 
-from collections.abc import Mapping, Sequence
-from functools import cached_property
-from typing import Any, Literal
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.mounts import Carriers, origin
-from rigcast.sensors.errors import InputError
-from rigcast.sensors.scene.geoms import has_finite_pose
-from rigcast.sensors.specs.mount import CARRIERS
+from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.specs.filter import Filter
+from rigcast.sensors.specs.mount import Mount
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 
+from .arrays import numbers, require_array
+from .attached import Attached
 from .differences import Differences
-from .sources import Batch, Source, is_mujoco_batch, is_on_device, source_of
-
-_POSES = {"geom": ("geom_xpos", "geom_xmat", "ngeom")} | {
-    kind: (*names, count) for (kind, names), count in zip(CARRIERS.items(), ("nbody", "nsite", "ncam"), strict=True)
-}
-"""Of each kind of thing that has a pose: the fields of its position and rotation, and how many a model has."""
+from .per_world import PerWorld, Value
+from .sources import Batch, is_mujoco_batch, is_on_device, source_of
 
 
 class Worlds:
@@ -41,16 +39,18 @@ class Worlds:
             differ; -1 leaves the geom out.
         visible: (nworld, ngeom) bool, which geoms rays may hit in each world, besides what filters say; all if not
             given.
+        filters: a `Filter` for each world, by name of the sensor, in place of the sensor's own.
+        mounts: a `Mount` for each world likewise, all of a sensor's on bodies, or all on sites, and so on.
         active: (nworld,) bool, which worlds are sensed; frames of the others are NaN, and cost nothing. An array on the
             device is read anew at each reading.
         ids: (nworld,) whole numbers from 0 on, of which each world draws its random numbers; 0, 1, 2, ... if not given.
             One world alone draws those of id 0.
 
-    `geom_size` and `geom_dataid`, the fields of a mujoco_warp `Model`, and `visible` are read when this is made. Of a
-    `mujoco.batch.Batch`, sizes given by `expand("geom_size")` count without being named here.
+    All but poses, times and an `active` on the device is read when this is made. `geom_size` and `geom_dataid` are the
+    fields of a mujoco_warp `Model`; those that a `mujoco.batch.Batch` was given by `expand` count without being named.
 
     Raises:
-        InputError: a batch of another kind, or without worlds.
+        InputError: a batch of another kind or without worlds, or other than one of something for each world.
 
     >>> worlds = rigcast.Worlds(data, geom_size=model.geom_size, active=is_alive)
     >>> frames = rig.sense(worlds)
@@ -63,6 +63,8 @@ class Worlds:
         geom_size: ArrayLike | wp.array | None = None,
         geom_dataid: ArrayLike | wp.array | None = None,
         visible: ArrayLike | wp.array | None = None,
+        filters: Mapping[str, Sequence[Filter]] | None = None,
+        mounts: Mapping[str, Sequence[Mount]] | None = None,
         active: ArrayLike | wp.array | None = None,
         ids: ArrayLike | None = None,
     ) -> None:
@@ -70,31 +72,81 @@ class Worlds:
         self.count = self._source.count
         if not self.count:
             raise InputError("Worlds: batch: got no world, expected one or more")
-        if geom_size is None:
-            geom_size = self._source.sizes()
+        of_models = self._source.of_models()
+        geom_size = of_models.get("geom_size") if geom_size is None else geom_size
+        geom_dataid = of_models.get("geom_dataid") if geom_dataid is None else geom_dataid
         self.differences = Differences(
             None if geom_size is None else self._per_world("geom_size", geom_size, np.float64),
             None if geom_dataid is None else self._per_world("geom_dataid", geom_dataid, np.int32),
             None if visible is None else self._per_world("visible", visible, np.bool_),
         )
+        self.filters = self._per_sensor("filters", filters, Filter)
+        self.mounts = self._per_sensor("mounts", mounts, Mount)
+        for sensor, each in self.mounts.items():
+            _require_one_kind(sensor, each)
         self.ids = np.arange(self.count, dtype=np.uint32) if ids is None else self._checked_ids(ids)
         self._active = active
+        self._fits: mujoco.MjModel | None = None  # the model that all that is read once has been checked against
+        self._attached: dict[str, tuple[SensorSpec, Attached]] = {}
 
     def require_model(self, model: mujoco.MjModel) -> None:
         """Raise InputError if these are not worlds of this model."""
         self._source.require_model(model)
+        if self._fits is model:
+            return
         self.differences.check(model, self.count)
+        for option, given in (("filters", self.filters), ("mounts", self.mounts)):
+            for sensor, values in given.items():
+                values.check(f"Worlds: {option}: {sensor!r}", model)
+        self._fits, self._attached = model, {}
 
-    def at(self, model: mujoco.MjModel, device: wp.Device) -> "Standing":
-        """These worlds as they stand now, on a device."""
-        return Standing(self, self._source, model, device)
+    def require_sensors(self, names: Collection[str]) -> None:
+        """Raise InputError where filters or mounts are given for a sensor of another name."""
+        for option, given in (("filters", self.filters), ("mounts", self.mounts)):
+            for sensor in given.keys() - names:
+                raise InputError(f"Worlds: {option}: no sensor {sensor!r}, {expected_one_of(sensor, list(names))}")
+
+    @property
+    def bytes_per_pose(self) -> int:
+        """What the copy of the pose of a geom takes on the device, 0 where it is used in place."""
+        return self._source.bytes_per_pose
+
+    def differ_in_sight(self, sensor: str) -> bool:
+        """Whether a sensor may see other geoms in one world than in another."""
+        given = self.differences.visible is not None or self.differences.dataid is not None
+        return given or sensor in self.filters
+
+    def field(self, name: str) -> Any:
+        """A field of the batch as it stands, None where it has none of this name."""
+        return self._source.field(name)
+
+    def require_set(self, name: str, rotation: NDArray[Any]) -> None:
+        """Raise InputError where a field of rotations (nworld, n, 3, 3) is all zeros in a world that is sensed."""
+        is_unset = ~rotation.reshape(self.count, -1).any(axis=1)
+        if self._active is not None and not isinstance(self._active, wp.array):
+            is_unset &= self._per_world("active", self._active, np.bool_)
+        if rotation.size and is_unset.any():
+            world = int(np.argmax(is_unset))
+            raise InputError(f"Worlds: batch: {name} of world {world} {self._source.unset}")
+
+    def attached(self, spec: SensorSpec, model: mujoco.MjModel, device: wp.Device) -> Attached | None:
+        """Where a sensor is mounted in each world, None where it is as the sensor says."""
+        mounts = self.mounts.get(spec.name)
+        if mounts is None:
+            return None
+        known, attached = self._attached.get(spec.name, (None, None))
+        if attached is None or known is not spec or attached.on.which.device != device:
+            bound = [mount.bind(model).turned(spec.frame_rotation) for mount in mounts.values]
+            attached = Attached.by([bound[k] for k in mounts.of_world], device)
+            self._attached[spec.name] = spec, attached
+        return attached
 
     def active(self, device: wp.Device) -> wp.array:
         """(nworld,) bool on the device, which worlds are sensed; empty if all are."""
         if self._active is None:
             return wp.empty(0, dtype=wp.bool, device=device)
         if isinstance(self._active, wp.array):
-            _require_array("active", self._active, (self.count,), (wp.bool,), device)
+            require_array("active", self._active, (self.count,), (wp.bool,), device)
             return self._active
         return wp.array(self._per_world("active", self._active, np.bool_), dtype=wp.bool, device=device)
 
@@ -103,7 +155,7 @@ class Worlds:
         given = self._source.field("time")
         times = wp.zeros(self.count, dtype=wp.float64, device=device)
         if isinstance(given, wp.array):
-            _require_array("time", given, (self.count,), (wp.float32, wp.float64), device)
+            require_array("time", given, (self.count,), (wp.float32, wp.float64), device)
             wp.utils.array_cast(given, times)
         elif given is not None:
             times.assign(self._per_world("time", given, np.float64))
@@ -111,12 +163,22 @@ class Worlds:
 
     def _per_world(self, name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]:
         """Values with one entry for each world; one entry alone holds in all of them, as in a mujoco_warp `Model`."""
-        values = _numbers(name, given, dtype)
+        values = numbers(name, given, dtype)
         if values.shape[:1] == (1,):
             values = np.broadcast_to(values, (self.count, *values.shape[1:]))
         if values.shape[:1] != (self.count,):
             raise InputError(f"Worlds: {name}: got shape {values.shape}, expected ({self.count}, ...): one per world")
         return values
+
+    def _per_sensor(
+        self, option: str, given: Mapping[str, Sequence[Value]] | None, kind: type[Value]
+    ) -> dict[str, PerWorld[Value]]:
+        if given is None:
+            return {}
+        require_type(f"Worlds: {option}", given, Mapping)
+        return {
+            name: PerWorld.of(f"Worlds: {option}: {name!r}", each, kind, self.count) for name, each in given.items()
+        }
 
     def _checked_ids(self, given: ArrayLike) -> NDArray[np.uint32]:
         ids = self._per_world("ids", given, np.int64)
@@ -125,53 +187,6 @@ class Worlds:
             where = f"world {bad[0]}: got {ids[bad[0]]}" if bad.size else f"got shape {ids.shape}"
             raise InputError(f"Worlds: ids: {where}, expected ({self.count},) whole numbers from 0 to 2^32 - 1")
         return ids.astype(np.uint32)
-
-
-class Standing:
-    """Worlds as they stand at one reading: their poses on the device, each asked for once."""
-
-    def __init__(self, worlds: Worlds, source: "Source", model: mujoco.MjModel, device: wp.Device) -> None:
-        self.worlds, self.count, self.device = worlds, worlds.count, device
-        self._source, self._model = source, model
-        self._carriers: dict[str, Carriers] = {}
-        self.geom_is_finite: NDArray[np.bool_] | None = None
-        """(nworld, ngeom), None where poses are on the device."""
-
-    @cached_property
-    def active(self) -> wp.array:
-        """(nworld,) bool, which worlds are sensed; empty if all are."""
-        return self.worlds.active(self.device)
-
-    @cached_property
-    def ids(self) -> wp.array:
-        """(nworld,) uint32, of which the worlds draw their random numbers."""
-        return wp.array(self.worlds.ids, dtype=wp.uint32, device=self.device)
-
-    def times(self) -> wp.array:
-        """(nworld,) float64 [s], an array of its own."""
-        return self.worlds.times(self.device)
-
-    def carriers(self, kind: Literal["geom", "body", "site", "camera", "world"]) -> Carriers:
-        """The poses (nworld, n) of all geoms, bodies, sites or cameras."""
-        if kind not in self._carriers:
-            self._carriers[kind] = origin(self.device) if kind == "world" else self._read(kind)
-        return self._carriers[kind]
-
-    def _read(self, kind: str) -> Carriers:
-        position, rotation, count = _POSES[kind]
-        shape = (self.count, getattr(self._model, count))
-        values = [self._source.field(name) for name in (position, rotation)]
-        for name, value in zip((position, rotation), values, strict=True):
-            if value is None:
-                raise InputError(f"Worlds: batch: no {name!r}, which says where a sensor or prop on a {kind} is")
-        read = Carriers(
-            _on_device(position, values[0], shape, (wp.vec3, wp.vec3d), self.device),
-            _on_device(rotation, values[1], shape, (wp.mat33, wp.mat33d), self.device),
-        )
-        if kind == "geom" and not any(isinstance(value, wp.array) for value in values):
-            flat = np.asarray(values[0]).reshape(-1, 3), np.asarray(values[1]).reshape(-1, 9)
-            self.geom_is_finite = has_finite_pose(*flat).reshape(shape)
-        return read
 
 
 def is_batch(data: object) -> bool:
@@ -183,36 +198,10 @@ def as_worlds(batch: Batch) -> Worlds:
     return batch if isinstance(batch, Worlds) else Worlds(batch)
 
 
-def _on_device(name: str, given: Any, shape: tuple[int, int], dtypes: tuple[type, type], device: wp.Device) -> wp.array:
-    """An array of vectors or matrices, in place where it is on the device already."""
-    if isinstance(given, wp.array):
-        _require_array(name, given, shape, dtypes, device)
-        return given
-    values = _numbers(name, given, np.float64)
-    expected = (*shape, 3) if dtypes[0] is wp.vec3 else (*shape, 3, 3)
-    if values.shape != expected and not (len(expected) == 4 and values.shape == (*shape, 9)):
-        raise InputError(f"Worlds: {name}: got shape {values.shape}, expected {expected}")
-    return wp.array(np.ascontiguousarray(values.reshape(expected)), dtype=dtypes[1], device=device)
-
-
-def _require_array(
-    name: str, array: wp.array, shape: tuple[int, ...], dtypes: Sequence[type], device: wp.Device
-) -> None:
-    if array.dtype not in dtypes or tuple(array.shape) != shape:
-        got = f"{tuple(array.shape)} of {array.dtype.__name__}"
-        expected = f"{shape} of {' or '.join(dtype.__name__ for dtype in dtypes)}"
-        raise InputError(f"Worlds: {name}: got an array {got}, expected {expected}")
-    if array.device != device:
-        raise InputError(f"Worlds: {name}: got an array on {array.device}, expected {device}")
-
-
-def _numbers(name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]:
-    if isinstance(given, wp.array):
-        return given.numpy().astype(dtype)
-    try:
-        values = np.asarray(given)
-    except ValueError as error:
-        raise InputError(f"Worlds: {name}: expected an array of numbers: {error}") from None
-    if not np.can_cast(values.dtype, dtype, casting="same_kind"):
-        raise InputError(f"Worlds: {name}: got an array of {values.dtype}, expected {np.dtype(dtype)}")
-    return values.astype(dtype, copy=False)
+def _require_one_kind(sensor: str, mounts: PerWorld[Mount]) -> None:
+    """Raise InputError where mounts of one sensor are on carriers of several kinds."""
+    first = mounts.values[0].parent
+    for k, mount in enumerate(mounts.values):
+        if mount.parent != first:
+            where = f"Worlds: mounts: {sensor!r}: world {mounts.of_world.index(k)}"
+            raise InputError(f"{where}: got one on a {mount.parent}, expected one on a {first}, as in world 0")

@@ -1,0 +1,48 @@
+"""Arrays that a user gives for many worlds, checked."""
+
+from collections.abc import Sequence
+from typing import Any, TypeGuard
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from rigcast.sensors.errors import InputError
+
+
+def numbers(name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]:
+    """On the host; raises InputError for what is no array of such numbers."""
+    if isinstance(given, wp.array):
+        return given.numpy().astype(dtype)
+    try:
+        values = np.asarray(given)
+    except ValueError as error:
+        raise InputError(f"Worlds: {name}: expected an array of numbers: {error}") from None
+    if not np.can_cast(values.dtype, dtype, casting="same_kind"):
+        raise InputError(f"Worlds: {name}: got an array of {values.dtype}, expected {np.dtype(dtype)}")
+    return values.astype(dtype, copy=False)
+
+
+def poses(name: str, given: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """(*shape) of float32 where it is given so, else of float64; matrices may be given flat."""
+    values = given if is_float32(given) else numbers(name, given, np.float64)
+    if values.shape != shape and values.shape != (*shape[:2], int(np.prod(shape[2:]))):
+        raise InputError(f"Worlds: {name}: got shape {values.shape}, expected {shape}")
+    return values.reshape(shape)
+
+
+def is_float32(given: object) -> TypeGuard[NDArray[np.float32]]:
+    """Whether this is an array on the host that keeps its precision."""
+    return isinstance(given, np.ndarray) and given.dtype == np.float32
+
+
+def require_array(
+    name: str, array: wp.array, shape: tuple[int, ...], dtypes: Sequence[type], device: wp.Device
+) -> None:
+    """Raise InputError for an array of another shape or kind, or on another device."""
+    if array.dtype not in dtypes or tuple(array.shape) != shape:
+        got = f"{tuple(array.shape)} of {array.dtype.__name__}"
+        expected = f"{shape} of {' or '.join(dtype.__name__ for dtype in dtypes)}"
+        raise InputError(f"Worlds: {name}: got an array {got}, expected {expected}")
+    if array.device != device:
+        raise InputError(f"Worlds: {name}: got an array on {array.device}, expected {device}")

@@ -1,0 +1,27 @@
+"""What is mounted, in many worlds, on a device."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels.mounts import Attachment
+from rigcast.sensors.specs.mount import BoundMount, Parent
+
+
+@dataclass(frozen=True, eq=False)
+class Attached:
+    """A sensor or a prop on carriers of one kind: on `which`, (1,) for all worlds or (nworld,), and where on it."""
+
+    kind: Parent
+    which: NDArray[np.int32]
+    on: Attachment
+
+    @staticmethod
+    def by(mounts: Sequence[BoundMount], device: wp.Device) -> "Attached":
+        """By one mount, or by one in each world, all on things of one kind."""
+        which = np.array([mount.id for mount in mounts], np.int32)
+        offsets = np.array([mount.offset for mount in mounts])
+        return Attached(mounts[0].parent, which, Attachment.of(which, offsets, device))

@@ -1,0 +1,46 @@
+"""A filter or a mount of each of many worlds."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.faults import refuse
+from rigcast.sensors.specs.filter import Filter
+from rigcast.sensors.specs.mount import Mount
+
+Value = TypeVar("Value", Filter, Mount)
+
+
+@dataclass(frozen=True)
+class PerWorld(Generic[Value]):
+    """One value for each world: those that there are, and which of them each world has."""
+
+    values: tuple[Value, ...]
+    of_world: tuple[int, ...]
+
+    @staticmethod
+    def of(what: str, given: object, kind: type[Value], worlds: int) -> "PerWorld[Value]":
+        """Raises InputError, which calls it `what`, for anything but a list of so many values."""
+        if isinstance(given, str | kind) or not isinstance(given, Sequence):
+            raise InputError(f"{what}: got {type(given).__name__}, expected a list of {kind.__name__}, one per world")
+        if len(given) != worlds:
+            raise InputError(f"{what}: got {len(given)}, expected {worlds}: one per world")
+        for world, value in enumerate(given):
+            require_type(f"{what}: world {world}", value, kind)
+        place = {value: k for k, value in enumerate(dict.fromkeys(given))}
+        return PerWorld(tuple(place), tuple(place[value] for value in given))
+
+    def check(self, what: str, model: mujoco.MjModel) -> None:
+        """Raise InputError where one of them names what the model does not have."""
+        for k, value in enumerate(self.values):
+            if faults := value.faults(model):
+                refuse(f"{what}: world {self.of_world.index(k)}", faults)
+
+    def each(self, worked_out: Callable[[Value], NDArray[Any]]) -> NDArray[Any]:
+        """(nworld, ...) of what is worked out for a value."""
+        return np.array([worked_out(value) for value in self.values])[list(self.of_world)]
