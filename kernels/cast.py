@@ -1,5 +1,6 @@
 """The cast: the rays of a sensor, through the geometry, to hits."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,7 +8,7 @@ import warp as wp
 
 from .geometry import FARTHEST, Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
-from .launch import RAYS_PER_SLICE, TURN, launch_over_rays, launch_over_tiles, thread_count
+from .launch import RAYS_PER_SLICE, TURN, launch_over_rays, prepare_over_rays, prepare_over_tiles, thread_count
 from .moving import at_firings
 from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, int_lanes, world_ray
 from .packets.places import Places, places_on_shape
@@ -288,31 +289,46 @@ def cast(
     Returns:
         One entry per ray, world after world.
     """
+    hits = HitArrays.empty(rays.total, rays.directions.device) if out is None else out
+    for launch in prepare_cast(geometry, visible, rays, limit, cull, hits):
+        launch()
+    return hits
+
+
+def prepare_cast(
+    geometry: Geometry, visible: wp.array, rays: Rays, limit: float, cull: int, hits: HitArrays
+) -> list[Callable[[], object]]:
+    """The launches of a `cast` into these hits, for as often as it is wanted.
+
+    They cast at shapes that stand still as they do by then, and at shapes that move as they do now; by as many threads
+    as there are now.
+    """
     device = rays.directions.device
-    hits = HitArrays.empty(rays.total, device) if out is None else out
     placed = geometry if geometry.instants == 1 else at_firings(geometry, rays)
     scene, how = [placed, visible], [rays.arrays, limit, cull]
     if rays.packets is None:
-        _cast_alone(scene, wp.empty(0, dtype=int, device=device), rays.total, how, hits)
-        return hits
+        return [_prepare_alone(scene, wp.empty(0, dtype=int, device=device), rays.total, how, hits)]
     packets, worlds = rays.packets, rays.worlds
+    launches: list[Callable[[], object]] = []
     if packets.tiles.size:
         sizes = {Geometry: thread_count(), PacketHits: thread_count() * PACKETS, Directions: thread_count() * PACKETS}
         scratch = [wp.empty(size, dtype=kind, device="cpu") for kind, size in sizes.items()]
         inputs = [worlds, *scene, packets.tiles, packets.packets, *how, *scratch]
-        launch_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()])
+        launches.append(prepare_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()]))
     if packets.singles.size:
-        _cast_alone(scene, packets.singles, worlds * packets.singles.size, how, hits)
-    return hits
+        launches.append(_prepare_alone(scene, packets.singles, worlds * packets.singles.size, how, hits))
+    return launches
 
 
-def _cast_alone(scene: list[Any], which: wp.array, count: int, how: list[Any], hits: HitArrays) -> None:
+def _prepare_alone(
+    scene: list[Any], which: wp.array, count: int, how: list[Any], hits: HitArrays
+) -> Callable[[], object]:
     """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
     device = hits.distance.device
     per_thread = RAYS_PER_THREAD if device.is_cpu else 1
     threads, slice_size = -(-count // per_thread), max(1, RAYS_PER_SLICE // per_thread)
     inputs = [per_thread, count, *scene, which, *how]
-    launch_over_rays(cast_rays, threads, inputs, [hits.out()], device, slice_size)
+    return prepare_over_rays(cast_rays, threads, inputs, [hits.out()], device, slice_size)
 
 
 @wp.kernel
