@@ -304,8 +304,8 @@ the whole process meanwhile.
 of the tree over the shapes, mostly into branches that no CPU can foresee, a third into 2.4 shapes, a tenth into what is
 written; they enter no more nodes than they would if they knew their hit beforehand. *Without gain:* rays in the order
 of a Morton curve over origins and directions, which makes the cast itself up to 10 % faster, less than it takes to sort
-them; all but the nearest box of a node unsorted on the stack (packets 3 to 13 % slower); trees over the shapes collapsed
-from binary ones at the least cost (3 % fewer nodes).
+them; all but the nearest box of a node unsorted on the stack (packets 3 to 13 % slower); trees over the shapes made of
+binary ones at the least cost (3 % fewer nodes).
 """
 GPU = """
 ## On a GPU: not measured
