@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree
 from rigcast.kernels.triangle_tree import build_triangle_tree
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, warn_user
+from rigcast.sensors.names import expected_one_of
 
 from .tree_cache import cached_triangle_tree
 
@@ -132,6 +133,22 @@ def unsupported_parts(model: mujoco.MjModel) -> list[str]:
         for g, kind in enumerate(model.geom_type)
         if not is_supported[g]
     ]
+
+
+def refuse_unsupported(model: mujoco.MjModel, on_unsupported: str) -> None:
+    """Raise InputError, or with "warn" warn, where there is something that rays cannot hit."""
+    if on_unsupported not in ("error", "warn"):
+        raise InputError(
+            f"Scene: no on_unsupported {on_unsupported!r}, {expected_one_of(str(on_unsupported), ['error', 'warn'])}"
+        )
+    parts = unsupported_parts(model)
+    if not parts:
+        return
+    message = f"rays cannot hit {', '.join(parts)}"
+    if on_unsupported == "warn":
+        warn_user(f"{message}; left out", UserWarning)
+    else:
+        raise InputError(f'Scene: {message}; remove them, or leave them out with on_unsupported="warn"')
 
 
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
