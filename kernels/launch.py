@@ -114,7 +114,7 @@ def _launch(recorded: wp.Launch, *_arguments: Sequence[Any]) -> None:
 
 
 def thread_count() -> int:
-    """CPU threads to cast with: RIGCAST_THREADS, or as many as this process may use."""
+    """CPU threads to build trees and cast with: RIGCAST_THREADS, or as many as this process may use."""
     wanted = os.environ.get("RIGCAST_THREADS")
     if wanted:
         return int(wanted)
