@@ -273,6 +273,9 @@ per ray, before and after, on a machine in use (noise of 10 to 30 %); depth came
 - Height fields compared with what they were where they are, not copied first: `Scene.update` of one with 10 M triangles
   5.2 to 3.4 ms.
 - The demo's rays read from disk as packets, not sorted: its rig made in 0.3 s of CPU time in place of 1.4 s.
+- Small frames: the arrays of a frame that nobody holds serve again, their launches are prepared once, and a scene of
+  geoms alone is brought up to date without copies: one ray among ten geoms 940 to 140 us. Its parts, timed one by one,
+  add up to 80 us: 17 are Warp's for launching three kernels, 4 for handing the range over as numpy.
 - Packets for patterns that are others in each reading, of rays that follow each other, unsorted, and their directions
   worked out coordinate by coordinate: Livox Avia, pattern included, 23.4 to 9.6 ms of CPU time for 24000 rays (casting
   alone 13 to 5.2; sorted by numpy 3.7, which takes 35; along a Hilbert curve 4.1). Of the 7.1 ms that are left, with

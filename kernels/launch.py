@@ -105,7 +105,7 @@ def prepare_over_tiles(
 
 
 def thread_count() -> int:
-    """CPU threads to cast with: RIGCAST_THREADS, or as many as this process may use."""
+    """CPU threads to build trees and cast with: RIGCAST_THREADS, or as many as this process may use."""
     wanted = os.environ.get("RIGCAST_THREADS")
     if wanted:
         return int(wanted)
