@@ -210,7 +210,7 @@ Updates, small frames, trees and starts by CPU time. The demo has four sensors, 
 GROWTH = """
 ## Growth
 
-![Rays per second of a depth camera by rays, triangles, geoms and threads](performance/scaling.png)
+![Rays per second of a depth camera by rays, triangles, geoms, threads and worlds](performance/scaling.png)
 """
 STEPS = """
 ## What makes it fast, and what each step gives
