@@ -15,7 +15,7 @@ from rigcast.kernels import reading
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.stamps import stamps
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.scene.part import Owner
 from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
@@ -114,9 +114,10 @@ class Frame:
         if not isinstance(self.time, wp.array):
             raise InputError(f"Frame.world: sensor {self.sensor!r}: got a frame of one world, expected one of many")
         count = self.time.size
+        require_type(f"Frame.world: sensor {self.sensor!r}: world", k, int, np.integer)
         if not 0 <= k < count:
             raise InputError(f"Frame.world: sensor {self.sensor!r}: no world {k}, expected 0 to {count - 1}")
-        return replace(self, **self._of_world(k, count))
+        return replace(self, **self._of_world(int(k), count))
 
     def require_one_world(self) -> None:
         """Raise InputError for a frame of many worlds."""

@@ -16,7 +16,7 @@ from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
-from rigcast.sensors.scene.batch.sources import Batch
+from rigcast.sensors.scene.batch.sources import BATCHES, Batch
 from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.props import as_props
@@ -114,6 +114,8 @@ class Rig:
             require_room(worlds.count, needs, self.scene.device)
             standing = self.scene.update_worlds(worlds)
             return {m.spec.name: self._read(*m.in_worlds(standing)) for m in mounted}
+        if not isinstance(data, mujoco.MjData):
+            raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
         self._look(data)
         return {m.spec.name: self._frame(m, data.time) for m in mounted}
 
