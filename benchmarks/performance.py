@@ -246,6 +246,8 @@ per ray, before and after, on a machine in use (noise of 10 to 30 %); depth came
 - Blocks and nodes asked for when their boxes are entered, before they are needed: G1 120 to 114 and 111 to 99, height
   field 127 to 109 and 263 to 212.
 - Trees built depth first, with boxes moved in place: 1 M triangles 2.6 to 2.2 s.
+- Of a reading that takes time, what stands still placed once, and not for every firing: a VLP-16 with motion in the
+  warehouse of 188 geoms, 4930 firings, 128 to 40 ms of CPU time a frame.
 - Sides of a split weighed by the blocks that their triangles fill, in place of the triangles: 7.6 of 8 lanes are filled
   and not 6.0, a million triangles take 66 MB and not 82; G1 168 to 162 and 168 to 169, aloha_pot 180 to 175 and 93 to
   87, height field 213 to 215 and 469 to 445.
