@@ -107,24 +107,20 @@ def write_hit(g: Geometry, out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
     write_place(out, i, hit.shape, place.distance, place.face, place.normal, ray.limit)
 
 
-@wp.kernel
-def cast_rays(
-    first: int,
-    per_thread: int,
-    count: int,
-    # scene:
+@wp.func
+def cast_run(
+    begin: int,
+    end: int,
     g: Geometry,
     visible: wp.array[wp.bool],
-    # rays:
-    which: wp.array[int],  # of each world; empty for all
+    which: wp.array[int],
     rays: RayArrays,
     limit: float,
     cull: int,
     out: Out,
 ) -> None:
-    """So many rays per thread, of this count."""
-    begin = (first + wp.tid()) * per_thread
-    for k in range(begin, wp.min(begin + per_thread, count)):
+    """Rays begin to end - 1, as for cast_rays."""
+    for k in range(begin, end):
         i = int(k)
         if which.shape[0] > 0:
             i = k / which.shape[0] * rays.count + which[k % which.shape[0]]
@@ -140,6 +136,30 @@ def cast_rays(
             write_hit(g, out, i, cast_ray(g, visible, ray), ray)
         else:
             write_miss(out, i, wp.nan)
+
+
+@wp.kernel
+def cast_rays(
+    first: int,
+    per_thread: int,
+    count: int,
+    # scene:
+    g: Geometry,
+    visible: wp.array[wp.bool],
+    # rays:
+    which: wp.array[int],  # of each world; empty for all
+    rays: RayArrays,
+    limit: float,
+    cull: int,
+    out: Out,
+) -> None:
+    """So many rays per thread, of this count.
+
+    The loop is a function of its own, for Warp compiles the body of a kernel twice, and what is called from two places
+    is not inlined: each call would copy the geometry.
+    """
+    begin = (first + wp.tid()) * per_thread
+    cast_run(begin, wp.min(begin + per_thread, count), g, visible, which, rays, limit, cull, out)
 
 
 @wp.func
@@ -302,8 +322,8 @@ def widen(narrow: wp.array[wp.vec3], wide: wp.array[wp.vec3d]) -> None:
 
 
 @wp.kernel
-def normalize(vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]) -> None:
-    i = wp.tid()
+def normalize(first: int, vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]) -> None:
+    i = first + wp.tid()
     # scaled by the largest component first: squares of 1e-200 would vanish, those of 1e200 overflow
     scaled = vectors[i] / wp.max(wp.abs(vectors[i]))
     unit[i] = scaled / wp.length(scaled)
@@ -321,5 +341,5 @@ def as_double(vectors: wp.array) -> wp.array:
 def unit_directions(vectors: wp.array) -> wp.array:
     """(n,) vec3d of length 1, NaN where (n,) vec3 or vec3d vectors have none."""
     unit = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
-    wp.launch(normalize, vectors.size, inputs=[as_double(vectors)], outputs=[unit], device=vectors.device)
+    launch_over_rays(normalize, vectors.size, [as_double(vectors)], [unit], vectors.device)
     return unit

@@ -6,8 +6,8 @@ from .geometry import Geometry, TriangleBlock
 from .hits import APART, Hit, WorldRay, first_of, hit_within, no_hit
 from .poses import pose_of
 from .solids import SHEET, has_triangles, triage_closed_form
-from .traverse import Entered, traversal
-from .tree import WIDTH, Node, vec8
+from .traverse import Entered, sign_bits, traversal
+from .tree import WIDTH, Node, vec8, vec8i
 from .triangle import CULL_FRONT, CULL_NONE, triage_triangle
 from .vectors import larger, smaller, to_double, to_float
 
@@ -77,7 +77,7 @@ def enter_boxes(node: Node, ray: Ray, limit: float) -> Entered:
     speed = wp.abs(inverse)
     margin = ray.margin
     distance = vec8()
-    children = int(0)
+    entering = vec8i()
     for j in range(WIDTH):
         cx = (center_x[j] - origin[0]) * inverse[0]
         cy = (center_y[j] - origin[1]) * inverse[1]
@@ -89,9 +89,9 @@ def enter_boxes(node: Node, ray: Ray, limit: float) -> Entered:
         leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, limit))
         distance[j] = enter
         # the last condition keeps absent children out whatever rays and boxes are: NaN is lost in larger and smaller
-        children = children | wp.where(enter <= leave and half_x[j] >= 0.0, 1 << j, 0)
+        entering[j] = wp.where(enter <= leave and half_x[j] >= 0.0, -1, 0)
     entered = Entered()
-    entered.children = children
+    entered.children = sign_bits(entering)
     entered.distance = distance
     return entered
 

@@ -157,14 +157,12 @@ def _tree_over(
     lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], is_bounded: npt.NDArray[np.bool_], leaf_size: int
 ) -> npt.NDArray[np.void]:
     """Nodes of a tree over all shapes; leaf ~k is shape k."""
-    nodes, others = _tree_of(np.flatnonzero(is_bounded), lower, upper, leaf_size), np.flatnonzero(~is_bounded)
-    free = np.flatnonzero(nodes["child"][0] == NO_CHILD)
-    if others.size <= free.size:
-        nodes["child"][0, free[: others.size]] = ~others
+    nodes = _tree_of(np.flatnonzero(is_bounded), lower, upper, leaf_size)
+    if is_bounded.all():
         return nodes
     # those without bounds, and those that are nowhere yet
     nowhere = np.zeros_like(lower)
-    return join_trees(nodes, _tree_of(others, nowhere, nowhere, WIDTH))
+    return join_trees(nodes, _tree_of(np.flatnonzero(~is_bounded), nowhere, nowhere, WIDTH))
 
 
 def _tree_of(

@@ -1,4 +1,4 @@
-"""The walk through a tree, nearest boxes first, with a stack."""
+"""The walk through a tree, with a stack: into the nearest of the boxes that are entered, the others later."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from .geometry import Geometry
-from .tree import STACK, Node, vec8
+from .tree import NO_CHILD, STACK, Node, vec8, vec8i
 from .vectors import lowest_bit
 
 stack_of_nodes = wp.types.vector(length=STACK, dtype=wp.int32)
@@ -19,6 +19,26 @@ class Entered:
 
     children: int
     distance: vec8
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    int bits = 0;
+    for (int j = 0; j < 8; ++j) bits |= (a[j] < 0) << j;
+    return bits;
+#else
+    typedef int ints __attribute__((ext_vector_type(8)));
+    typedef bool bools __attribute__((ext_vector_type(8)));
+    ints values;
+    __builtin_memcpy(&values, &a, sizeof(values));
+    bools negative = __builtin_convertvector(values < 0, bools);
+    unsigned char bits;
+    __builtin_memcpy(&bits, &negative, sizeof(bits));
+    return bits;
+#endif
+""")
+def sign_bits(a: vec8i) -> int:  # type: ignore[empty-body]
+    """Bit by bit, which of eight numbers are below 0: one instruction, which no loop is turned into."""
 
 
 def traversal(
@@ -35,33 +55,49 @@ def traversal(
 
     def traverse(g: Geometry, nodes: wp.array[Node], root: int, sought: query, best: found) -> found:
         stack = stack_of_nodes()
-        distance = stack_of_distances()
-        stack[0] = root
-        top = int(1)
-        while top > 0:
-            top -= 1
-            at = stack[top]
-            if distance[top] <= reach(best):
-                if at < 0:
-                    best = visit(g, sought, -1 - at, distance[top], best)
-                else:
-                    entered = enter(nodes[at], sought, reach(best))
-                    children = entered.children
-                    away = entered.distance
-                    child = nodes[at].child
-                    floor = top
-                    while children != 0:
-                        j = lowest_bit(children)
-                        children = children & (children - 1)
-                        # insert where the farther ones are below
-                        k = int(top)
-                        while k > floor and distance[wp.max(k - 1, 0)] < away[j]:
-                            distance[k] = distance[k - 1]
-                            stack[k] = stack[k - 1]
-                            k -= 1
-                        distance[k] = away[j]
-                        stack[k] = child[j]
-                        top += 1
+        distances = stack_of_distances()
+        top = int(0)
+        at = int(root)
+        near = float(0.0)
+        while at != NO_CHILD:
+            children = int(0)
+            if at < 0:
+                best = visit(g, sought, -1 - at, near, best)
+            else:
+                entered = enter(nodes[at], sought, reach(best))
+                children = entered.children
+            if children != 0:
+                distance = entered.distance
+                child = nodes[at].child
+                j = lowest_bit(children)
+                at = child[j]
+                near = distance[j]
+                children = children & (children - 1)
+                floor = int(top)
+                while children != 0:
+                    j = lowest_bit(children)
+                    children = children & (children - 1)
+                    is_nearer = distance[j] < near
+                    farther = wp.where(is_nearer, at, child[j])
+                    far = wp.where(is_nearer, near, distance[j])
+                    at = wp.where(is_nearer, child[j], at)
+                    near = wp.where(is_nearer, distance[j], near)
+                    # insert where those farther still are below
+                    k = int(top)
+                    while k > floor and distances[wp.max(k - 1, 0)] < far:
+                        stack[k] = stack[k - 1]
+                        distances[k] = distances[k - 1]
+                        k -= 1
+                    stack[k] = farther
+                    distances[k] = far
+                    top += 1
+            else:
+                at = NO_CHILD
+                while top > 0 and at == NO_CHILD:
+                    top -= 1
+                    if distances[top] <= reach(best):
+                        at = stack[top]
+                        near = distances[top]
         return best
 
     traverse.__name__ = traverse.__qualname__ = name

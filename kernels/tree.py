@@ -9,6 +9,7 @@ largest box again, until there are eight or all fit into leaves. A large tree is
 one thread, whose leaves hold many boxes; then what is below each of these, in as many threads as there are.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -252,7 +253,7 @@ def build_tree(lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], l
         return Tree(empty_nodes(1), *(np.zeros(0, np.int32) for _ in range(3)))
     # SAH trees of real meshes need about half of STACK; a balanced tree over 2^31 boxes needs 78
     tree, stack_needed = _build(lower, upper, leaf_size, balanced=False)
-    if stack_needed >= STACK:  # one entry is left for the root that join_trees adds
+    if stack_needed > STACK - WIDTH:  # some are left for the node that join_trees adds
         tree, _ = _build(lower, upper, leaf_size, balanced=True)
     return tree
 
@@ -314,10 +315,39 @@ def moved_nodes(nodes: npt.NDArray[np.void], first_node: int, first_leaf: int) -
 
 
 def join_trees(a: npt.NDArray[np.void], b: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """The nodes of one tree of two over the same leaves: a new root above both, whose boxes are left to a refit."""
-    root = empty_nodes(1)
-    root["child"][0, :2] = 1, 1 + len(a)
-    return np.concatenate([root, moved_nodes(a, 1, 0), moved_nodes(b, 1 + len(a), 0)])
+    """The nodes of one tree of two over the same leaves, whose boxes are left to a refit.
+
+    The children of both roots are those of one, so that it takes no node more to get to them; where they are too many,
+    the smallest of a's share a node below.
+    """
+    own, others = _children_by_size(a[0]), _children_by_size(b[0])
+    room = WIDTH - len(others)
+    if room == 0:
+        return np.concatenate([_node_over([1, 1 + len(a)]), moved_nodes(a, 1, 0), moved_nodes(b, 1 + len(a), 0)])
+    is_full = len(own) > room
+    first = 1 if is_full else 0  # what a's nodes move by
+    from_a = np.where(own >= 0, own + first, own)
+    from_b = np.where(others >= 0, others + first + len(a) - 1, others)
+    if is_full:
+        tops = [_node_over([*from_b, *from_a[: room - 1], 1]), _node_over(from_a[room - 1 :])]
+    else:
+        tops = [_node_over([*from_b, *from_a])]
+    return np.concatenate([*tops, moved_nodes(a, first, 0)[1:], moved_nodes(b, first + len(a) - 1, 0)[1:]])
+
+
+def _children_by_size(node: np.void) -> npt.NDArray[np.int32]:
+    """Those that are there, the one with the largest box first."""
+    x, y, z = (node[f"half_{axis}"] for axis in "xyz")
+    order = np.argsort(-(x * y + y * z + z * x), kind="stable")
+    child: npt.NDArray[np.int32] = node["child"][order]
+    return child[child != NO_CHILD]
+
+
+def _node_over(children: Sequence[int] | npt.NDArray[np.int32]) -> npt.NDArray[np.void]:
+    """(1,) of Node with these children, without boxes."""
+    node = empty_nodes(1)
+    node["child"][0, : len(children)] = children
+    return node
 
 
 def empty_nodes(count: int) -> npt.NDArray[np.void]:

@@ -3,11 +3,12 @@
 import warp as wp
 
 from rigcast.kernels.hits import APART
+from rigcast.kernels.ray import inverse_of
 from rigcast.kernels.traverse import Entered
 from rigcast.kernels.tree import WIDTH, Node, vec8
-from rigcast.kernels.vectors import larger, norm1
+from rigcast.kernels.vectors import larger, smaller
 
-from .packet import LANES, PACKETS, Tile, View, lanes
+from .packet import LANES, PACKETS, Packet, Tile, Vectors, View, lanes
 
 TINY = wp.constant(1.0e-30)
 LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
@@ -104,35 +105,85 @@ def enter_frustum(node: Node, f: Frustum, limit: float) -> Entered:
 
 
 @wp.func
-def some_lane_enters(
-    p: lanes, q: lanes, far: lanes, view: View, center: wp.vec3, half: wp.vec3, distance: float, widest: float
-) -> int:
-    """Whether any ray may enter a box at this distance before its best hit (at most `far` away): 1 or 0.
-
-    The line along d passes a box of centre c and half size h if it does so as seen along x, y and z:
-
-        |c_y d_z - c_z d_y| <= h_y |d_z| + h_z |d_y|   and so on
-
-    Rounding, u = eps / 2: c is within the view's margin, by which h is larger. d = a + p u + q v is within 5u w in each
-    component, w = 1 + |p| + |q| being larger than any of them, and the products and sums have 3u: 8u w (|c|_1 + |h|_1)
-    in all, of which twice as much is allowed for. widest: the largest w of the packet.
-    """
-    c = center - view.origin
-    h = half + wp.vec3(view.margin, view.margin, view.margin)
-    slack = LANE_ROUNDING * widest * (norm1(c) + norm1(h))
+def inverse_directions(packet: Packet, view: View) -> Vectors:
+    """1 / the unit directions of a packet's rays as seen in a view, finite."""
+    p = packet.p
+    q = packet.q
+    length = packet.length
     a = view.axis
     u = view.u
     v = view.v
+    x = lanes()
+    y = lanes()
+    z = lanes()
+    for i in range(LANES):
+        x[i] = length[i] * inverse_of(a[0] + p[i] * u[0] + q[i] * v[0])
+        y[i] = length[i] * inverse_of(a[1] + p[i] * u[1] + q[i] * v[1])
+        z[i] = length[i] * inverse_of(a[2] + p[i] * u[2] + q[i] * v[2])
+    inverse = Vectors()
+    inverse.x = x
+    inverse.y = y
+    inverse.z = z
+    return inverse
+
+
+@wp.func
+def boxes_from(node: Node, view: View, widest: float) -> Node:
+    """The boxes of a node as seen from the view's origin, wider by as much as rays of a packet may be off them.
+
+    Rounding, u = eps / 2: d = a + p u + q v is within 5u w in each component, w = 1 + |p| + |q| being larger than any
+    of them, and its length and the quotient within 4u: as far as the box, |c|_1 + |h|_1 at most, a ray is within 9u w
+    (|c|_1 + |h|_1) of where it should be. 16u are allowed for; all else is within the view's margin, as for
+    enter_boxes. widest: the largest w of the packet.
+    """
+    center_x = node.center_x
+    center_y = node.center_y
+    center_z = node.center_z
+    half_x = node.half_x
+    half_y = node.half_y
+    half_z = node.half_z
+    origin = view.origin
+    margin = view.margin
+    slack = LANE_ROUNDING * widest
+    for j in range(WIDTH):
+        x = center_x[j] - origin[0]
+        y = center_y[j] - origin[1]
+        z = center_z[j] - origin[2]
+        wider = margin + slack * (wp.abs(x) + wp.abs(y) + wp.abs(z) + half_x[j] + half_y[j] + half_z[j])
+        center_x[j] = x
+        center_y[j] = y
+        center_z[j] = z
+        half_x[j] = half_x[j] + wider
+        half_y[j] = half_y[j] + wider
+        half_z[j] = half_z[j] + wider
+    boxes = Node()
+    boxes.center_x = center_x
+    boxes.center_y = center_y
+    boxes.center_z = center_z
+    boxes.half_x = half_x
+    boxes.half_y = half_y
+    boxes.half_z = half_z
+    boxes.child = node.child
+    return boxes
+
+
+@wp.func
+def some_lane_enters(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
+    """Whether any ray enters a box of boxes_from before its best hit (at most `far` away): 1 or 0. As enter_boxes."""
+    inverse_x = inverse.x
+    inverse_y = inverse.y
+    inverse_z = inverse.z
     some = int(0)
     for i in range(LANES):
-        x = a[0] + p[i] * u[0] + q[i] * v[0]
-        y = a[1] + p[i] * u[1] + q[i] * v[1]
-        z = a[2] + p[i] * u[2] + q[i] * v[2]
-        off_x = wp.abs(c[1] * z - c[2] * y) - h[1] * wp.abs(z) - h[2] * wp.abs(y)
-        off_y = wp.abs(c[2] * x - c[0] * z) - h[2] * wp.abs(x) - h[0] * wp.abs(z)
-        off_z = wp.abs(c[0] * y - c[1] * x) - h[0] * wp.abs(y) - h[1] * wp.abs(x)
-        passes = wp.where(larger(off_x, larger(off_y, off_z)) > slack, 0, 1)
-        some = some | (passes & wp.where(distance <= far[i] * APART, 1, 0))
+        cx = c[0] * inverse_x[i]
+        cy = c[1] * inverse_y[i]
+        cz = c[2] * inverse_z[i]
+        hx = h[0] * wp.abs(inverse_x[i])
+        hy = h[1] * wp.abs(inverse_y[i])
+        hz = h[2] * wp.abs(inverse_z[i])
+        enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
+        leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, far[i] * APART))
+        some = some | wp.where(enter <= leave, 1, 0)
     return some
 
 

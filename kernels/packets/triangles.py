@@ -17,8 +17,8 @@ from rigcast.kernels.triangle import GRAZING
 from rigcast.kernels.triangle import ROUNDING as HEIGHT_ROUNDING
 from rigcast.kernels.vectors import larger, lowest_bit, norm1, smaller
 
-from .frustum import Frustum, enter_frustum, frustum_of, some_lane_enters
-from .packet import LANES, PacketRays, TileRays, View, lanes, offer, packet_of
+from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, inverse_directions, some_lane_enters
+from .packet import LANES, PacketRays, TileRays, Vectors, View, lanes, offer, packet_of
 from .prefetch import prefetch_block, prefetch_node
 
 SIDE_ROUNDING = wp.constant(12.0 * 2.0**-23)  # 24u
@@ -57,6 +57,7 @@ class Sought:
     shape: int
     cull: int
     view: View
+    inverse: Vectors  # of the rays' unit directions
     frustum: Frustum
     # the middle of its range of p and q, and half its size:
     p: float
@@ -76,6 +77,7 @@ def packet_among_triangles(g: Geometry, rays: TileRays, view: View, k: int, shap
     sought.shape = shape
     sought.cull = cull
     sought.view = view
+    sought.inverse = inverse_directions(rays.packets[rays.first_packet + k], view)
     sought.frustum = frustum_of(view, tile.p_low[k], tile.p_high[k], tile.q_low[k], tile.q_high[k])
     sought.p = 0.5 * (tile.p_low[k] + tile.p_high[k])
     sought.q = 0.5 * (tile.q_low[k] + tile.q_high[k])
@@ -189,53 +191,72 @@ def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
 
 
 @wp.struct
-class Met:
-    """From where to where each ray's distance to a triangle may be, and whether (some != 0) any ray may hit it."""
+class Inside:
+    """How far inside its nearest edge each ray passes a triangle, and whether (some != 0) any may pass through it."""
 
-    near: lanes
-    far: lanes
+    by: lanes
     some: int
 
 
 @wp.func
-def meet_triangle(
+def pass_edges(p: lanes, q: lanes, side0: wp.vec3, side1: wp.vec3, side2: wp.vec3, rounding: float) -> Inside:
+    """The rays of a packet against the edges of one triangle; side0 and so on are those of Edges."""
+    by = lanes()
+    some = int(0)
+    for i in range(LANES):
+        s0 = side0[0] + p[i] * side0[1] + q[i] * side0[2]
+        s1 = side1[0] + p[i] * side1[1] + q[i] * side1[2]
+        s2 = side2[0] + p[i] * side2[1] + q[i] * side2[2]
+        nearest = larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
+        by[i] = nearest
+        some = some | wp.where(nearest >= -rounding, 1, 0)
+    inside = Inside()
+    inside.by = by
+    inside.some = some
+    return inside
+
+
+@wp.struct
+class Met:
+    """From where to where each ray's distance to a triangle may be."""
+
+    near: lanes
+    far: lanes
+
+
+@wp.func
+def meet_plane(
     p: lanes,
     q: lanes,
     length: lanes,
-    side0: wp.vec3,
-    side1: wp.vec3,
-    side2: wp.vec3,
+    inside: lanes,
     slopes: wp.vec3,
     rounding: float,
     height: float,
     size: float,
     cull: int,
 ) -> Met:
-    """The rays of a packet against one triangle, as triage_triangle has it; side0 and so on are those of Edges."""
-    is_high = wp.where(wp.abs(height) > HEIGHT_ROUNDING * size, 1, 0)
+    """The rays of a packet against one triangle, inside whose edges they pass, as triage_triangle has it."""
+    # how steep 1 / slope may be where the distance is sure: not at all where the origin is nearly in the plane
+    steepest = wp.where(wp.abs(height) > HEIGHT_ROUNDING * size, 1.0 / GRAZING, 0.0)
     near = lanes()
     far = lanes()
-    some = int(0)
-    # conditions are numbers: a loop with `and` and `or` is not vectorised
+    # conditions are wp.where of distances: with `and` and `or` the loop is not vectorised, with numbers it is slower
     for i in range(LANES):
-        s0 = side0[0] + p[i] * side0[1] + q[i] * side0[2]
-        s1 = side1[0] + p[i] * side1[1] + q[i] * side1[2]
-        s2 = side2[0] + p[i] * side2[1] + q[i] * side2[2]
-        inside = larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
         slope = slopes[0] + p[i] * slopes[1] + q[i] * slopes[2]
         per_slope = length[i] / slope
         t = height * per_slope
         error = DISTANCE_ROUNDING * (size + wp.abs(t)) * wp.abs(per_slope)
-        is_sure = wp.where(inside > rounding, 1, 0) & wp.where(wp.abs(per_slope) < 1.0 / GRAZING, is_high, 0)
-        is_dropped = is_sure & (wp.where(t < 0.0, 1, 0) | wp.where(slope * float(cull) > 0.0, 1, 0))
-        is_hit = wp.where(inside >= -rounding, 1 - is_dropped, 0)
-        near[i] = wp.where(is_hit == 1, wp.where(is_sure == 1, t - error, 0.0), wp.inf)
-        far[i] = wp.where(is_hit & is_sure == 1, t + error, wp.inf)
-        some = some | is_hit
+        is_dropped = larger(-t, slope * float(cull)) > 0.0
+        sure_near = wp.where(is_dropped, wp.inf, t - error)
+        sure_far = wp.where(is_dropped, wp.inf, t + error)
+        is_steep = wp.abs(per_slope) < steepest
+        hit_near = wp.where(inside[i] > rounding, wp.where(is_steep, sure_near, 0.0), 0.0)
+        near[i] = wp.where(inside[i] >= -rounding, hit_near, wp.inf)
+        far[i] = wp.where(inside[i] > rounding, wp.where(is_steep, sure_far, wp.inf), wp.inf)
     met = Met()
     met.near = near
     met.far = far
-    met.some = some
     return met
 
 
@@ -265,20 +286,22 @@ def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: flo
     while possible != 0:
         j = lowest_bit(possible)
         possible = possible & (possible - 1)
-        met = meet_triangle(
-            sought.packet.packets[at].p,
-            sought.packet.packets[at].q,
-            length,
-            wp.vec3(side0_a[j], side0_u[j], side0_v[j]),
-            wp.vec3(side1_a[j], side1_u[j], side1_v[j]),
-            wp.vec3(side2_a[j], side2_u[j], side2_v[j]),
-            wp.vec3(slope_a[j], slope_u[j], slope_v[j]),
-            rounding[j],
-            height[j],
-            size[j],
-            sought.cull,
-        )
-        if met.some != 0:
+        side0 = wp.vec3(side0_a[j], side0_u[j], side0_v[j])
+        side1 = wp.vec3(side1_a[j], side1_u[j], side1_v[j])
+        side2 = wp.vec3(side2_a[j], side2_u[j], side2_v[j])
+        inside = pass_edges(sought.packet.packets[at].p, sought.packet.packets[at].q, side0, side1, side2, rounding[j])
+        if inside.some != 0:
+            met = meet_plane(
+                sought.packet.packets[at].p,
+                sought.packet.packets[at].q,
+                length,
+                inside.by,
+                wp.vec3(slope_a[j], slope_u[j], slope_v[j]),
+                rounding[j],
+                height[j],
+                size[j],
+                sought.cull,
+            )
             reach = offer(sought.packet, met.near, met.far, sought.shape, index * WIDTH + j, reach)
     return reach
 
@@ -287,29 +310,24 @@ def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: flo
 def enter_of_packet(node: Node, sought: Sought, reach: float) -> Entered:
     """The boxes that some ray of the packet enters."""
     entered = enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
-    at = sought.packet.packet
-    center_x = node.center_x
-    center_y = node.center_y
-    center_z = node.center_z
-    half_x = node.half_x
-    half_y = node.half_y
-    half_z = node.half_z
-    distance = entered.distance
-    child = node.child
     widest = 1.0 + wp.abs(sought.p) + sought.p_half + wp.abs(sought.q) + sought.q_half
+    boxes = boxes_from(node, sought.view, widest)
+    center_x = boxes.center_x
+    center_y = boxes.center_y
+    center_z = boxes.center_z
+    half_x = boxes.half_x
+    half_y = boxes.half_y
+    half_z = boxes.half_z
+    child = boxes.child
     todo = entered.children
     while todo != 0:
         j = lowest_bit(todo)
         todo = todo & (todo - 1)
         some = some_lane_enters(
-            sought.packet.packets[at].p,
-            sought.packet.packets[at].q,
+            sought.inverse,
             sought.packet.best[sought.packet.slot].far,
-            sought.view,
             wp.vec3(center_x[j], center_y[j], center_z[j]),
             wp.vec3(half_x[j], half_y[j], half_z[j]),
-            distance[j],
-            widest,
         )
         if some == 0:
             entered.children = entered.children & ~(1 << j)

@@ -54,7 +54,11 @@ def dataset(
             warm_kernels(read, device)
     with progress(console, max(1, len(missing)) * read.file.episodes.duration) as report:
         reported = _counting(report, read.file.episodes.duration)
-        done = make_dataset(read, folder, chosen, device=device, part=part, report=reported)
+        try:
+            done = make_dataset(read, folder, chosen, device=device, part=part, report=reported)
+        except KeyboardInterrupt:
+            console.print(f"{escape(str(folder))}: episodes that are finished stay, and the same command goes on")
+            raise
     _tell(console, read, folder, done, chosen.workers)
     if done.manifest["failed"]:
         raise typer.Exit(1)

@@ -122,41 +122,51 @@ class Ray:
 
     Args:
         address: of the cluster, "auto" for the one that this machine belongs to; None starts one.
-        workers: one CPU each; None: as many as the cluster has CPUs.
+        workers: one CPU each; None: as many as the cluster has CPUs when it is joined.
 
     Raises:
-        InputError: Ray is not installed, or there is no cluster at the address.
+        InputError: Ray is not installed or does not start, or there is no cluster at the address, or one of other
+            versions or with a token that is not known here.
     """
 
     def __init__(self, address: str | None = None, workers: int | None = None) -> None:
         self._ray: Any = load_extra("the engine ray", "ray", "cluster")
         how: dict[str, Any] = {"address": address}
         if address is None:
-            # a small store: only the results, of some hundred bytes each, pass through it
-            how = {"num_cpus": workers or cpu_count(), "object_store_memory": 200e6, "include_dashboard": False}
+            # "local", as else Ray joins one that runs on this machine; a small store: only the results, of some hundred
+            # bytes each, pass through it
+            how = {"address": "local", "num_cpus": workers or cpu_count(), "object_store_memory": 200e6}
+            how["include_dashboard"] = False
         try:
             self._ray.init(log_to_driver=False, logging_level="error", **how)
-        except ConnectionError as error:
-            raise InputError(f"--address: no Ray cluster at {address!r}: {error}") from None
+        except (OSError, RuntimeError, ValueError, self._ray.exceptions.RayError) as error:
+            what = "Ray does not start" if address is None else f"--address: no Ray cluster at {address!r} to join"
+            raise InputError(f"{what}: {str(error).strip()}") from None
         self.workers = workers or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+        # where nothing but its CPUs limits a cluster, one episode is on its way while one is made
+        self._most = workers if workers and address else 2 * self.workers
 
     def run(self, make: Make, units: Sequence[Unit]) -> Results:
         remote = self._ray.remote(num_cpus=1, max_retries=2)(_with_one_thread)
         waiting, running = deque(units), dict[Any, Unit]()
         try:
             while waiting or running:
-                while waiting and len(running) < 2 * self.workers:  # one is on its way while one is made
+                while waiting and len(running) < self._most:
                     running[remote.remote(make, waiting[0])] = waiting[0]
                     waiting.popleft()
                 (done, *_), _ = self._ray.wait(list(running), num_returns=1)
-                unit = running.pop(done)
-                try:
-                    result = self._ray.get(done)
-                except self._ray.exceptions.WorkerCrashedError:
-                    result = Result(unit, "its worker died three times: killed, or out of memory")
-                yield result
+                yield self._result(done, running.pop(done))
         finally:
             self._ray.shutdown()
+
+    def _result(self, done: Any, unit: Unit) -> Result:
+        errors = self._ray.exceptions
+        try:
+            return self._ray.get(done)
+        except (errors.WorkerCrashedError, errors.NodeDiedError, errors.OutOfMemoryError):
+            return Result(unit, "its worker died three times: killed, out of memory, or with its machine")
+        except errors.RayError as error:  # such as a machine where rigcast cannot be imported
+            return Result(unit, f"Ray: {str(error).strip().splitlines()[-1]}", stops=True)
 
 
 def _with_one_thread(make: Make, unit: Unit) -> Result:

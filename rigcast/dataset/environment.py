@@ -1,6 +1,7 @@
 """What the bits of a frame depend on beside the data set itself: versions, the device, and how kernels are compiled."""
 
 import platform
+import sys
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -15,12 +16,13 @@ from .file import DatasetFile
 _PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "pillow")
 _FORMAT_PACKAGES = {"npz": (), "zarr": ("zarr", "numcodecs"), "exr": ("openexr",)}
 _NATIVE = "-march=native"
+_VECTORS = ("sse", "ssse", "avx", "fma", "f16c", "bmi", "amx", "asimd", "sve")  # what compilers and libraries choose by
 
 
 def prepare_warp(portable: bool) -> None:
-    """Keep Warp quiet and, for a portable data set, let it compile for no CPU in particular.
+    """Keep Warp quiet and, for a portable data set, let it compile for no CPU in particular from now on.
 
-    To be called before the first kernel is loaded. Raises InputError where Warp has no such choice.
+    Raises InputError where Warp has no such choice.
     """
     quiet_warp()
     if not portable:
@@ -29,7 +31,11 @@ def prepare_warp(portable: bool) -> None:
         raise InputError(
             f"portable: warp-lang {wp.__version__} compiles for the CPU at hand only, expected a newer one"
         )
-    wp.config.cpu_compiler_flags = (wp.config.cpu_compiler_flags or "").replace(_NATIVE, "").strip()
+    flags = (wp.config.cpu_compiler_flags or "").replace(_NATIVE, "").strip()
+    if flags != wp.config.cpu_compiler_flags:
+        wp.config.cpu_compiler_flags = flags
+        for name in [name for name in sys.modules if name.startswith("rigcast.kernels")]:
+            wp.get_module(name).mark_modified()  # what is loaded was compiled with other flags
 
 
 def environment(file: DatasetFile, device: str | None) -> dict[str, str]:
@@ -54,10 +60,14 @@ def _version(package: str) -> str:
     return version(package)
 
 
+@cache
 def _cpu_name() -> str:
+    """Its name, which virtual machines share, and the vector instructions that it offers."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = [line.partition(":") for line in Path("/proc/cpuinfo").read_text().splitlines()]
     except OSError:
-        lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()
+        return platform.processor()
+    about = {key.strip(): value.strip() for key, _, value in reversed(lines)}
+    features = (about.get("flags") or about.get("Features") or "").split()
+    vectors = sorted(feature for feature in features if feature.startswith(_VECTORS))
+    return " ".join([about.get("model name", platform.processor()), *vectors])

@@ -1,5 +1,6 @@
 """One episode, from its seed to its shard: what a worker of any engine does."""
 
+import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,6 +49,12 @@ class Result:
 def make_episode(job: Job, unit: Unit) -> Result:
     """Run one episode and write its shard; whatever goes wrong is told in the result."""
     try:
+        prepare_warp(job.config.file.portable)
+        _require_same_environment(job)
+        job.config.require_same_sources()
+    except (InputError, OSError) as error:
+        return Result(unit, f"{platform.node()}: {error}", stops=True)
+    try:
         return _made(job, unit)
     except OSError as error:
         return Result(unit, f"{job.folder} cannot be written: {error.strerror or error}", stops=True)
@@ -58,9 +65,6 @@ def make_episode(job: Job, unit: Unit) -> Result:
 
 def _made(job: Job, unit: Unit) -> Result:
     began = perf_counter()
-    prepare_warp(job.config.file.portable)
-    _require_same_environment(job)
-    job.config.require_same_sources()
     episode = open_episode(job.config, unit, job.device)
     spent = Spent(loading=perf_counter() - began)
     first = unit.number == 0
@@ -144,4 +148,4 @@ def _require_same_environment(job: Job) -> None:
     here = environment(job.config.file, job.device)
     other = [f"{key} {here.get(key)} for {value}" for key, value in job.made_with.items() if here.get(key) != value]
     if other:
-        raise InputError(f"this worker is of another kind than where the job began: got {', '.join(other)}")
+        raise InputError(f"this machine is of another kind than where the job began: got {', '.join(other)}")

@@ -68,12 +68,13 @@ def make_dataset(
     made_with = environment(config.file, device)
     begin(config, folder, made_with)
     units = missing_units(config, folder, part)
+    sweep(folder, [unit.name for unit in units])  # a full disk has room again
     done, began = Done(), perf_counter()
     results = engine.run(partial(make_episode, Job(config, folder, device, made_with)), units)
     try:
         for result in results:
             if result.stops:
-                raise InputError(f"{result.failed}; the episodes that are finished are in {folder}")
+                raise InputError(f"{result.failed}; episodes that are finished stay, and the same command goes on")
             note_failure(folder, result.unit, result.failed)
             done.add(result)
             report(result)

@@ -11,7 +11,10 @@ The manifest is made from what is in the folder, so it can be made again at any 
 
 import json
 import shutil
+import time
+import uuid
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,7 @@ from .statistics import combined
 MANIFEST_NAME = "dataset.json"
 FORMAT = "rigcast dataset 1"
 _FAILED_NAME = "failed"
+_ABANDONED = 3600.0  # seconds after which a manifest that is half written belongs to a job that was killed
 
 
 def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> None:
@@ -33,10 +37,15 @@ def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> Non
     Raises InputError for a folder that cannot be written, or that holds another data set.
     """
     make_writable(folder)
+    for part in folder.glob(f".{MANIFEST_NAME}.*.part"):
+        with suppress(OSError):  # others sweep too
+            if time.time() - part.stat().st_mtime > _ABANDONED:
+                part.unlink()
     path = folder / MANIFEST_NAME
     if path.is_file():
         _require_same(path, read_manifest(folder), {**config.identity(), "made_with": made_with})
-    write_manifest(config, folder, made_with)
+    else:
+        write_manifest(config, folder, made_with)
 
 
 def is_finished(folder: Path, unit: Unit) -> bool:
@@ -46,7 +55,7 @@ def is_finished(folder: Path, unit: Unit) -> bool:
 
 def note_failure(folder: Path, unit: Unit, reason: str | None) -> None:
     """Remember why an episode has no shard; None: it has one."""
-    path = folder / _FAILED_NAME / f"{unit.name}.json"
+    path = _failure(folder, unit)
     if reason is None:
         path.unlink(missing_ok=True)
         return
@@ -59,10 +68,11 @@ def write_manifest(config: DatasetConfig, folder: Path, made_with: dict[str, str
     """Write dataset.json for what is in the folder now, and return it."""
     while True:
         manifest = _collected(config, folder, made_with)
-        with replacing(folder / MANIFEST_NAME) as temporary:
+        with replacing(folder / MANIFEST_NAME, f".{uuid.uuid4().hex}") as temporary:
             temporary.write_text(json.dumps(manifest))
-        # another job may have finished a shard, and written its manifest, since this one looked
-        if _collected(config, folder, made_with) == manifest:
+        # Another job may have made the last shard, and written its manifest, since this one looked. While shards are
+        # missing, whoever makes them writes the manifest after that.
+        if not manifest["missing"] or not _is_complete(config, folder):
             _remove_if_empty(folder / _FAILED_NAME)
             return manifest
 
@@ -79,12 +89,19 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
+def _is_complete(config: DatasetConfig, folder: Path) -> bool:
+    """Whether every episode has a shard or a reason why not."""
+    return all(is_finished(folder, unit) or _failure(folder, unit).is_file() for unit in config.units())
+
+
+def _failure(folder: Path, unit: Unit) -> Path:
+    return folder / _FAILED_NAME / f"{unit.name}.json"
+
+
 def _collected(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> dict[str, Any]:
     units = config.units()
     shards = list(_entries(folder / unit.name / ENTRY_NAME for unit in units))
-    failed = list(
-        _entries(folder / _FAILED_NAME / f"{unit.name}.json" for unit in units if not is_finished(folder, unit))
-    )
+    failed = list(_entries(_failure(folder, unit) for unit in units if not is_finished(folder, unit)))
     return {
         "format": FORMAT,
         **config.identity(),

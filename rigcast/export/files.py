@@ -15,15 +15,16 @@ from rigcast.sensors.errors import InputError
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, mark: str = "") -> Iterator[Path]:
     """Yield a temporary path in the folder of `path`, renamed to `path` when the body has succeeded.
 
-    Whatever ends the body otherwise, the temporary file is removed and `path` stays as it was.
+    Whatever ends the body otherwise, the temporary file is removed and `path` stays as it was. mark: in its name, where
+    several processes may write the same file.
 
     Raises:
         InputError: the file cannot be written (OSError in the body: folder gone, disk full, no permission).
     """
-    temporary = path.with_name(f".{path.name}.part")
+    temporary = path.with_name(f".{path.name}{mark}.part")
     try:
         yield temporary
         os.replace(temporary, path)

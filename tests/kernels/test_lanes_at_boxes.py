@@ -8,9 +8,10 @@ import warp as wp
 from made_worlds import random_rotations
 from numpy.typing import NDArray
 
-from rigcast.kernels.packets.frustum import some_lane_enters
-from rigcast.kernels.packets.packet import LANES, View, lanes
+from rigcast.kernels.packets.frustum import boxes_from, inverse_directions, some_lane_enters
+from rigcast.kernels.packets.packet import LANES, Packet, View, lanes
 from rigcast.kernels.ray import box_margin
+from rigcast.kernels.tree import Node
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -22,12 +23,11 @@ CASES = 20_000
 def _some_lane_enters(
     p: wp.array[lanes],
     q: wp.array[lanes],
-    far: float,
+    far: wp.array[float],
     basis: wp.array[wp.mat33],
     origin: wp.array[wp.vec3],
     center: wp.array[wp.vec3],
     half: wp.array[wp.vec3],
-    distance: float,
     out: wp.array[int],
 ) -> None:
     i = wp.tid()
@@ -37,10 +37,25 @@ def _some_lane_enters(
     view.u = basis[i][1]
     view.v = basis[i][2]
     view.margin = box_margin(origin[i], wp.max(wp.abs(center[i]) + half[i]))
+    packet = Packet()
+    packet.p = p[i]
+    packet.q = q[i]
     every = lanes()
     for k in range(LANES):
-        every[k] = far
-    out[i] = some_lane_enters(p[i], q[i], every, view, center[i], half[i], distance, 2.0)
+        d = view.axis + packet.p[k] * view.u + packet.q[k] * view.v
+        packet.length[k] = wp.length(d)
+        every[k] = far[i]
+    node = Node()
+    node.center_x[0] = center[i][0]
+    node.center_y[0] = center[i][1]
+    node.center_z[0] = center[i][2]
+    node.half_x[0] = half[i][0]
+    node.half_y[0] = half[i][1]
+    node.half_z[0] = half[i][2]
+    box = boxes_from(node, view, 2.0)
+    c = wp.vec3(box.center_x[0], box.center_y[0], box.center_z[0])
+    h = wp.vec3(box.half_x[0], box.half_y[0], box.half_z[0])
+    out[i] = some_lane_enters(inverse_directions(packet, view), every, c, h)
 
 
 class Packets:
@@ -58,21 +73,21 @@ class Packets:
         t = scale * np.exp(self.rng.uniform(-3, 3, (CASES, 1)))
         self.points = self.origin + t * self.directions[np.arange(CASES), self.rng.integers(0, LANES, CASES)]
 
-    def enter(self, center: Doubles, half: Doubles, far: float = np.inf, distance: float = 0.0) -> NDArray[np.bool_]:
+    def enter(self, center: Doubles, half: Doubles, far: Doubles | float = np.inf) -> NDArray[np.bool_]:
         out = wp.empty(CASES, dtype=int, device="cpu")
         arrays = [
             wp.array(np.ascontiguousarray(values, np.float32), dtype=kind, device="cpu")
             for values, kind in (
                 (self.p, lanes),
                 (self.q, lanes),
+                (np.broadcast_to(far, CASES), float),
                 (self.basis, wp.mat33),
                 (self.origin, wp.vec3),
                 (center, wp.vec3),
                 (half, wp.vec3),
             )
         ]
-        inputs = [*arrays[:2], far, *arrays[2:], distance]
-        wp.launch(_some_lane_enters, CASES, inputs=inputs, outputs=[out], device="cpu")
+        wp.launch(_some_lane_enters, CASES, inputs=arrays, outputs=[out], device="cpu")
         return out.numpy() == 1
 
     def lines_pass(self, center: Doubles, half: Doubles) -> NDArray[np.bool_]:
@@ -84,6 +99,14 @@ class Packets:
             for k in range(3)
         ]
         return np.asarray((off <= np.stack(room, axis=-1)).all(axis=-1).any(axis=-1), bool)
+
+    def distances(self, center: Doubles, half: Doubles) -> Doubles:
+        """At which the first of the rays is in a box, in float64; +inf where none enters it."""
+        unit = self.directions / np.linalg.norm(self.directions, axis=-1, keepdims=True)
+        inverse = 1 / np.where(np.abs(unit) < 1e-20, 1e-20, unit)
+        middle, room = (center - self.origin)[:, None] * inverse, half[:, None] * np.abs(inverse)
+        enter, leave = (middle - room).max(axis=-1).clip(0), (middle + room).min(axis=-1)
+        return np.asarray(np.where(enter <= leave, enter, np.inf).min(axis=1), np.float64)
 
 
 def box_around(points: Doubles, rng: np.random.Generator, scale: float) -> tuple[Doubles, Doubles]:
@@ -115,6 +138,11 @@ def test_a_box_that_no_ray_comes_near_is_refused(seed: int) -> None:
 
 def test_a_box_beyond_all_hits_is_refused() -> None:
     packets = Packets(0, 1.0)
-    box = box_around(packets.points, packets.rng, 1.0)
-    assert packets.enter(*box, far=2.0, distance=2.0).all()
-    assert not packets.enter(*box, far=2.0, distance=2.001).any()
+    center, half = box_around(packets.points, packets.rng, 1.0)
+    entered = packets.enter(center, half, np.nextafter(packets.distances(center, half).astype(np.float32), np.inf))
+    assert entered.all(), f"refused {np.flatnonzero(~entered)[:5]}"
+    size = 1e-4 * (np.abs(packets.origin) + np.abs(center)).max(axis=1, keepdims=True)
+    at_least = packets.distances(center, half + size)
+    entered = packets.enter(center, half, 0.999 * at_least)
+    assert (at_least > 0).mean() > 0.5
+    assert not entered[at_least > 0].any(), f"let through {np.flatnonzero(entered & (at_least > 0))[:5]}"

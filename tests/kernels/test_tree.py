@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rigcast.kernels import tree
-from rigcast.kernels.tree import NO_CHILD, STACK, Tree, build_tree
+from rigcast.kernels.tree import NO_CHILD, STACK, Tree, build_tree, join_trees, moved_nodes
 
 Boxes = tuple[NDArray[np.float32], NDArray[np.float32]]
 
@@ -151,6 +151,29 @@ def test_the_heuristic_alone_would_need_a_deeper_stack(name: str, monkeypatch: p
     """Otherwise the test above would not see that such trees are balanced instead."""
     monkeypatch.setattr(tree, "STACK", 10**6)
     assert stack_needed(build_tree(*ALL[name], leaf_size=1)) > STACK
+
+
+@pytest.mark.parametrize("count", [1, 3, 7, 8, 9, 70])
+@pytest.mark.parametrize("others", [1, 2, 7, 8, 9, 70])
+def test_joined_trees_hold_the_leaves_of_both(count: int, others: int) -> None:
+    a = build_tree(*scattered(count), leaf_size=1).nodes
+    b = moved_nodes(build_tree(*scattered(others), leaf_size=1).nodes, 0, count)
+    child = join_trees(a, b)["child"]
+    parent = np.broadcast_to(np.arange(len(child))[:, None], child.shape)
+    children = child[child != NO_CHILD]
+    assert (child > parent)[child >= 0].all()
+    np.testing.assert_array_equal(np.sort(children[children >= 0]), np.arange(1, len(child)))
+    np.testing.assert_array_equal(np.sort(~children[children < 0]), np.arange(count + others))
+
+
+def test_what_joins_a_full_root_hangs_from_it_and_the_smallest_make_room() -> None:
+    lower, upper = boxes_around(10.0 * np.arange(8)[:, None] * np.ones(3), np.arange(8, 0, -1)[:, None] / 2)
+    a = build_tree(lower, upper, leaf_size=1)
+    root, below = join_trees(a.nodes, moved_nodes(build_tree(*scattered(2), leaf_size=1).nodes, 0, 8))["child"]
+    held = {(leaf if leaf >= 8 else int(a.order[a.leaf_first[leaf]])) for leaf in (~root[root < 0]).tolist()}
+    assert held == {8, 9, 0, 1, 2, 3, 4}
+    assert root[root >= 0].tolist() == [1]
+    assert (below != NO_CHILD).sum() == 3
 
 
 def test_no_thread_count_changes_a_bit_of_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:

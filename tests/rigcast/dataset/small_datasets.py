@@ -42,8 +42,11 @@ sensors:
     rate_hz: 25
 """
 
-# What users write beside their data sets. `unlucky` is killed once, and the third episode's controller always.
-MODULE = """\
+SECOND_MACHINE = "RIGCAST_TEST_SECOND_MACHINE"  # in the environment of the one that `lost` is to lose
+
+# What users write beside their data sets. `unlucky` is killed once, and the third episode's controller always; `lost`
+# takes the machine along.
+MODULE = f"""\
 import os, signal
 from pathlib import Path
 import mujoco
@@ -52,7 +55,7 @@ HERE = Path(__file__).parent
 
 def room(seed):
     text = (HERE / "room.xml").read_text()
-    return mujoco.MjModel.from_xml_string(text.replace('pos="4 0 1"', f'pos="{4 + seed % 100 / 100} 0 1"'))
+    return mujoco.MjModel.from_xml_string(text.replace('pos="4 0 1"', f'pos="{{4 + seed % 100 / 100}} 0 1"'))
 
 def push(model, seed):
     def control(data):
@@ -65,6 +68,14 @@ def unlucky(model, seed):
             (HERE / "killed").touch()
             os.kill(os.getpid(), signal.SIGKILL)
         if (HERE / "deadly").exists() and (HERE / "deadly").read_text() == str(seed):
+            os.kill(os.getpid(), signal.SIGKILL)
+    return control
+
+def lost(model, seed):
+    def control(data):
+        if data.time > 0.05 and "{SECOND_MACHINE}" in os.environ and not (HERE / "killed").exists():
+            (HERE / "killed").touch()
+            os.kill(os.getppid(), signal.SIGKILL)  # by which Ray knows the machine
             os.kill(os.getpid(), signal.SIGKILL)
     return control
 

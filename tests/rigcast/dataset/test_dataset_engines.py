@@ -1,19 +1,24 @@
 """Workers that are killed for real: what comes out is what an undisturbed run makes."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from rigcast.dataset.config import read_dataset
+from rigcast.dataset import engines
+from rigcast.dataset.config import Unit, read_dataset
 from rigcast.dataset.engines import Processes, Ray
+from rigcast.dataset.episode import Result
 from rigcast.sensors.errors import InputError
 
-from .small_datasets import contents, controlled_by, make
+from .small_datasets import contents, controlled_by, edited, make
 
 
 @pytest.fixture
@@ -73,6 +78,103 @@ def test_ray_goes_on_where_a_worker_was_killed(unlucky: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert "4 of 4 episodes to make, 2 at a time" in " ".join(done.stdout.split())
     assert contents(unlucky.parent / "out") == undisturbed(unlucky)
+
+
+class FakeRay:
+    """What the engine uses of Ray, on a cluster of 8 CPUs; every task ends with `error`, or with a result."""
+
+    class exceptions:
+        class RayError(Exception): ...
+
+        class WorkerCrashedError(RayError): ...
+
+        class NodeDiedError(RayError): ...
+
+        class OutOfMemoryError(RayError): ...
+
+    def __init__(self, error: str | None = None) -> None:
+        self.error, self.most, self.shut_down = error, 0, False
+
+    def init(self, **how: Any) -> None:
+        self.how = how
+        if how["address"] == "10.0.0.9:6379":
+            raise self.exceptions.RayError("Authentication token is missing")
+
+    def cluster_resources(self) -> dict[str, float]:
+        return {"CPU": 8.0}
+
+    def remote(self, **_needs: Any) -> Any:
+        return lambda _function: SimpleNamespace(remote=lambda _make, unit: (unit,))
+
+    def wait(self, running: list[Any], num_returns: int) -> tuple[list[Any], list[Any]]:
+        self.most = max(self.most, len(running))
+        return running[:num_returns], running[num_returns:]
+
+    def get(self, task: tuple[Unit]) -> Result:
+        if self.error is not None:
+            raise getattr(self.exceptions, self.error)("a long story\nModuleNotFoundError: No module named 'rigcast'\n")
+        return Result(*task)
+
+    def shutdown(self) -> None:
+        self.shut_down = True
+
+
+@pytest.mark.parametrize(
+    ("address", "workers", "most"), [(None, 3, 6), (None, None, 16), ("auto", 3, 3), ("auto", None, 16)]
+)
+def test_ray_is_asked_for_no_more_workers_than_it_shall_use(
+    monkeypatch: pytest.MonkeyPatch, address: str | None, workers: int | None, most: int
+) -> None:
+    ray, units = FakeRay(), [Unit("room", k, k) for k in range(40)]
+    monkeypatch.setattr(engines, "load_extra", lambda *_names: ray)
+    made = list(Ray(address, workers).run(Result, units))
+    assert [result.unit for result in made] == units
+    assert (ray.most, ray.shut_down) == (most, True)
+
+
+def test_ray_starts_one_of_its_own_or_says_why_it_joins_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    ray = FakeRay()
+    monkeypatch.setattr(engines, "load_extra", lambda *_names: ray)
+    Ray()
+    assert ray.how["address"] == "local", "else Ray joins a cluster that runs on this machine"
+    with pytest.raises(
+        InputError, match=r"--address: no Ray cluster at '10\.0\.0\.9:6379' to join: Authentication token"
+    ):
+        Ray("10.0.0.9:6379")
+
+
+@pytest.mark.parametrize(
+    ("error", "reason", "stops"),
+    [
+        ("WorkerCrashedError", "its worker died three times", False),
+        ("NodeDiedError", "its worker died three times", False),
+        ("OutOfMemoryError", "its worker died three times", False),
+        ("RayError", "Ray: ModuleNotFoundError: No module named 'rigcast'", True),
+    ],
+)
+def test_what_ray_could_not_make_is_told(monkeypatch: pytest.MonkeyPatch, error: str, reason: str, stops: bool) -> None:
+    monkeypatch.setattr(engines, "load_extra", lambda *_names: FakeRay(error))
+    (result,) = Ray("auto").run(Result, [Unit("room", 0, 0)])
+    assert reason in str(result.failed)
+    assert result.stops is stops
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read as Linux tells it")
+def test_a_worker_s_memory_does_not_grow_with_its_episodes(path: Path) -> None:
+    """Every episode has five frames of 1.8 MB, so that one that stayed behind would show."""
+    edited(path, '  - {name: made, python: "users_functions:room"}\n', "")
+    edited(path, "count: 2", "count: 8")
+    edited(path.parent / "rig.yaml", "elevation_deg: [-20, 0]", f"elevation_deg: {list(range(-16, 0))}")
+    edited(path.parent / "rig.yaml", "columns: 36", "columns: 2048")
+    peaks: list[int] = []
+
+    def note(_result: Result) -> None:
+        (worker,) = multiprocessing.active_children()
+        status = Path(f"/proc/{worker.pid}/status").read_text()
+        peaks.append(int(status.partition("VmHWM:")[2].split()[0]))
+
+    make(path, engine=Processes(1), report=note)
+    assert peaks[-1] - peaks[1] < 4000, f"kB after each episode: {peaks}"
 
 
 def test_without_ray_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

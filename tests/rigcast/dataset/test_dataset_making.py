@@ -5,15 +5,17 @@ import json
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+import warp as wp
 
-from rigcast.dataset import shards
+from rigcast.dataset import manifest, shards
 from rigcast.dataset.config import Unit, read_dataset
 from rigcast.dataset.engines import InProcess, Make, Results
-from rigcast.dataset.environment import environment
+from rigcast.dataset.environment import environment, prepare_warp
 from rigcast.dataset.episode import Job, Result, make_episode, open_episode
 from rigcast.dataset.generate import make_dataset
 from rigcast.dataset.manifest import write_manifest
@@ -180,7 +182,7 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
 
     with monkeypatch.context() as patched:
         patched.setattr(shards, "require_room", require_room)
-        with pytest.raises(InputError, match="No space left on device; the episodes that are finished are in"):
+        with pytest.raises(InputError, match="No space left on device; episodes that are finished stay"):
             make(path)
     manifest = json.loads((path.parent / "out/dataset.json").read_text())
     assert (len(manifest["shards"]), manifest["failed"], manifest["missing"]) == (1, [], 3)
@@ -238,16 +240,49 @@ def test_a_worker_of_another_kind_makes_nothing(path: Path) -> None:
     config = read_dataset(path)
     made_with = environment(config.file, "cpu") | {"mujoco": "3.4.0"}
     result = make_episode(Job(config, path.parent / "out", "cpu", made_with), config.units()[0])
-    assert "this worker is of another kind" in str(result.failed)
+    assert result.stops, "it would go through all episodes, and none would be made"
+    assert "this machine is of another kind" in str(result.failed)
     assert "for 3.4.0" in str(result.failed)
 
 
-def test_a_file_that_changes_meanwhile_stops_what_follows_from_it(path: Path) -> None:
+def test_a_file_that_changes_meanwhile_stops_the_run(path: Path) -> None:
     config = read_dataset(path)
     edited(path.parent / "rig.yaml", "columns: 36", "columns: 72")
-    done = make_dataset(config, path.parent / "out", InProcess(), device="cpu")
-    assert all("rig.yaml has changed since" in failure["reason"] for failure in done.manifest["failed"])
-    assert len(done.manifest["failed"]) == 4
+    with pytest.raises(InputError, match=r"rig\.yaml has changed since"):
+        make_dataset(config, path.parent / "out", InProcess(), device="cpu")
+    assert json.loads((path.parent / "out/dataset.json").read_text())["missing"] == 4
+
+
+def test_jobs_that_end_at_the_same_time_leave_nothing_out(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A job that looked before another's last shard was there writes its manifest after the other's."""
+    make(path, part=(1, 2))
+    config, folder = read_dataset(path), path.parent / "out"
+    collect, others = manifest._collected, iter([(2, 2)])
+
+    def collected(*arguments: Any) -> dict[str, Any]:
+        found = collect(*arguments)
+        for part in others:
+            make(path, part=part)
+        return found
+
+    with monkeypatch.context() as patched:
+        patched.setattr(manifest, "_collected", collected)
+        manifest.write_manifest(config, folder, environment(config.file, "cpu"))
+    assert len(json.loads((folder / "dataset.json").read_text())["shards"]) == 4
+
+
+def test_a_portable_data_set_uses_no_kernel_that_was_compiled_for_this_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    flags = getattr(wp.config, "cpu_compiler_flags", None)
+    if flags is None:
+        pytest.skip("this Warp has no such option")
+    module = wp.get_module("rigcast.kernels.mounts")
+    with monkeypatch.context() as patched:
+        patched.setattr(wp.config, "cpu_compiler_flags", flags)
+        native = module.get_module_hash()
+        prepare_warp(portable=True)
+        portable = module.get_module_hash()
+    module.mark_modified()
+    assert native == module.get_module_hash() != portable
 
 
 def test_a_lost_manifest_is_made_again_from_the_shards(path: Path, whole: dict[str, bytes]) -> None:
