@@ -1,5 +1,6 @@
 """The cast: the rays of a sensor, through the geometry, to hits."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,14 +8,17 @@ import warp as wp
 
 from .geometry import FARTHEST, Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
-from .launch import RAYS_PER_SLICE, TURN, launch_over_rays, launch_over_tiles, thread_count
+from .launch import RAYS_PER_SLICE, TURN, launch_over_rays, prepare_over_rays, prepare_over_tiles, thread_count
 from .moving import at_firings
-from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, int_lanes, world_ray
-from .packets.places import Places, places_on_shape
+from .out import Out, write_miss, write_place
+from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
+from .packets.places import write_closed_form, write_triangles
+from .packets.prefetch import prefetch_hit, prefetch_packet
 from .packets.tile import cast_tile, clear_packet
 from .poses import scope_of
 from .ray import cast_ray
 from .rays import RayArrays, Rays, direction_of, firing_of, origin_of, span_of
+from .solids import has_triangles
 from .vectors import lowest_bit, to_double
 
 RAYS_PER_THREAD = 32
@@ -66,36 +70,6 @@ class HitArrays:
 def is_castable(ray: WorldRay) -> bool:
     near_enough = wp.max(wp.abs(ray.origin)) <= wp.float64(FARTHEST)
     return wp.isfinite(ray.origin) and wp.isfinite(ray.direction) and near_enough
-
-
-@wp.struct
-class Out:
-    """HitArrays, where a kernel writes."""
-
-    distance: wp.array[float]
-    shape: wp.array[int]
-    face: wp.array[int]
-    normal: wp.array[wp.vec3]
-
-
-@wp.func
-def write_miss(out: Out, i: int, distance: float) -> None:
-    out.distance[i] = distance
-    out.shape[i] = -1
-    out.face[i] = -1
-    out.normal[i] = wp.vec3(0.0, 0.0, 0.0)
-
-
-@wp.func
-def write_place(out: Out, i: int, shape: int, distance: float, face: int, normal: wp.vec3, limit: float) -> None:
-    """Write where ray i hits: nothing if that is beyond the limit."""
-    if distance <= limit and distance < wp.inf:
-        out.distance[i] = distance
-        out.shape[i] = shape
-        out.face[i] = face
-        out.normal[i] = normal
-    else:
-        write_miss(out, i, wp.inf)
 
 
 @wp.func
@@ -190,22 +164,19 @@ def write_packet(g: Geometry, out: Out, rays: TileRays, k: int) -> None:
             for lane in range(LANES):
                 if same & (1 << lane) != 0:
                     write_miss(out, rays.first_ray + numbers[lane], wp.inf)
+        elif has_triangles(g.kind[shape]):
+            write_triangles(g, out, rays, k, same, shape)
         else:
-            write_places(out, rays, numbers, same, shape, places_on_shape(g, rays, slot, shape))
+            write_closed_form(g, out, rays, k, same, shape)
 
 
 @wp.func
-def write_places(out: Out, rays: TileRays, numbers: int_lanes, which: int, shape: int, places: Places) -> None:
-    """Write the places of those rays of a packet which hit one shape."""
-    distance = places.distance
-    face = places.face
-    x = places.normal.x
-    y = places.normal.y
-    z = places.normal.z
+def prefetch_out(out: Out, rays: TileRays, k: int) -> None:
+    """Ask for where the hits of a packet will be written, which are all over the rows of an image."""
     for lane in range(LANES):
-        if which & (1 << lane) != 0:
-            normal = wp.vec3(x[lane], y[lane], z[lane])
-            write_place(out, rays.first_ray + numbers[lane], shape, distance[lane], face[lane], normal, rays.limit)
+        i = rays.packets[rays.first_packet + k].ray[lane]
+        if i >= 0:
+            prefetch_hit(out, rays.first_ray + i)
 
 
 @wp.func
@@ -262,8 +233,11 @@ def cast_packets(
         rays.first_slot = thread * PACKETS
         rays.best = best
         rays.directions = world_directions
+        following = tile_after(at, threads) % tiles.shape[0]
         for k in range(PACKETS):
             clear_packet(rays, k, rotation)
+            prefetch_out(out, rays, k)
+            prefetch_packet(packets, following * PACKETS + k)
         is_sound = is_castable(world_ray(rays, rays.first_slot, 0))
         if is_sound:
             cast_tile(g, rays)
@@ -288,31 +262,46 @@ def cast(
     Returns:
         One entry per ray, world after world.
     """
+    hits = HitArrays.empty(rays.total, rays.directions.device) if out is None else out
+    for launch in prepare_cast(geometry, visible, rays, limit, cull, hits):
+        launch()
+    return hits
+
+
+def prepare_cast(
+    geometry: Geometry, visible: wp.array, rays: Rays, limit: float, cull: int, hits: HitArrays
+) -> list[Callable[[], object]]:
+    """The launches of a `cast` into these hits, for as often as it is wanted.
+
+    They cast at shapes that stand still as they do by then, and at shapes that move as they do now; by as many threads
+    as there are now.
+    """
     device = rays.directions.device
-    hits = HitArrays.empty(rays.total, device) if out is None else out
     placed = geometry if geometry.instants == 1 else at_firings(geometry, rays)
     scene, how = [placed, visible], [rays.arrays, limit, cull]
     if rays.packets is None:
-        _cast_alone(scene, wp.empty(0, dtype=int, device=device), rays.total, how, hits)
-        return hits
+        return [_prepare_alone(scene, wp.empty(0, dtype=int, device=device), rays.total, how, hits)]
     packets, worlds = rays.packets, rays.worlds
+    launches: list[Callable[[], object]] = []
     if packets.tiles.size:
         sizes = {Geometry: thread_count(), PacketHits: thread_count() * PACKETS, Directions: thread_count() * PACKETS}
         scratch = [wp.empty(size, dtype=kind, device="cpu") for kind, size in sizes.items()]
         inputs = [worlds, *scene, packets.tiles, packets.packets, *how, *scratch]
-        launch_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()])
+        launches.append(prepare_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()]))
     if packets.singles.size:
-        _cast_alone(scene, packets.singles, worlds * packets.singles.size, how, hits)
-    return hits
+        launches.append(_prepare_alone(scene, packets.singles, worlds * packets.singles.size, how, hits))
+    return launches
 
 
-def _cast_alone(scene: list[Any], which: wp.array, count: int, how: list[Any], hits: HitArrays) -> None:
+def _prepare_alone(
+    scene: list[Any], which: wp.array, count: int, how: list[Any], hits: HitArrays
+) -> Callable[[], object]:
     """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
     device = hits.distance.device
     per_thread = RAYS_PER_THREAD if device.is_cpu else 1
     threads, slice_size = -(-count // per_thread), max(1, RAYS_PER_SLICE // per_thread)
     inputs = [per_thread, count, *scene, which, *how]
-    launch_over_rays(cast_rays, threads, inputs, [hits.out()], device, slice_size)
+    return prepare_over_rays(cast_rays, threads, inputs, [hits.out()], device, slice_size)
 
 
 @wp.kernel

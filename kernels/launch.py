@@ -51,10 +51,7 @@ def launch_over_runs(
 
     Its first arguments are the index of the run of thread 0, and how many rays a run has; the last may have fewer.
     """
-    run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
-    runs = -(-count // run)
-    slice_size = max(RUNS_PER_SLICE, -(-runs // thread_count()))
-    launch_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
+    prepare_over_runs(kernel, count, inputs, outputs, device)()
 
 
 def prepare_over_rays(
@@ -74,24 +71,37 @@ def prepare_over_rays(
     return partial(launch_over_rays, kernel, count, inputs, outputs, device, slice_size)
 
 
-def launch_over_tiles(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
-    """Launch a CPU kernel over tiles 0..count-1: once in each thread, to take turns at TURN tiles.
+def prepare_over_runs(
+    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
+) -> Callable[[], object]:
+    """`launch_over_runs`, as `prepare_over_rays`."""
+    run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
+    runs = -(-count // run)
+    slice_size = max(RUNS_PER_SLICE, -(-runs // thread_count()))
+    return prepare_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
+
+
+def prepare_over_tiles(
+    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]
+) -> Callable[[], object]:
+    """A launch of a CPU kernel over tiles 0..count-1, as `prepare_over_rays`: once in each thread, to take turns at
+    TURN tiles.
 
     Its first arguments are the number of a thread and of all threads.
     """
-    threads = min(thread_count(), -(-count // TURN))
+    threads, pool = min(thread_count(), -(-count // TURN)), _threads(thread_count())
+    of_threads = [
+        wp.launch(kernel, 1, inputs=[thread, threads, *inputs], outputs=outputs, device="cpu", record_cmd=True).launch
+        for thread in range(threads)
+    ]
 
-    def launch(thread: int) -> None:
-        wp.launch(kernel, 1, inputs=[thread, threads, *inputs], outputs=outputs, device="cpu")
+    def launch() -> None:
+        others = [pool.submit(own) for own in of_threads[1:]]
+        of_threads[0]()
+        for other in others:
+            other.result()
 
-    if kernel not in _launched:
-        wp.load_module(kernel.module, device="cpu")
-        _launched.add(kernel)
-    others = [_threads(thread_count()).submit(launch, thread) for thread in range(1, threads)]
-    if count:
-        launch(0)
-    for other in others:
-        other.result()
+    return launch
 
 
 def thread_count() -> int:

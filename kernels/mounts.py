@@ -187,10 +187,10 @@ class Frames:
         outputs = [self.position, self.rotation, slot]
         wp.launch(place_on_carrier, self.position.shape[0], inputs=inputs, outputs=outputs, device=device)
 
-    def poses(self) -> wp.array:
+    def poses(self, out: wp.array | None = None) -> wp.array:
         """(nworld, 4, 4) float64, those of the first frame."""
         worlds, device = self.position.shape[0], self.position.device
-        poses = wp.empty((worlds, 4, 4), dtype=wp.float64, device=device)
+        poses = wp.empty((worlds, 4, 4), dtype=wp.float64, device=device) if out is None else out
         wp.launch(join_poses, worlds, inputs=[self.position, self.rotation], outputs=[poses], device=device)
         return poses
 

@@ -4,12 +4,12 @@ import warp as wp
 
 from .geometry import Geometry, TriangleBlock
 from .hits import APART, Hit, WorldRay, first_of, hit_within, no_hit
-from .poses import pose_of
+from .poses import Scope, pose_of
 from .solids import SHEET, has_triangles, triage_closed_form
 from .traverse import Entered, sign_bits, traversal
 from .tree import WIDTH, Node, vec8, vec8i
 from .triangle import CULL_FRONT, CULL_NONE, triage_triangle
-from .vectors import larger, smaller, to_double, to_float
+from .vectors import larger, lowest_bit, smaller, to_double, to_float
 
 MARGIN = wp.constant(4.0 * 2.0**-23)
 SMALLEST = wp.constant(1.0e-20)
@@ -27,9 +27,24 @@ class Ray:
     margin: float  # by which boxes are widened: covers all rounding in enter_boxes
     shape: int
     cull: int
-    # in the world:
-    world: WorldRay
+    # in the world, field by field: a struct that is passed on as it is stays in memory, and is copied for every shape
+    world_origin: wp.vec3d
+    world_direction: wp.vec3d
+    scope: Scope
+    limit: float
+    world_cull: int
     visible: wp.array[wp.bool]
+
+
+@wp.func
+def in_world(ray: Ray) -> WorldRay:
+    world = WorldRay()
+    world.origin = ray.world_origin
+    world.direction = ray.world_direction
+    world.scope = ray.scope
+    world.limit = ray.limit
+    world.cull = ray.world_cull
+    return world
 
 
 @wp.func
@@ -98,10 +113,11 @@ def enter_boxes(node: Node, ray: Ray, limit: float) -> Entered:
 
 @wp.struct
 class Spans:
-    """From where to where the distances to the triangles of a block may be."""
+    """From where to where the distances to the triangles of a block may be, and which, bit by bit, may be hit."""
 
     near: vec8
     far: vec8
+    possible: int
 
 
 @wp.func
@@ -124,6 +140,7 @@ def triage_block(block: TriangleBlock, ray: Ray) -> Spans:
     cull = ray.cull
     near = vec8()
     far = vec8()
+    possible = vec8i()
     for j in range(WIDTH):
         a = wp.vec3(x0[j], y0[j], z0[j])
         b = wp.vec3(x1[j], y1[j], z1[j])
@@ -136,9 +153,11 @@ def triage_block(block: TriangleBlock, ray: Ray) -> Spans:
         span = triage_triangle(direction, a - b, b - c, c - a, v0, v1, v2, normal, cull)
         near[j] = span[0]
         far[j] = span[1]
+        possible[j] = wp.where(span[0] < wp.inf, -1, 0)
     spans = Spans()
     spans.near = near
     spans.far = far
+    spans.possible = sign_bits(possible)
     return spans
 
 
@@ -151,16 +170,19 @@ def reach_of_ray(best: Hit) -> float:
 def visit_block(g: Geometry, ray: Ray, index: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
     """The ray against the triangles of one block."""
     spans = triage_block(g.blocks[index], ray)
-    for j in range(WIDTH):
-        if spans.near[j] <= best.far * APART and spans.near[j] < wp.inf:
-            hit = hit_within(spans.near[j], spans.far[j], ray.shape, index * WIDTH + j)
-            best = first_of(g, best, hit, ray.world)
+    near = spans.near
+    far = spans.far
+    possible = spans.possible
+    while possible != 0:
+        j = lowest_bit(possible)
+        possible = possible & (possible - 1)
+        best = first_of(g, best, hit_within(near[j], far[j], ray.shape, index * WIDTH + j), in_world(ray))
     return best
 
 
 @wp.func
 def enter_in_range(node: Node, ray: Ray, reach: float) -> Entered:
-    return enter_boxes(node, ray, smaller(reach, ray.world.limit))
+    return enter_boxes(node, ray, smaller(reach, ray.limit))
 
 
 cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_in_range, reach_of_ray, visit_block)
@@ -169,13 +191,13 @@ cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_in_
 @wp.func
 def visit_shape(g: Geometry, ray: Ray, shape: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
     """The ray against one shape, if it is visible."""
-    scope = ray.world.scope
+    scope = ray.scope
     if not ray.visible[scope.first_visible + shape]:
         return best
     pose = pose_of(g, shape, scope)
     to_local = wp.transpose(pose.rotation)
-    origin = to_local * (ray.world.origin - pose.position)
-    direction = to_local * ray.world.direction
+    origin = to_local * (ray.world_origin - pose.position)
+    direction = to_local * ray.world_direction
     kind = g.kind[shape]
     if kind == SHEET and ray.cull == CULL_FRONT:
         return best
@@ -186,7 +208,7 @@ def visit_shape(g: Geometry, ray: Ray, shape: int, distance: float, best: Hit) -
         return cast_through_triangles(g, g.nodes, g.root[scope.first_shape + shape], local, best)
     size = g.size[scope.first_shape + shape]
     span = triage_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
-    return first_of(g, best, hit_within(span[0], span[1], shape, 0), ray.world)
+    return first_of(g, best, hit_within(span[0], span[1], shape, 0), in_world(ray))
 
 
 cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_in_range, reach_of_ray, visit_shape)
@@ -196,7 +218,11 @@ cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_in_range,
 def cast_ray(g: Geometry, visible: wp.array[wp.bool], world: WorldRay) -> Hit:
     """The first hit of a ray among the visible shapes; it may lie beyond the limit."""
     ray = Ray()
-    ray.world = world
+    ray.world_origin = world.origin
+    ray.world_direction = world.direction
+    ray.scope = world.scope
+    ray.limit = world.limit
+    ray.world_cull = world.cull
     ray.visible = visible
     ray.cull = world.cull
     span = world.scope.span

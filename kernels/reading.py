@@ -3,12 +3,14 @@
 There is little to do for a ray, less than to begin a thread on the CPU: a thread takes a run of rays there.
 """
 
+from collections.abc import Callable
+
 import warp as wp
 
 from rigcast.kernels.effects.echoes import SurfaceArrays
 
 from .cast import HitArrays
-from .launch import launch_over_runs
+from .launch import launch_over_runs, prepare_over_runs
 from .rays import RayArrays, Rays, direction_of, firing_of, origin_of
 from .vectors import to_double, to_float
 
@@ -40,9 +42,14 @@ def read_hits(
 
 def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
     """Turn hits into readings in place: nearer than min_range [m] is -inf, normals go to the rays' frame."""
+    prepare_read(hits, rays, min_range)()
+
+
+def prepare_read(hits: HitArrays, rays: Rays, min_range: float) -> Callable[[], object]:
+    """`read`, for as often as it is called, with the poses of the rays by then."""
     count, outputs = hits.distance.size, [hits.distance, hits.shape, hits.normal]
     inputs = [rays.arrays, _per_ray(hits.distance, rays), min_range]
-    launch_over_runs(read_hits, count, inputs, outputs, hits.distance.device)
+    return prepare_over_runs(read_hits, count, inputs, outputs, hits.distance.device)
 
 
 def _per_ray(values: wp.array, rays: Rays) -> int:
@@ -156,46 +163,46 @@ def reflected_share(
             intensity[i] = surfaces.reflectivity[shape[i]] * wp.min(cosine, 1.0)
 
 
-def intensity(hits: HitArrays, rays: Rays, surfaces: SurfaceArrays) -> wp.array:
+def intensity(hits: HitArrays, rays: Rays, surfaces: SurfaceArrays, out: wp.array | None = None) -> wp.array:
     """(n,) rho cos(theta) of hits whose normals are in the rays' frame, 0 where there is none."""
-    out = wp.empty(hits.distance.size, dtype=float, device=hits.distance.device)
+    out = wp.empty(hits.distance.size, dtype=float, device=hits.distance.device) if out is None else out
     inputs = [surfaces, rays.arrays, hits.distance, hits.shape, hits.normal]
     launch_over_runs(reflected_share, out.size, inputs, [out], out.device)
     return out
 
 
-def points(distance: wp.array, rays: Rays) -> wp.array:
+def points(distance: wp.array, rays: Rays, out: wp.array | None = None) -> wp.array:
     """(n k,) vec3 [m] in the sensor's frame, of n rays with k distances each, NaN where one is not finite."""
-    out = wp.empty(distance.size, dtype=wp.vec3, device=distance.device)
+    out = wp.empty(distance.size, dtype=wp.vec3, device=distance.device) if out is None else out
     inputs = [rays.arrays, _per_ray(distance, rays), distance]
     launch_over_runs(points_in_frame, distance.size, inputs, [out], distance.device)
     return out
 
 
-def world_points(distance: wp.array, rays: Rays) -> wp.array:
+def world_points(distance: wp.array, rays: Rays, out: wp.array | None = None) -> wp.array:
     """(n k,) vec3d [m] in the world, of n rays with k distances each, NaN where one is not finite."""
-    out = wp.empty(distance.size, dtype=wp.vec3d, device=distance.device)
+    out = wp.empty(distance.size, dtype=wp.vec3d, device=distance.device) if out is None else out
     inputs = [rays.arrays, _per_ray(distance, rays), distance]
     launch_over_runs(points_in_world, distance.size, inputs, [out], distance.device)
     return out
 
 
-def z_depth(distance: wp.array, rays: Rays) -> wp.array:
+def z_depth(distance: wp.array, rays: Rays, out: wp.array | None = None) -> wp.array:
     """(n,) float32 [m], the z coordinate of the points; +-inf and NaN where the range is."""
-    out = wp.empty(distance.size, dtype=float, device=distance.device)
+    out = wp.empty(distance.size, dtype=float, device=distance.device) if out is None else out
     launch_over_runs(depth_along_z, distance.size, [rays.arrays, distance], [out], distance.device)
     return out
 
 
-def depth_16bit(depth: wp.array, scale: float) -> wp.array:
+def depth_16bit(depth: wp.array, scale: float, out: wp.array | None = None) -> wp.array:
     """(n,) uint16: depth (n,) [m] in steps of scale [m], 0 where it is not finite or beyond 65535 steps."""
-    out = wp.empty(depth.size, dtype=wp.uint16, device=depth.device)
+    out = wp.empty(depth.size, dtype=wp.uint16, device=depth.device) if out is None else out
     launch_over_runs(depth_in_steps, depth.size, [depth, scale], [out], depth.device)
     return out
 
 
-def take(table: wp.array, index: wp.array) -> wp.array:
+def take(table: wp.array, index: wp.array, out: wp.array | None = None) -> wp.array:
     """(n,) int32: table[index], -1 where index is -1."""
-    out = wp.empty(index.size, dtype=int, device=index.device)
+    out = wp.empty(index.size, dtype=int, device=index.device) if out is None else out
     launch_over_runs(look_up, index.size, [table, index], [out], index.device)
     return out

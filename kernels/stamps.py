@@ -21,12 +21,12 @@ def add_time(
     stamps[i] = time
 
 
-def stamps(begun: wp.array, firing_times: wp.array | None, count: int) -> wp.array:
+def stamps(begun: wp.array, firing_times: wp.array | None, count: int, out: wp.array | None = None) -> wp.array:
     """(count,) float64 [s]: begun, one for each world, plus firing_times, the same in all of them; rounded once.
 
     firing_times: float64 [s], of any shape; None where all rays are fired at once.
     """
-    out = wp.empty(count, dtype=wp.float64, device=begun.device)
+    out = wp.empty(count, dtype=wp.float64, device=begun.device) if out is None else out
     fired = wp.empty(0, dtype=wp.float64, device=begun.device) if firing_times is None else firing_times.flatten()
     launch_over_rays(add_time, count, [begun, fired], [out], out.device)
     return out

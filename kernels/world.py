@@ -15,6 +15,7 @@ import warp as wp
 from .geometry import Geometry, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
 from .top_trees import TopTrees
 from .tree import Node, moved_nodes
+from .upload import Upload
 
 Poses = npt.NDArray[np.floating[Any]] | wp.array
 
@@ -32,8 +33,7 @@ class World:
         self.trees = list(trees)
         self._join_trees()
         self._count = len(shapes.kind)
-        self._own: dict[str, wp.array] = {}
-        self._views: dict[str, npt.NDArray[Any]] = {}
+        self._own: dict[str, Upload] = {}
         self._poses: tuple[wp.array | None, wp.array | None] = (None, None)
         self.set_shapes(shapes)
         self._top = TopTrees(self.geometry, self.device)
@@ -129,8 +129,10 @@ class World:
         self._top.fit(worlds, instants)
 
     def _set_poses(self, position: Poses, rotation: Poses) -> None:
-        is_double = position.dtype in (wp.vec3d, np.float64)
-        if not isinstance(position, wp.array):
+        if isinstance(position, wp.array):
+            is_double = position.dtype is wp.vec3d
+        else:
+            is_double = position.dtype == np.float64
             position = self._uploaded("position", position, wp.vec3d if is_double else wp.vec3)
             rotation = self._uploaded("rotation", rotation, wp.mat33d if is_double else wp.mat33)
         if position is self._poses[0] and rotation is self._poses[1]:
@@ -144,15 +146,10 @@ class World:
         """The values in an array of the world's own, the same one for as long as it fits."""
         values = values.reshape(-1, *dtype._shape_)
         own = self._own.get(name)
-        if own is None or own.dtype != dtype or own.size != len(values):
-            own = self._own[name] = wp.empty(len(values), dtype=dtype, device=self.device)
-            if self.device.is_cpu:
-                self._views[name] = own.numpy()
-        if self.device.is_cpu:
-            self._views[name][...] = values
-        else:
-            wp.copy(own, wp.array(values, dtype=dtype, device="cpu", copy=False))
-        return own
+        if own is None or own.array.dtype != dtype or own.array.size != len(values):
+            own = self._own[name] = Upload(len(values), dtype, self.device)
+        own.write(values)
+        return own.array
 
 
 def _leading(position: Poses) -> tuple[int, ...]:

@@ -51,14 +51,14 @@ def intensity_of_hits(
         intensity[i] = returned(reflectivity[shape[i]], cosine, distance[i])
 
 
-def infrared(hits: HitArrays, directions: wp.array, reflectivity: wp.array) -> wp.array:
+def infrared(hits: HitArrays, directions: wp.array, reflectivity: wp.array, out: wp.array | None = None) -> wp.array:
     """(n,) float32 [1/m^2] intensity of each hit, 0 where there is none.
 
     Args:
         hits: with normals in the frame of the directions.
         reflectivity: float per shape, 0 to 1.
     """
-    out = wp.empty(hits.distance.size, dtype=float, device=directions.device)
+    out = wp.empty(hits.distance.size, dtype=float, device=directions.device) if out is None else out
     inputs = [reflectivity, directions, hits.distance, hits.shape, hits.normal]
     launch_over_rays(intensity_of_hits, out.size, inputs, [out], directions.device)
     return out

@@ -1,88 +1,58 @@
-"""Where the rays of a packet hit: rigcast.kernels.hits.place_of over lanes, for one shape at a time."""
+"""Where the rays of a packet hit, as rigcast.kernels.hits.place_of has it, for one shape at a time.
+
+It is written at once: to hand it on would be to copy a dozen arrays of lanes.
+"""
 
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import distance_of, distance_to_plane, middle, outward
+from rigcast.kernels.out import Out, write_place
 from rigcast.kernels.poses import pose_of
-from rigcast.kernels.solids import has_triangles
 from rigcast.kernels.tree import WIDTH
 from rigcast.kernels.triangle import GRAZING
-from rigcast.kernels.vectors import to_double, to_float
+from rigcast.kernels.vectors import lowest_bit, to_double, to_float
 
-from .packet import LANES, TileRays, Vectors, int_lanes, lanes, world_ray
+from .packet import LANES, TileRays, Vectors, lanes, world_ray
 from .solids import closed_form_normals
 
 
-@wp.struct
-class Places:
-    """As Place, for every ray of a packet that hits one shape; of no use for the others."""
-
-    distance: lanes
-    face: int_lanes
-    normal: Vectors
-
-
 @wp.func
-def places_on_shape(g: Geometry, rays: TileRays, slot: int, shape: int) -> Places:
-    if has_triangles(g.kind[shape]):
-        return places_on_triangles(g, rays, slot, shape)
-    return places_on_closed_form(g, rays, slot, shape)
-
-
-@wp.func
-def places_on_triangles(g: Geometry, rays: TileRays, slot: int, shape: int) -> Places:
+def write_triangles(g: Geometry, out: Out, rays: TileRays, k: int, which: int, shape: int) -> None:
+    """Where those rays of a packet hit which hit triangles of one shape."""
+    slot = rays.first_slot + k
+    numbers = rays.packets[rays.first_packet + k].ray
     x = rays.directions[slot].x
     y = rays.directions[slot].y
     z = rays.directions[slot].z
-    shapes = rays.best[slot].shape
-    triangle = rays.best[slot].triangle
+    hit = rays.best[slot].triangle
     kind = g.kind[shape]
     pose = pose_of(g, shape, rays.scope)
     rotation = pose.rotation
     offset = rays.origin - pose.position
-    face = int_lanes()
-    local_x = lanes()
-    local_y = lanes()
-    local_z = lanes()
-    vertex_x = lanes()
-    vertex_y = lanes()
-    vertex_z = lanes()
-    for i in range(LANES):
-        block = triangle[i] / WIDTH
-        j = triangle[i] % WIDTH
-        face[i] = g.blocks[block].face[j]
-        local_x[i] = g.blocks[block].normal_x[j]
-        local_y[i] = g.blocks[block].normal_y[j]
-        local_z[i] = g.blocks[block].normal_z[j]
-        vertex_x[i] = g.blocks[block].x0[j]
-        vertex_y[i] = g.blocks[block].y0[j]
-        vertex_z[i] = g.blocks[block].z0[j]
-    distance = lanes()
-    normal_x = lanes()
-    normal_y = lanes()
-    normal_z = lanes()
-    grazing = int(0)
-    for i in range(LANES):
-        n = wp.vec3(local_x[i], local_y[i], local_z[i])
+    todo = int(which)
+    while todo != 0:
+        i = lowest_bit(todo)
+        todo = todo & (todo - 1)
+        triangle = hit[i]
+        block = triangle / WIDTH
+        j = triangle % WIDTH
+        n = wp.vec3(g.blocks[block].normal_x[j], g.blocks[block].normal_y[j], g.blocks[block].normal_z[j])
+        v0 = wp.vec3(g.blocks[block].x0[j], g.blocks[block].y0[j], g.blocks[block].z0[j])
         normal = rotation * to_double(n)
         slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
-        v0 = wp.vec3(vertex_x[i], vertex_y[i], vertex_z[i])
-        distance[i] = distance_to_plane(v0, n, normal, slope, offset)
+        distance = distance_to_plane(v0, n, normal, slope, offset)
+        if wp.abs(slope) <= wp.float64(GRAZING):
+            distance = float(distance_of(g, shape, triangle, world_ray(rays, slot, i)))
         facing = outward(kind, normal, slope)
-        normal_x[i] = facing[0]
-        normal_y[i] = facing[1]
-        normal_z[i] = facing[2]
-        is_grazing = wp.where(wp.abs(slope) <= wp.float64(GRAZING), 1, 0) & wp.where(shapes[i] == shape, 1, 0)
-        grazing = grazing | (is_grazing << i)
-    for i in range(LANES):
-        if grazing & (1 << i) != 0:
-            distance[i] = float(distance_of(g, shape, triangle[i], world_ray(rays, slot, i)))
-    return places(distance, face, vectors(normal_x, normal_y, normal_z))
+        write_place(out, rays.first_ray + numbers[i], shape, distance, g.blocks[block].face[j], facing, rays.limit)
 
 
 @wp.func
-def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) -> Places:
+def write_closed_form(g: Geometry, out: Out, rays: TileRays, k: int, which: int, shape: int) -> None:
+    """Where those rays of a packet hit which hit one closed form; normals are worked out for all rays at once."""
+    slot = rays.first_slot + k
+    numbers = rays.packets[rays.first_packet + k].ray
     x = rays.directions[slot].x
     y = rays.directions[slot].y
     z = rays.directions[slot].z
@@ -116,14 +86,12 @@ def places_on_closed_form(g: Geometry, rays: TileRays, slot: int, shape: int) ->
     local_x = local.x
     local_y = local.y
     local_z = local.z
-    face = int_lanes()
-    for i in range(LANES):
+    todo = int(which)
+    while todo != 0:
+        i = lowest_bit(todo)
+        todo = todo & (todo - 1)
         normal = to_float(rotation * to_double(wp.vec3(local_x[i], local_y[i], local_z[i])))
-        point_x[i] = normal[0]
-        point_y[i] = normal[1]
-        point_z[i] = normal[2]
-        face[i] = -1
-    return places(distance, face, vectors(point_x, point_y, point_z))
+        write_place(out, rays.first_ray + numbers[i], shape, distance[i], -1, normal, rays.limit)
 
 
 @wp.func
@@ -132,13 +100,4 @@ def vectors(x: lanes, y: lanes, z: lanes) -> Vectors:
     made.x = x
     made.y = y
     made.z = z
-    return made
-
-
-@wp.func
-def places(distance: lanes, face: int_lanes, normal: Vectors) -> Places:
-    made = Places()
-    made.distance = distance
-    made.face = face
-    made.normal = normal
     return made

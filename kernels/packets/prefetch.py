@@ -1,9 +1,12 @@
-"""Nodes and blocks on their way into the cache of a CPU, before they are needed."""
+"""Nodes, blocks, packets and hits on their way into the cache of a CPU, before they are needed."""
 
 import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
+from rigcast.kernels.out import Out
 from rigcast.kernels.tree import Node
+
+from .packet import Packet
 
 CACHE_LINE = 64
 
@@ -27,3 +30,20 @@ def prefetch_node(nodes: wp.array[Node], i: int):  # type: ignore[no-untyped-def
 @wp.func_native(_prefetch("blocks"))
 def prefetch_block(blocks: wp.array[TriangleBlock], i: int):  # type: ignore[no-untyped-def]
     """Ask for block i."""
+
+
+@wp.func_native(_prefetch("packets"))
+def prefetch_packet(packets: wp.array[Packet], i: int):  # type: ignore[no-untyped-def]
+    """Ask for packet i."""
+
+
+@wp.func_native("""
+#if !defined(__CUDA_ARCH__)
+    __builtin_prefetch(&out.distance.data[i], 1);
+    __builtin_prefetch(&out.shape.data[i], 1);
+    __builtin_prefetch(&out.face.data[i], 1);
+    __builtin_prefetch(&out.normal.data[i], 1);
+#endif
+""")
+def prefetch_hit(out: Out, i: int):  # type: ignore[no-untyped-def]
+    """Ask for where hit i will be written."""

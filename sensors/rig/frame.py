@@ -3,7 +3,7 @@
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -12,19 +12,16 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rigcast.kernels import reading
-from rigcast.kernels.cast import HitArrays
-from rigcast.kernels.rays import Rays
 from rigcast.kernels.stamps import stamps
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.scene.part import Owner
 from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 
+from .kept import Kept
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-
-_MOST_AXES = 4  # of a Warp array
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +47,7 @@ class Frame:
     time: float | wp.array
     pose: NDArray[np.float64] | wp.array
     shape: tuple[int, ...]
-    _hits: HitArrays
-    _rays: Rays
+    _kept: Kept
     _ids_of_shape: Mapping[Owner, wp.array]
     _body_of_shape: wp.array
     _firing_times: wp.array | None
@@ -60,12 +56,12 @@ class Frame:
     @cached_property
     def range(self) -> wp.array:
         """(...) float32 [m]: distance along the ray; +inf nothing in range, -inf too near, NaN invalid (REP-117)."""
-        return self._hits.distance.reshape(self.shape)
+        return self._kept.range
 
     @cached_property
     def normal(self) -> wp.array:
         """(..., 3) float32: unit outward normal of what was hit, in the sensor's frame; 0 where nothing was."""
-        return self._vectors(self._hits.normal, wp.float32)
+        return self._kept.normal
 
     @cached_property
     def geom_id(self) -> wp.array:
@@ -90,24 +86,26 @@ class Frame:
     @cached_property
     def body_id(self) -> wp.array:
         """(...) int32: MuJoCo's id of the body of what was hit, -1 where nothing was, or a thing of several bodies."""
-        return reading.take(self._body_of_shape, self._hits.shape).reshape(self.shape)
+        return self._values("body_id", partial(reading.take, self._body_of_shape, self._kept.hits.shape))
 
     @cached_property
     def points(self) -> wp.array:
         """(..., 3) float32 [m], in the sensor's frame; NaN where the range is not finite."""
-        return self._vectors(reading.points(self._hits.distance, self._rays), wp.float32)
+        return self._vectors("points", wp.float32, reading.points)
 
     @cached_property
     def points_world(self) -> wp.array:
         """(..., 3) float64 [m], in the world; NaN where the range is not finite."""
-        return self._vectors(reading.world_points(self._hits.distance, self._rays), wp.float64)
+        return self._vectors("points_world", wp.float64, reading.world_points)
 
     @cached_property
     def stamp(self) -> wp.array:
         """(...) float64 [s]: when each ray was fired, `time` plus its firing time in the pattern."""
-        device = self._hits.distance.device
-        begun = self.time if isinstance(self.time, wp.array) else wp.full(1, self.time, dtype=wp.float64, device=device)
-        return stamps(begun, self._firing_times, self._hits.distance.size).reshape(self.shape)
+        distance = self._kept.hits.distance
+        begun = self.time
+        if not isinstance(begun, wp.array):
+            begun = wp.full(1, begun, dtype=wp.float64, device=distance.device)
+        return self._values("stamp", partial(stamps, begun, self._firing_times, distance.size))
 
     def world(self, k: int) -> Self:
         """The frame of one of many worlds, which shares memory with this one."""
@@ -117,7 +115,18 @@ class Frame:
         require_type(f"Frame.world: sensor {self.sensor!r}: world", k, int, np.integer)
         if not 0 <= k < count:
             raise InputError(f"Frame.world: sensor {self.sensor!r}: no world {k}, expected 0 to {count - 1}")
-        return replace(self, **self._of_world(int(k), count))
+        return replace(self, **self._of_world(int(k)))
+
+    def room_for(self, shape: tuple[int, ...], device: wp.Device) -> Kept:
+        """The arrays, for another reading of this shape. Raises InputError where they have no room for it."""
+        own = self._kept.range.device
+        if shape != self.shape or own != device:
+            raise InputError(
+                f"Rig.sense: out: sensor {self.sensor!r}: got a frame of shape {self.shape} on {own}, "
+                f"expected {shape} on {device}"
+            )
+        self._kept.start()
+        return self._kept
 
     def require_one_world(self) -> None:
         """Raise InputError for a frame of many worlds."""
@@ -127,16 +136,15 @@ class Frame:
                 "frame.world(0)"
             )
 
-    def _of_world(self, k: int, count: int) -> dict[str, Any]:
-        """The fields of the frame of world k of so many."""
+    def _of_world(self, k: int) -> dict[str, Any]:
+        """The fields of the frame of world k."""
         time: wp.array = self.time
         pose: wp.array = self.pose
         return {
             "time": float(time[k : k + 1].numpy()[0]),
             "pose": pose[k : k + 1].numpy()[0],
             "shape": self.shape[1:],
-            "_hits": self._hits.of_world(k, count),
-            "_rays": self._rays.of_world(k),
+            "_kept": self._kept.of_world(k),
         }
 
     def picture(self) -> Image.Image:
@@ -171,13 +179,16 @@ class Frame:
 
     def _ids(self, owner: Owner) -> wp.array | None:
         table = self._ids_of_shape.get(owner)
-        return None if table is None else reading.take(table, self._hits.shape).reshape(self.shape)
+        if table is None:
+            return None
+        return self._values(f"{owner}_id", partial(reading.take, table, self._kept.hits.shape))
 
-    def _vectors(self, array: wp.array, scalar: type) -> wp.array:
-        """n vectors as scalars of shape (..., 3), without a copy; as vectors where that is one axis too many."""
-        if len(self.shape) == _MOST_AXES:
-            return array.reshape(self.shape)
-        return array.view(scalar).reshape((*self.shape, 3))
+    def _values(self, name: str, work_out: Callable[[wp.array | None], wp.array]) -> wp.array:
+        return self._kept.field(name, work_out, self._kept.scalars)
+
+    def _vectors(self, name: str, scalar: type, work_out: Callable[..., wp.array]) -> wp.array:
+        kept = self._kept
+        return kept.field(name, partial(work_out, kept.hits.distance, kept.rays), partial(kept.vectors, scalar=scalar))
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +200,7 @@ class LidarFrame(Frame):
 
     ring: wp.array
     column: wp.array
-    _intensity: Callable[[], wp.array]
+    _intensity: Callable[[wp.array | None], wp.array]
 
     @cached_property
     def intensity(self) -> wp.array:
@@ -197,11 +208,11 @@ class LidarFrame(Frame):
 
         reflectivity cos(incidence) of a plain surface in clear air; 0 where the range is not finite.
         """
-        return self._intensity().reshape(self.shape)
+        return self._values("intensity", self._intensity)
 
-    def _of_world(self, k: int, count: int) -> dict[str, Any]:
-        own = {"ring": self.ring[k], "column": self.column[k], "_intensity": lambda: self.intensity[k]}
-        return super()._of_world(k, count) | own
+    def _of_world(self, k: int) -> dict[str, Any]:
+        own = {"ring": self.ring[k], "column": self.column[k], "_intensity": lambda _: self.intensity[k]}
+        return super()._of_world(k) | own
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,17 +226,17 @@ class CameraFrame(Frame):
     intrinsics: NDArray[np.float64]
     lens: Lens | None
     depth_scale: float
-    _intensity: Callable[[], wp.array]
+    _intensity: Callable[[wp.array | None], wp.array]
 
     @cached_property
     def depth(self) -> wp.array:
         """(height, width) float32 [m]: z-depth in the optical frame; +-inf and NaN where the range is."""
-        return reading.z_depth(self._hits.distance, self._rays).reshape(self.shape)
+        return self._values("depth", partial(reading.z_depth, self._kept.hits.distance, self._kept.rays))
 
     @cached_property
     def depth_16bit(self) -> wp.array:
         """(height, width) uint16 [depth_scale]: depth as drivers give it, 0 where it is not known or too large."""
-        return reading.depth_16bit(self.depth.flatten(), self.depth_scale).reshape(self.shape)
+        return self._values("depth_16bit", partial(reading.depth_16bit, self.depth.flatten(), self.depth_scale))
 
     @cached_property
     def intensity(self) -> wp.array:
@@ -234,7 +245,7 @@ class CameraFrame(Frame):
         1 is a white surface that faces the camera at 1 m, 0 where nothing is. An error of the depth does not show in
         it: where `stereo` or `time_of_flight` give no reading it is that of what is there.
         """
-        return self._intensity().reshape(self.shape)
+        return self._values("intensity", self._intensity)
 
-    def _of_world(self, k: int, count: int) -> dict[str, Any]:
-        return super()._of_world(k, count) | {"_intensity": lambda: self.intensity[k]}
+    def _of_world(self, k: int) -> dict[str, Any]:
+        return super()._of_world(k) | {"_intensity": lambda _: self.intensity[k]}

@@ -13,7 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
-from rigcast.kernels.mounts import BYTES_PER_FRAME, Frames
+from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.kernels.packets.firings import groups_of
 from rigcast.kernels.packets.in_order import pack_in_order
 from rigcast.kernels.packets.sorting import Packets
@@ -33,6 +33,7 @@ from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 
+from .kept import Kept, Pool
 from .motion import FEWEST, Firings, Track
 
 Sensor = Lidar | DepthCamera | HeightScan
@@ -46,7 +47,7 @@ class WorldRays(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """The rays of a reading that begins at `time` [s], and the pose (4, 4) in which the sensor is then.
+    """The rays of a reading that begins at `time` [s], the pose (4, 4) in which the sensor is then, and its arrays.
 
     Of many worlds these are (nworld,) and (nworld, 4, 4), and `worlds` is (nworld,) uint32, their ids.
     """
@@ -54,6 +55,7 @@ class Aim(NamedTuple):
     time: float | wp.array
     pose: NDArray[np.float64] | wp.array
     rays: Rays
+    kept: Kept
     worlds: wp.array | None = None
 
 
@@ -62,7 +64,7 @@ class Mounted:
     """A sensor on a scene, with the rays of one reading on the device.
 
     firings: of a sensor that moves during a reading, None of others. rays_at_once: as if all were fired at one time.
-    frames: numbers readings whose errors are drawn, batches: those of many worlds.
+    frames: numbers readings whose errors are drawn, batches: those of many worlds. pool: the arrays of its frames.
     """
 
     scene: Scene
@@ -78,6 +80,7 @@ class Mounted:
     depth_physics: DepthPhysics | None
     frames: Iterator[int]
     batches: Iterator[int]
+    pool: Pool
     filter: Filter | PerWorld[Filter]
     attached: Attached
 
@@ -100,6 +103,7 @@ class Mounted:
             DepthPhysics(scene, spec, pattern) if isinstance(spec, DepthCamera) and spec.has_effects else None,
             count(),
             count(),
+            Pool(),
             spec.filter,
             Attached.by([mount], scene.device),
         )
@@ -134,7 +138,7 @@ class Mounted:
         poses = 4 + (self.spec.name in worlds.mounts)
         visible = self.scene.body_of_shape.size if worlds.differ_in_sight(self.spec.name) else 0
         physics = self.physics or self.depth_physics
-        per_ray = BYTES_PER_HIT if physics is None else physics.bytes_per_ray
+        per_ray = _returns(self.spec) * BYTES_PER_HIT + (0 if physics is None else physics.bytes_per_ray)
         return poses * BYTES_PER_FRAME + visible + math.prod(self.pattern.shape) * per_ray
 
     @property
@@ -156,6 +160,11 @@ class Mounted:
         """Its rays, all fired now."""
         return self.scene.in_pose(self.rays_at_once, self.pose(data))
 
+    def aim(self, data: mujoco.MjData, time: float, kept: Kept) -> Aim:
+        """Its rays, all fired now, for a reading at `time` [s]."""
+        pose = self.pose(data)
+        return Aim(time, pose, kept.aim(self.rays_at_once, pose), kept)
+
     def rays_along(self, track: Track) -> Rays:
         """The rays of a sensor that moves, which is on this track at the times of its firings."""
         device = self.scene.device
@@ -167,7 +176,7 @@ class Mounted:
             fraction=wp.array(track.fraction, dtype=wp.float64, device=device),
         )
 
-    def in_worlds(self, worlds: Standing) -> "tuple[Mounted, Aim]":
+    def in_worlds(self, worlds: Standing, kept: Kept) -> "tuple[Mounted, Aim]":
         """The sensor with the pattern of its next reading of many worlds, and its rays in them.
 
         Where a pattern is another one in each reading, that of reading k is the one of time k / rate_hz, in all worlds.
@@ -175,16 +184,12 @@ class Mounted:
         number = next(self.batches)
         fired = self.at(number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.duration)
         count = worlds.count
-        frames = Frames.empty(count, 1, self.scene.device)
-        at = worlds.attached(self.spec, self.attached)
+        frames, at = kept.frames(count), worlds.attached(self.spec, self.attached)
         frames.place(0, worlds.carriers(at), at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
-        position, rotation = frames.position.flatten(), frames.rotation.flatten()
-        rays = replace(fired.rays_at_once, position=position, rotation=rotation, worlds=count)
         ring, column = _same_in_each(fired.ring, count), _same_in_each(fired.column, count)
-        filter = worlds.filter_of(self.spec)
-        return replace(fired, ring=ring, column=column, filter=filter), Aim(
-            worlds.times(), frames.poses(), rays, worlds.ids
-        )
+        time, pose = kept.field("time", worlds.times), kept.field("pose", frames.poses)
+        aim = Aim(time, pose, kept.aim_in_worlds(fired.rays_at_once), kept, worlds.ids)
+        return replace(fired, ring=ring, column=column, filter=worlds.filter_of(self.spec)), aim
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)

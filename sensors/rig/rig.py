@@ -2,21 +2,17 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from functools import partial
-from typing import Any, Literal, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Literal, NamedTuple
 
 import mujoco
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays
-from rigcast.kernels.effects.infrared import infrared
-from rigcast.kernels.effects.random import RandomSource, random_source
-from rigcast.kernels.reading import intensity, read
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
+from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.props import as_props
@@ -28,8 +24,10 @@ from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
-from .frame import CameraFrame, Frame, LidarFrame
-from .mounted import Aim, Mounted, Sensor, WorldRays
+from .frame import Frame
+from .kept import Kept
+from .mounted import Mounted, Sensor, WorldRays
+from .reading import read_frame
 from .room import require_room
 from .schedule import Schedule
 from .under_way import UnderWay
@@ -93,7 +91,12 @@ class Rig:
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
 
-    def sense(self, data: mujoco.MjData | Batch, names: Sequence[str] | None = None) -> dict[str, Frame]:
+    def sense(
+        self,
+        data: mujoco.MjData | Batch,
+        names: Sequence[str] | None = None,
+        out: Mapping[str, Frame] | None = None,
+    ) -> dict[str, Frame]:
         """One frame of each of these sensors (None: of all).
 
         Of an MjData: of the world at `data.time`. Kinematics are worked out on a private copy; `data` is only read.
@@ -102,8 +105,12 @@ class Rig:
         Of a batch of worlds, which is whatever `Worlds` takes, or a `Worlds`: frames of all of them, with a first axis
         for the world. Poses are taken as they stand, as `mj_ray` does: after a step they lag `qpos` by that step.
 
+        out: frames of an earlier reading of as many worlds. Their arrays are written over and are those of the frames
+        returned; of their fields, those that have been asked for are worked out again. None takes arrays that nobody
+        holds any more, of earlier frames of the sensor, or makes new ones.
+
         Raises:
-            InputError: no sensor of this name, data of another model, or more than memory holds.
+            InputError: no sensor of this name, data of another model, no room in `out`, or more than memory holds.
         """
         mounted = self._select(names)
         if is_batch(data):
@@ -111,13 +118,13 @@ class Rig:
             worlds.require_sensors(self._mounted)
             needs = {m.spec.name: m.bytes_per_world(worlds) for m in mounted}
             needs = {"scene": self.scene.bytes_per_world(worlds), **needs}
-            require_room(worlds.count, needs, self.scene.device)
+            require_room(worlds.count, needs, self.scene.device, sum(m.pool.free_bytes for m in mounted))
             standing = self.scene.update_worlds(worlds)
-            return {m.spec.name: self._read(*m.in_worlds(standing)) for m in mounted}
+            return {m.spec.name: self._frame_of_worlds(m, standing, out) for m in mounted}
         if not isinstance(data, mujoco.MjData):
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
         self._look(data)
-        return {m.spec.name: self._frame(m, data.time) for m in mounted}
+        return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
 
     def step(self, data: mujoco.MjData) -> Iterator[Frame]:
         """The frames that came in since the last call, in the order in which they did; call it after each `mj_step`.
@@ -151,7 +158,9 @@ class Rig:
         self._work_out_poses(data)
         over = self._under_way.step(self._data, [(time, m.at(time)) for time, m in due])
         for begun in over:
-            self._deliver(begun.mounted, begun.end, self._read(begun.mounted, self._under_way.aim(begun)))
+            m = begun.mounted
+            aim = self._under_way.aim(begun, m.pool.take(m.frame_shape, self.scene.device))
+            self._deliver(m, begun.end, read_frame(m, aim, self.seed))
         if over:
             self.scene.update(self._data)  # which was swept
 
@@ -207,69 +216,25 @@ class Rig:
         if data.signature != self.model.signature:
             raise InputError("Rig: data belongs to another model than the rig")
 
-    def _frame(self, mounted: Mounted, time: float) -> Frame:
+    def _frame(self, mounted: Mounted, time: float, out: Mapping[str, Frame] | None = None) -> Frame:
         """What a sensor reads in the world as it stands."""
         fired = mounted.at(time)
-        return self._read(fired, Aim(time, fired.pose(self._data), fired.rays(self._data)))
+        return read_frame(fired, fired.aim(self._data, time, self._room(fired, fired.frame_shape, out)), self.seed)
 
-    def _read(self, mounted: Mounted, aim: Aim) -> Frame:
-        spec, rays = mounted.spec, aim.rays
-        if isinstance(spec, Lidar):
-            return self._read_lidar(mounted, spec, aim)
-        if isinstance(spec, DepthCamera):
-            return self._read_camera(mounted, spec, aim)
-        hits = self.scene.cast_rays(rays, mounted.visible(), spec.max_range)
-        read(hits, rays, spec.min_range)
-        return Frame(**self._common(mounted, aim, hits))
+    def _frame_of_worlds(self, mounted: Mounted, worlds: Standing, out: Mapping[str, Frame] | None) -> Frame:
+        kept = self._room(mounted, (worlds.count, *mounted.frame_shape), out)
+        return read_frame(*mounted.in_worlds(worlds, kept), self.seed)
 
-    def _read_lidar(self, mounted: Mounted, spec: Lidar, aim: Aim) -> LidarFrame:
-        rays, visible = aim.rays, mounted.visible()
-        if mounted.physics is None:
-            hits = self.scene.cast_rays(rays, visible, spec.max_range)
-            read(hits, rays, spec.min_range)
-            bright = partial(intensity, hits, rays, self.scene.looks().surfaces)
-        else:
-            reading = mounted.physics.read(rays, visible, self._random(mounted, aim))
-            hits, bright = reading.hits, partial(wp.array.flatten, reading.intensity)
-        common = self._common(mounted, aim, hits)
-        return LidarFrame(**common, ring=mounted.ring, column=mounted.column, _intensity=bright)
-
-    def _read_camera(self, mounted: Mounted, spec: DepthCamera, aim: Aim) -> CameraFrame:
-        pattern, rays, visible = mounted.pattern, aim.rays, mounted.visible()
-        if mounted.depth_physics is None:
-            hits = seen = self.scene.cast_rays(rays, visible, spec.max_range)
-            read(hits, rays, spec.min_range)
-        else:
-            reading = mounted.depth_physics.read(rays, visible, self._random(mounted, aim))
-            hits, seen = reading.hits, reading.seen
-        assert pattern.intrinsics is not None
-        return CameraFrame(
-            **self._common(mounted, aim, hits),
-            intrinsics=pattern.intrinsics,
-            lens=pattern.lens,
-            depth_scale=spec.depth_scale,
-            _intensity=partial(infrared, seen, rays.directions, self.scene.looks().reflectivity),
-        )
-
-    def _random(self, mounted: Mounted, aim: Aim) -> RandomSource:
-        """The random numbers of the next reading of a sensor."""
-        rays = math.prod(mounted.pattern.shape)
-        return random_source(self.seed, mounted.spec.name, next(mounted.frames), aim.worlds, rays)
-
-    def _common(self, mounted: Mounted, aim: Aim, hits: HitArrays) -> dict[str, Any]:
-        """What every frame is made with."""
-        return {
-            "sensor": mounted.spec.name,
-            "time": aim.time,
-            "pose": aim.pose,
-            "shape": mounted.frame_shape if aim.worlds is None else (aim.worlds.size, *mounted.frame_shape),
-            "_hits": hits,
-            "_rays": aim.rays,
-            "_ids_of_shape": self.scene.ids_in_use,
-            "_body_of_shape": self.scene.body_of_shape,
-            "_firing_times": mounted.firing_times,
-            "_pattern": mounted.pattern,
-        }
+    def _room(self, mounted: Mounted, shape: tuple[int, ...], out: Mapping[str, Frame] | None) -> Kept:
+        """The arrays for a sensor's next frame, of this shape: those of its frame in `out`, or of one nobody holds."""
+        name, device = mounted.spec.name, self.scene.device
+        if out is None:
+            return mounted.pool.take(shape, device)
+        if name not in out:
+            raise InputError(
+                f"Rig.sense: out: no frame of sensor {name!r}, expected a frame of each sensor that is read"
+            )
+        return out[name].room_for(shape, device)
 
 
 class _Delivery(NamedTuple):

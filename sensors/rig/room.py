@@ -9,10 +9,13 @@ import warp as wp
 from rigcast.sensors.errors import InputError
 
 
-def require_room(worlds: int, needs: Mapping[str, int], device: wp.Device) -> None:
-    """Raise InputError where so many worlds do not fit; each needs these bytes for what they are named after."""
+def require_room(worlds: int, needs: Mapping[str, int], device: wp.Device, kept: int) -> None:
+    """Raise InputError where so many worlds do not fit; each needs these bytes for what they are named after.
+
+    kept: bytes of earlier frames, which serve again.
+    """
     each = sum(needs.values())
-    free = free_memory(device)
+    free = free_memory(device) + kept
     if worlds * each > free:
         parts = ", ".join(f"{name} {_bytes(need)}" for name, need in needs.items())
         raise InputError(

@@ -13,6 +13,8 @@ from .lost import Lost
 from .model_geometry import assets_in_use, hfield_data, needs_asset, read_model, read_shapes
 from .part import Owner, Snapshot
 
+_Field = tuple[NDArray[np.float64], NDArray[np.float32]]  # size and elevations of a height field, as the model has them
+
 
 class Geoms:
     """Shape k is geom k; poses are taken as they stand in the data, as `mj_ray` does.
@@ -34,11 +36,10 @@ class Geoms:
         self._supported = geometry.supported
         self._lost = Lost(self.name)
         self._assets = geometry.assets
-        self._fields = [k for k, asset in enumerate(self._assets) if asset.kind == "hfield"]
         # views of what the model holds, whoever writes there
         self._type, self._dataid, self._size = model.geom_type, model.geom_dataid, model.geom_size
         self._kinds, self._sizes = self._read_kinds(), self._size.tobytes()
-        self._elevations = [self._read_elevations(k) for k in self._fields]
+        self._fields = self._copied_fields()
         self._to_refresh: set[int] = set()
 
     def update(self, data: mujoco.MjData) -> Snapshot:
@@ -79,16 +80,15 @@ class Geoms:
         if self._read_kinds() != self._kinds:
             raise InputError("Scene.update: geom_type or geom_dataid has changed; make a new Scene of the model")
         sizes = self._size.tobytes()
-        elevations = [self._read_elevations(k) for k in self._fields]
-        if sizes == self._sizes and elevations == self._elevations and not self._to_refresh:
+        stale = self._to_refresh | {k for k, old in self._fields.items() if not _equal(old, self._read_field(k))}
+        if sizes == self._sizes and not stale:
             return None
-        changed = [old != new for old, new in zip(self._elevations, elevations, strict=True)]
-        stale = self._to_refresh.union(np.array(self._fields, int)[changed].tolist())
         self._require_finite_sizes()
         renewed = {k: self._assets[k].tree(self.model) for k in sorted(stale)}
         self.trees = [renewed.get(k, tree) for k, tree in enumerate(self.trees)]
         self.shapes = self.shapes_with(self.model.geom_size, self.model.geom_dataid)
-        self._sizes, self._elevations, self._to_refresh = sizes, elevations, set()
+        self._sizes, self._to_refresh = sizes, set()
+        self._fields |= {k: _copy(self._read_field(k)) for k in stale & self._fields.keys()}
         return renewed
 
     def shapes_with(self, size: NDArray[np.float64], dataid: NDArray[np.int32]) -> Shapes:
@@ -109,8 +109,7 @@ class Geoms:
         added = [asset for asset in assets_in_use(self.model, dataid) if asset not in self._assets]
         self._assets = self._assets + added
         self.trees = self.trees + [asset.tree(self.model) for asset in added]
-        self._fields = [k for k, asset in enumerate(self._assets) if asset.kind == "hfield"]
-        self._elevations = [self._read_elevations(k) for k in self._fields]
+        self._fields = self._copied_fields()
         return bool(added)
 
     def is_present(self, dataid: NDArray[np.int32]) -> NDArray[np.bool_]:
@@ -120,9 +119,21 @@ class Geoms:
     def _read_kinds(self) -> tuple[bytes, bytes]:
         return self._type.tobytes(), self._dataid.tobytes()
 
-    def _read_elevations(self, tree: int) -> tuple[bytes, bytes]:
+    def _copied_fields(self) -> dict[int, _Field]:
+        """What the trees of height fields are made of, by the number of the tree."""
+        return {k: _copy(self._read_field(k)) for k, asset in enumerate(self._assets) if asset.kind == "hfield"}
+
+    def _read_field(self, tree: int) -> _Field:
         hfield = self._assets[tree].id
-        return self.model.hfield_size[hfield].tobytes(), hfield_data(self.model, hfield).tobytes()
+        return self.model.hfield_size[hfield], hfield_data(self.model, hfield)
+
+
+def _copy(field: _Field) -> _Field:
+    return field[0].copy(), field[1].copy()
+
+
+def _equal(a: _Field, b: _Field) -> bool:
+    return np.array_equal(a[0], b[0]) and np.array_equal(a[1], b[1])
 
 
 def have_small_poses(position: NDArray[np.float64], rotation: NDArray[np.float64]) -> bool:

@@ -24,13 +24,19 @@ def take_rays(origins: ArrayLike | wp.array, directions: ArrayLike | wp.array, d
     if isinstance(directions, wp.array):
         return _device_rays(origins, directions, device)
     host_origins, host_directions = _checked_rays(origins, directions)
-    unit = unit_directions(upload(host_directions, device))
-    return GivenRays(unit, upload(host_origins, device), host_directions.shape[:-1])
+    return GivenRays(
+        unit_directions(_lent(host_directions, device)), _lent(host_origins, device), host_directions.shape[:-1]
+    )
 
 
 def upload(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
     """(n,) vec3d of (..., 3)."""
     return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=device)
+
+
+def _lent(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
+    """As `upload`, but on the CPU without a copy: for what is read before the cast returns."""
+    return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=device, copy=False)
 
 
 def _device_rays(origins: ArrayLike | wp.array, directions: wp.array, device: wp.Device) -> GivenRays:

@@ -1,6 +1,6 @@
 """A MuJoCo model as something to cast rays against."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from numbers import Real
 from types import NoneType
@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.cast import HitArrays, cast
+from rigcast.kernels.cast import HitArrays, cast, prepare_cast
 from rigcast.kernels.geometry import Shapes
 from rigcast.kernels.mounts import BYTES_PER_FRAME, Carriers, Frames
 from rigcast.kernels.rays import Rays
@@ -358,6 +358,12 @@ class Scene:
     ) -> HitArrays:
         """The first hit of each ray that is on the device already, among the visible geoms."""
         return cast(self._world.geometry, visible, rays, max_distance, _CULL[cull], out)
+
+    def prepare_cast(
+        self, rays: Rays, visible: wp.array, max_distance: float, out: HitArrays
+    ) -> list[Callable[[], object]]:
+        """The launches of `cast_rays`, for as often as it is wanted, for as long as `visible` gives these geoms."""
+        return prepare_cast(self._world.geometry, visible, rays, max_distance, CULL_NONE, out)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""

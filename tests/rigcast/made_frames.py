@@ -61,7 +61,7 @@ def random_range(shape: tuple[int, ...], seed: int) -> NDArray[np.float32]:
 
 def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
     """What the kind is made with, and nothing in place of the hits that readings are worked out from."""
-    fields: dict[str, Any] = dict.fromkeys(("_hits", "_rays", "_body_of_shape", "_firing_times", "_pattern"))
+    fields: dict[str, Any] = dict.fromkeys(("_kept", "_body_of_shape", "_firing_times", "_pattern"))
     fields["_ids_of_shape"] = {}
     if kind is CameraFrame:
         fields |= {"intrinsics": INTRINSICS, "lens": None, "depth_scale": 0.001, "_intensity": None}

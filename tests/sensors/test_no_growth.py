@@ -1,6 +1,9 @@
-"""Reading frames without end takes no more memory; benchmarks/endless.py does it 100 000 times."""
+"""A scene takes little memory, and reading frames without end no more; benchmarks/endless.py does it 100 000 times."""
 
 import gc
+import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -15,7 +18,22 @@ FRAMES = 800
 BYTES_PER_FRAME = 400  # less than the smallest array that a frame could leave behind, with its Python object
 
 
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read as Linux tells it")
+TRIANGLES = 300_000
+BYTES_PER_TRIANGLE = 120  # 36 of them are its corners
+
+needs_statm = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read as Linux tells it")
+
+
+@needs_statm
+def test_a_scene_whose_tree_was_built_keeps_little_beside_the_tree() -> None:
+    command = [sys.executable, "-m", "rigcast.bench.scene_memory", str(TRIANGLES)]
+    environment = os.environ | {"RIGCAST_CACHE": "off"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    taken = json.loads(done.stdout.splitlines()[-1])["bytes_per_triangle"]
+    assert 36 < taken < BYTES_PER_TRIANGLE
+
+
+@needs_statm
 def test_frames_leave_nothing_behind() -> None:
     rig, data = small_rig()
     read(rig, data, FRAMES)

@@ -1,6 +1,6 @@
 """Many worlds as they stand at one reading, on a device."""
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import mujoco
@@ -48,11 +48,11 @@ class Standing:
     @cached_property
     def ids(self) -> wp.array:
         """(nworld,) uint32, of which the worlds draw their random numbers."""
-        return wp.array(self.worlds.ids, dtype=wp.uint32, device=self.device)
+        return _uploaded_ids(self.worlds.ids.tobytes(), self.device.alias)
 
-    def times(self) -> wp.array:
+    def times(self, out: wp.array | None = None) -> wp.array:
         """(nworld,) float64 [s], an array of its own."""
-        return self.worlds.times(self.device)
+        return self.worlds.times(self.device, out)
 
     def filter_of(self, spec: SensorSpec) -> Filter | PerWorld[Filter]:
         """What a sensor may see: as the worlds say, or else as it says itself."""
@@ -118,3 +118,8 @@ class Standing:
             names, got = ", ".join(_POSES[kind][:2]), " and ".join(each.__name__ for each in kinds)
             raise InputError(f"Worlds: {names}: got arrays of {got}, expected both in one precision")
         return Carriers(position, rotation)
+
+
+@lru_cache(maxsize=8)
+def _uploaded_ids(ids: bytes, device: str) -> wp.array:
+    return wp.array(np.frombuffer(ids, np.uint32), dtype=wp.uint32, device=device)

@@ -150,15 +150,17 @@ class Worlds:
             return self._active
         return wp.array(self._one_each("active", self._active, np.bool_), dtype=wp.bool, device=device)
 
-    def times(self, device: wp.Device) -> wp.array:
+    def times(self, device: wp.Device, out: wp.array | None = None) -> wp.array:
         """(nworld,) float64 [s] on the device, an array of its own."""
         given = self._source.field("time")
-        times = wp.zeros(self.count, dtype=wp.float64, device=device)
+        times = wp.empty(self.count, dtype=wp.float64, device=device) if out is None else out
         if isinstance(given, wp.array):
             require_array("time", given, (self.count,), (wp.float32, wp.float64), device)
             wp.utils.array_cast(given, times)
         elif given is not None:
             times.assign(self._one_each("time", given, np.float64))
+        else:
+            times.zero_()
         return times
 
     def _per_world(self, name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]:
@@ -199,6 +201,8 @@ class Worlds:
 
 def is_batch(data: object) -> bool:
     """Whether this is something that many worlds come from."""
+    if isinstance(data, mujoco.MjData):  # first, as it is by far the fastest to tell
+        return False
     return isinstance(data, Worlds | list | tuple | Mapping) or is_on_device(data) or is_mujoco_batch(data)
 
 

@@ -1,0 +1,23 @@
+"""Arrays on a device that are written from the host, again and again."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+
+class Upload:
+    """`array`: (count,) of vectors or matrices."""
+
+    def __init__(self, count: int, dtype: Any, device: wp.Device) -> None:
+        self.array = wp.empty(count, dtype=dtype, device=device)
+        self._view = self.array.numpy() if device.is_cpu else None
+
+    def write(self, values: npt.NDArray[np.floating[Any]]) -> None:
+        """Take these values, of the array's shape, or one for all."""
+        if self._view is not None:
+            self._view[...] = values
+        else:
+            whole = np.ascontiguousarray(np.broadcast_to(values, (self.array.size, *self.array.dtype._shape_)))
+            wp.copy(self.array, wp.array(whole, dtype=self.array.dtype, device="cpu", copy=False))

@@ -1,0 +1,202 @@
+"""The arrays of frames, which a sensor hands out again once nobody holds them any more.
+
+Whoever holds a frame, one of its arrays, or what was made of one without a copy (a view, a numpy array, a tensor),
+holds a reference that Python counts. Arrays with no more references than they had at first are held by nobody.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from sys import getrefcount
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
+from rigcast.kernels.launch import thread_count
+from rigcast.kernels.mounts import Frames
+from rigcast.kernels.rays import Rays
+from rigcast.kernels.reading import prepare_read
+from rigcast.kernels.upload import Upload
+from rigcast.sensors.scene.scene import Scene
+
+_MOST = 8  # frames of a sensor whose arrays are kept
+_MOST_AXES = 4  # of a Warp array
+
+
+class Kept:
+    """The arrays of one frame of this shape, each made when it is first asked for, then written over.
+
+    rays: of the present reading. hits: what they hit. range: (...) and normal: (..., 3), the same as a frame has them.
+    """
+
+    def __init__(self, hits: HitArrays, shape: tuple[int, ...], rays: Rays | None = None) -> None:
+        self.hits, self.shape = hits, shape
+        self.range = hits.distance.reshape(shape)
+        self.normal = self.vectors(hits.normal, wp.float32)
+        self.asked: set[str] = set()
+        self._rays = rays
+        self._fixed: Rays | None = None
+        self._pose: tuple[Upload, Upload] | None = None
+        self._frames: Frames | None = None
+        self._launches: list[Callable[[], object]] = []
+        self._launched: tuple[Any, ...] = ()
+        self._arrays: dict[str, wp.array] = {}
+        self._fields: dict[str, wp.array] = {}
+        self._current: set[str] = set()
+        self._of_hits = [hits.distance, hits.shape, hits.face, hits.normal, self.range, self.normal]
+        self._of_fields: list[wp.array] = []
+        self._at_first: list[int] = []
+        self._fields_at_first: list[int] = []
+
+    @staticmethod
+    def empty(shape: tuple[int, ...], device: wp.Device) -> "Kept":
+        return Kept(HitArrays.empty(math.prod(shape), device), shape)
+
+    @property
+    def rays(self) -> Rays:
+        assert self._rays is not None
+        return self._rays
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nobody holds any of the arrays."""
+        return _references(self._of_hits) == self._at_first and _references(self._of_fields) == self._fields_at_first
+
+    def start(self) -> None:
+        """Begin another reading: what was worked out of the last one does not hold any more, but was `asked` for."""
+        self.asked, self._current = self._current, set()
+
+    def aim(self, fixed: Rays, pose: NDArray[np.float64]) -> Rays:
+        """Those rays in this pose (4, 4)."""
+        if self._pose is None:
+            device = fixed.directions.device
+            self._pose = Upload(1, wp.vec3d, device), Upload(1, wp.mat33d, device)
+        position, rotation = self._pose
+        position.write(pose[:3, 3])
+        rotation.write(pose[:3, :3])
+        return self._placed(fixed, position.array, rotation.array, 1)
+
+    def frames(self, worlds: int) -> Frames:
+        """For the sensor's pose in so many worlds."""
+        if self._frames is None:
+            self._frames = Frames.empty(worlds, 1, self.hits.distance.device)
+        return self._frames
+
+    def aim_in_worlds(self, fixed: Rays) -> Rays:
+        """Those rays in the poses of `frames`."""
+        assert self._frames is not None
+        position, rotation = self._frames.position, self._frames.rotation
+        return self._placed(fixed, position, rotation, position.shape[0])
+
+    def _placed(self, fixed: Rays, position: wp.array, rotation: wp.array, worlds: int) -> Rays:
+        if self._rays is None or self._fixed is not fixed:
+            self._rays = replace(fixed, position=position.flatten(), rotation=rotation.flatten(), worlds=worlds)
+            self._fixed = fixed
+        return self._rays
+
+    def read(self, scene: Scene, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
+        """A reading without errors, of what is between these limits [m]."""
+        wanted = rays, visible, thread_count()
+        if len(self._launched) != len(wanted) or any(a is not b for a, b in zip(self._launched, wanted, strict=True)):
+            nearest, farthest = limits
+            casts = scene.prepare_cast(rays, visible, farthest, self.hits)
+            self._launches = [*casts, prepare_read(self.hits, rays, nearest)]
+            self._rays, self._launched = rays, wanted
+        for launch in self._launches:
+            launch()
+        self._settle()
+
+    def take(self, hits: HitArrays, rays: Rays) -> None:
+        """A reading of other arrays, copied here."""
+        for name in ("distance", "shape", "face", "normal"):
+            wp.copy(getattr(self.hits, name), getattr(hits, name))
+        self._rays, self._fixed = rays, None
+        self._settle()
+
+    def field(
+        self,
+        name: str,
+        work_out: Callable[[wp.array | None], wp.array],
+        shown: Callable[[wp.array], wp.array] = lambda array: array,
+    ) -> wp.array:
+        """What is worked out of a reading once, into the array that it was worked out into before, and how it shows."""
+        if name not in self._current:
+            self._work_out(name, work_out, shown)
+            self._current.add(name)
+            self._fields_at_first += _references(self._of_fields, len(self._fields_at_first))
+        return self._fields[name]
+
+    def _work_out(
+        self, name: str, work_out: Callable[[wp.array | None], wp.array], shown: Callable[[wp.array], wp.array]
+    ) -> None:
+        known = self._arrays.get(name)
+        array = work_out(known)
+        if array is not known:
+            self._arrays[name], self._fields[name] = array, shown(array)
+            self._of_fields += [array, self._fields[name]]
+
+    def scalars(self, array: wp.array) -> wp.array:
+        """n values in the frame's shape."""
+        return array.reshape(self.shape)
+
+    def vectors(self, array: wp.array, scalar: type) -> wp.array:
+        """n vectors as scalars of shape (..., 3), without a copy; as vectors where that is one axis too many."""
+        if len(self.shape) == _MOST_AXES:
+            return array.reshape(self.shape)
+        return array.view(scalar).reshape((*self.shape, 3))
+
+    def of_world(self, k: int) -> "Kept":
+        """Those of one of many worlds, without a copy."""
+        return Kept(self.hits.of_world(k, self.shape[0]), self.shape[1:], self.rays.of_world(k))
+
+    def _settle(self) -> None:
+        if not self._at_first:  # nobody can hold any of it yet
+            self._at_first = _references(self._of_hits)
+
+
+def _references(arrays: list[wp.array], first: int = 0) -> list[int]:
+    return [getrefcount(array) for array in arrays[first:]]
+
+
+class Pool:
+    """The arrays of the last few frames of one sensor."""
+
+    def __init__(self) -> None:
+        self._kept: deque[Kept] = deque(maxlen=_MOST)
+
+    @property
+    def free_bytes(self) -> int:
+        """Of the hits in arrays that nobody holds."""
+        return sum(BYTES_PER_HIT * math.prod(self._kept[k].shape) for k in range(len(self._kept)) if self._is_free(k))
+
+    def take(self, shape: tuple[int, ...], device: wp.Device) -> Kept:
+        """Arrays for a frame of this shape: those of the oldest one that nobody holds any more, or new ones.
+
+        Those of another shape that nobody holds make room for new ones.
+        """
+        for k in range(len(self._kept)):
+            if self._kept[k].shape == shape and self._is_free(k):
+                kept = self._kept[k]
+                del self._kept[k]
+                kept.start()
+                kept.asked = set()
+                break
+        else:
+            for k in reversed(range(len(self._kept))):
+                if self._kept[k].shape != shape and self._is_free(k):
+                    del self._kept[k]
+            kept = Kept.empty(shape, device)
+        self._kept.append(kept)
+        return kept
+
+    def _is_free(self, k: int) -> bool:
+        return getrefcount(self._kept[k]) == _ALONE and self._kept[k].is_free
+
+
+_SOME = deque([object()])
+_ALONE = getrefcount(_SOME[0])
+"""References to what only a deque holds."""

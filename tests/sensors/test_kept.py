@@ -1,0 +1,236 @@
+"""The arrays of frames: nothing that is held ever changes, what nobody holds is used again, `out` is written over."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast import DepthCamera, Filter, Frame, HeightScan, InputError, Lidar, LidarFrame, Mount, Noise, Rig
+
+MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
+  <geom type="plane" size="0 0 1" pos="0 0 -1"/>
+  <body name="ball" mocap="true" pos="3 0 0"><geom size=".5"/></body>
+  <body name="robot" mocap="true"><geom size=".1"/></body></worldbody></mujoco>""")
+ON: dict[str, Any] = {"mount": Mount(body="robot"), "filter": Filter(exclude_bodies=("robot",))}
+SENSORS = (
+    Lidar(name="lidar", elevation_deg=[-30, -10, 0], columns=24, **ON),
+    Lidar(name="noisy", elevation_deg=[-30, -10, 0], columns=24, noise=Noise(range_std=0.02), **ON),
+    DepthCamera(name="camera", resolution=(9, 7), fov_y_deg=60.0, **ON),
+    HeightScan(name="scan", size=(1.0, 1.0), spacing=0.25, **ON),
+)
+IDEAL = ("lidar", "camera", "scan")
+FIELDS = ("range", "normal", "points", "points_world", "geom_id", "body_id")
+
+
+def moved(by: float) -> mujoco.MjData:
+    data = mujoco.MjData(MODEL)
+    data.time = by
+    data.mocap_pos[0, 0] += by
+    data.mocap_pos[1, 2] += 0.1 * by
+    mujoco.mj_kinematics(MODEL, data)
+    return data
+
+
+def worlds(by: float) -> list[mujoco.MjData]:
+    return [moved(by), moved(2 * by)]
+
+
+def values(frame: Frame, *fields: str) -> dict[str, NDArray[Any]]:
+    return {field: getattr(frame, field).numpy().copy() for field in fields or FIELDS}
+
+
+def assert_same(got: dict[str, NDArray[Any]], expected: dict[str, NDArray[Any]], what: str) -> None:
+    for field, array in expected.items():
+        np.testing.assert_array_equal(got[field], array, err_msg=f"{what}: {field}")
+
+
+@contextmanager
+def counted_arrays(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[Any, ...]]]:
+    """The shapes of the Warp arrays that are made meanwhile."""
+    made: list[tuple[Any, ...]] = []
+    init = wp.array.__init__
+
+    def counting(self: wp.array, *args: Any, **kwargs: Any) -> None:
+        init(self, *args, **kwargs)
+        made.append(self.shape)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(wp.array, "__init__", counting)
+        yield made
+
+
+HELD: dict[str, Callable[[Frame], Any]] = {
+    "frame": lambda frame: frame,
+    "range": lambda frame: frame.range,
+    "numpy": lambda frame: frame.range.numpy(),
+    "row": lambda frame: frame.range[1:],
+    "part of numpy": lambda frame: frame.normal.numpy()[..., 2],
+    "dlpack": lambda frame: np.from_dlpack(frame.normal),
+    "points": lambda frame: frame.points,
+    "ids": lambda frame: frame.geom_id.numpy(),
+}
+
+
+def seen(held: Any) -> NDArray[Any]:
+    held = held.range if isinstance(held, Frame) else held
+    return np.array(held.numpy() if isinstance(held, wp.array) else held)
+
+
+@pytest.mark.parametrize("name", [spec.name for spec in SENSORS])
+@pytest.mark.parametrize("what", HELD)
+def test_what_is_held_never_changes(what: str, name: str) -> None:
+    rig = Rig(MODEL, SENSORS, "cpu")
+    for k in range(3):  # into arrays that are used again too
+        held = HELD[what](rig.sense(moved(0.3 * k), [name])[name])
+        before = seen(held)
+        for by in (1.0, 1.3, 1.7):
+            values(rig.sense(moved(by), [name])[name])
+        np.testing.assert_array_equal(seen(held), before)
+
+
+@pytest.mark.parametrize("what", ["range", "normal", "points", "time", "pose"])
+def test_what_is_held_of_one_of_many_worlds_never_changes(what: str) -> None:
+    rig = Rig(MODEL, SENSORS, "cpu")
+    frame = rig.sense(worlds(0.2))["lidar"]
+    held = getattr(frame, what) if what in ("time", "pose") else getattr(frame.world(1), what)
+    del frame
+    before = seen(held)
+    for by in (1.0, 1.3, 1.7):
+        values(rig.sense(worlds(by))["lidar"])
+    np.testing.assert_array_equal(seen(held), before)
+
+
+def test_arrays_that_nobody_holds_are_used_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(MODEL, SENSORS, "cpu")
+    frames: dict[str, Frame] = {}
+    for by in (0.1, 0.2, 0.3):  # the last frames are still there while the next are made
+        frames = rig.sense(moved(by), IDEAL)
+        got = {name: values(frame) for name, frame in frames.items()}
+    with counted_arrays(monkeypatch) as made:
+        for by in (0.4, 0.5, 0.6):
+            frames = rig.sense(moved(by), IDEAL)
+            got = {name: values(frame) for name, frame in frames.items()}
+    assert made == []
+    fresh = Rig(MODEL, SENSORS, "cpu").sense(moved(0.6), IDEAL)
+    for name, frame in fresh.items():
+        assert_same(got[name], values(frame), name)
+
+
+def test_readings_of_many_worlds_use_arrays_again() -> None:
+    rig = Rig(MODEL, SENSORS, "cpu")
+    pointers = []
+    for by in (0.1, 0.2, 0.3, 0.4):
+        frames = rig.sense(worlds(by))
+        pointers.append([[getattr(frame, f).ptr for f in ("range", "points", "pose")] for frame in frames.values()])
+    assert pointers[2:] == pointers[:2]
+
+
+def test_steps_make_no_arrays_once_frames_are_released(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(MODEL, [spec for spec in SENSORS if spec.name in IDEAL], "cpu")
+    data = moved(0.0)
+    with counted_arrays(monkeypatch) as made:
+        for _ in range(6):
+            counts = len(made)
+            data.time += MODEL.opt.timestep
+            assert len([frame.range.numpy() for frame in rig.step(data)]) == len(IDEAL)
+    assert counts == len(made)
+
+
+def test_held_frames_do_not_keep_later_ones_from_being_used_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(MODEL, SENSORS, "cpu")
+    held = [rig.sense(moved(0.01 * k), ["lidar"])["lidar"].range for k in range(20)]
+    before = [array.numpy().copy() for array in held]
+    rig.sense(moved(1.0), ["lidar"])
+    with counted_arrays(monkeypatch) as made:
+        rig.sense(moved(1.1), ["lidar"])
+    assert made == []
+    np.testing.assert_array_equal([array.numpy() for array in held], before)
+
+
+def test_arrays_for_as_many_worlds_as_before_count_as_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(MODEL, SENSORS[:1], "cpu")
+    rig.sense(worlds(0.1))
+    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 5_000)
+    rig.sense(worlds(0.2))
+    with pytest.raises(InputError, match="2 worlds need"):
+        Rig(MODEL, SENSORS[:1], "cpu").sense(worlds(0.2))
+
+
+def test_arrays_for_another_number_of_worlds_are_let_go() -> None:
+    rig = Rig(MODEL, SENSORS[:1], "cpu")
+    for count in (2, 3, 4, 5):
+        rig.sense([moved(0.1)] * count)
+    assert [kept.shape[0] for kept in rig._mounted["lidar"].pool._kept] == [5]
+
+
+@pytest.mark.parametrize("state", [moved, worlds], ids=["one world", "many worlds"])
+def test_out_is_written_over(state: Callable[[float], Any]) -> None:
+    rig, again = (Rig(MODEL, SENSORS, "cpu", seed=3) for _ in range(2))
+    first = rig.sense(state(0.0))
+    again.sense(state(0.0))
+    held = {name: (frame.range, frame.points) for name, frame in first.items()}
+    second, expected = rig.sense(state(0.7), out=first), again.sense(state(0.7))
+    for name, frame in second.items():
+        assert (frame.range, frame.points) == held[name]
+        assert_same(values(frame), values(expected[name]), name)
+        assert_same(values(first[name], "range", "points"), values(frame, "range", "points"), name)
+        np.testing.assert_array_equal(seen(frame.time), seen(expected[name].time))
+        np.testing.assert_array_equal(seen(frame.pose), seen(expected[name].pose))
+
+
+def test_fields_that_were_asked_for_are_worked_out_again_into_their_arrays() -> None:
+    rig, again = (Rig(MODEL, SENSORS, "cpu", seed=3) for _ in range(2))
+    first = rig.sense(moved(0.0))["noisy"]
+    again.sense(moved(0.0))
+    assert isinstance(first, LidarFrame)
+    fields = ("points_world", "stamp", "intensity", "body_id")
+    held = {field: getattr(first, field).numpy() for field in fields}  # views on the CPU
+    rig.sense(moved(0.7), ["noisy"], out={"noisy": first})
+    assert_same(held, values(again.sense(moved(0.7))["noisy"], *fields), "noisy")
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        ({}, "out: no frame of sensor 'lidar'"),
+        ({"lidar": "scan"}, r"out: sensor 'scan': got a frame of shape \(25,\) on cpu, expected \(3, 24\) on cpu"),
+    ],
+)
+def test_out_without_room_is_refused(out: dict[str, str], message: str) -> None:
+    rig = Rig(MODEL, SENSORS, "cpu")
+    frames = rig.sense(moved(0.0))
+    with pytest.raises(InputError, match=message):
+        rig.sense(moved(0.1), ["lidar"], out={name: frames[given] for name, given in out.items()})
+
+
+@pytest.mark.cuda
+def test_captured_readings_follow_the_worlds() -> None:
+    rig = Rig(MODEL, [spec for spec in SENSORS if spec.name in IDEAL], "cuda:0")
+
+    def poses(by: float) -> dict[str, wp.array]:
+        names = {"geom_xpos": wp.vec3, "geom_xmat": wp.mat33, "xpos": wp.vec3, "xmat": wp.mat33}
+        states = {name: np.array([getattr(data, name) for data in worlds(by)]) for name in names}
+        return {
+            name: wp.array(states[name].reshape(2, -1, *dtype._shape_), dtype=dtype, device="cuda:0")
+            for name, dtype in names.items()
+        }
+
+    batch = poses(0.1)
+    frames = rig.sense(batch)
+    for frame in frames.values():
+        values(frame)
+    rig.sense(batch, out=frames)
+    with wp.ScopedCapture("cuda:0") as capture:
+        rig.sense(batch, out=frames)
+    for by in (0.4, 0.8):
+        for name, array in poses(by).items():
+            wp.copy(batch[name], array)
+        wp.capture_launch(capture.graph)
+        got = {name: values(frame) for name, frame in frames.items()}
+        for name, frame in rig.sense(batch).items():
+            assert_same(got[name], values(frame), f"{name}, {by}")
