@@ -161,7 +161,7 @@ def _moves(position: Poses, rotation: Poses) -> npt.NDArray[np.bool_]:
     """(n,) which shapes do not stand still through all instants, in any world; all, where poses are on the device."""
     *worlds, instants = _leading(position)
     if isinstance(position, wp.array) or isinstance(rotation, wp.array):
-        return np.ones(position.shape[len(worlds) + 1], bool)
+        return np.ones(position.shape[len(worlds) + 1], np.bool_)
     count = position.shape[-2]
     p = position.reshape(math.prod(worlds), instants, count, 3)
     r = rotation.reshape(math.prod(worlds), instants, count, 9)
