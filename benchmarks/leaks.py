@@ -1,8 +1,8 @@
 """How many rays slip through meshes without holes: `python benchmarks/leaks.py [rays]`.
 
 Two tables in Markdown, as docs/casting.md quotes them: the leak rates of other forms of the ray-triangle test, and ours
-for every mesh, aim and offset, with so many rays (350 000) at each of three scales and summed over these: some 20
-minutes on two cores, an hour for 1e6.
+for every mesh, aim and offset, with so many rays (350 000) at each of three scales and summed over these: some 10
+minutes of CPU time, half an hour for 1e6.
 """
 
 import sys

@@ -67,7 +67,7 @@ def prepare_over_rays(
     Of one slice the arguments are packed only now, which takes longer than a kernel needs for a few rays.
     """
     if count and (wp.get_device(device).is_cuda or count <= slice_size):
-        return wp.launch(kernel, count, inputs=[0, *inputs], outputs=outputs, device=device, record_cmd=True).launch
+        return _recorded(kernel, count, [0, *inputs], outputs, device)
     return partial(launch_over_rays, kernel, count, inputs, outputs, device, slice_size)
 
 
@@ -90,10 +90,7 @@ def prepare_over_tiles(
     Its first arguments are the number of a thread and of all threads.
     """
     threads, pool = min(thread_count(), -(-count // TURN)), _threads(thread_count())
-    of_threads = [
-        wp.launch(kernel, 1, inputs=[thread, threads, *inputs], outputs=outputs, device="cpu", record_cmd=True).launch
-        for thread in range(threads)
-    ]
+    of_threads = [_recorded(kernel, 1, [thread, threads, *inputs], outputs, "cpu") for thread in range(threads)]
 
     def launch() -> None:
         others = [pool.submit(own) for own in of_threads[1:]]
@@ -104,8 +101,20 @@ def prepare_over_tiles(
     return launch
 
 
+def _recorded(
+    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
+) -> Callable[[], None]:
+    """A launch whose arguments are packed now, and kept for as long as it is: Warp 1.12 does not keep them."""
+    recorded = wp.launch(kernel, count, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
+    return partial(_launch, recorded, inputs, outputs)
+
+
+def _launch(recorded: wp.Launch, *_arguments: Sequence[Any]) -> None:
+    recorded.launch()
+
+
 def thread_count() -> int:
-    """CPU threads to cast with: RIGCAST_THREADS, or as many as this process may use."""
+    """CPU threads to build trees and cast with: RIGCAST_THREADS, or as many as this process may use."""
     wanted = os.environ.get("RIGCAST_THREADS")
     if wanted:
         return int(wanted)

@@ -123,7 +123,7 @@ class TopTrees:
     def _mean_area(self) -> float:
         """Of the trees' boxes; on CUDA, once they are built, that of an earlier fit, so as not to wait for this one."""
         if self._area_view is not None:
-            return float(self._area_view.sum()) / self._spans
+            return float(self._area_view.sum()) / self._spans if self._spans > 1 else self._area_view.item()
         if self._built_area < 0:
             return float(self._area.numpy().mean())
         if self._device.is_capturing:

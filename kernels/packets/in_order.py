@@ -128,7 +128,7 @@ def pack_in_order(directions: wp.array, group: npt.NDArray[np.int32] | None = No
     packets = wp.zeros(PACKETS * tiles.size, dtype=Packet, device="cpu")
     dense = wp.empty(tiles.size, dtype=wp.bool, device="cpu")
     inputs = [directions, wp.array(order, dtype=int, device="cpu"), wp.array(starts, dtype=int, device="cpu")]
-    launch_over_rays(pack_tiles, tiles.size, inputs, [tiles, packets, dense], "cpu", slice_size=32)
+    launch_over_rays(pack_tiles, tiles.size, inputs, [tiles, packets, dense], "cpu", slice_size=64)
     is_dense = dense.numpy()
     if is_dense.all():
         return Packets(tiles, packets, wp.empty(0, dtype=int, device="cpu"))

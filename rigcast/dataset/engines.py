@@ -24,6 +24,7 @@ from .episode import Result
 Make = Callable[[Unit], Result]
 Results = Generator[Result, None, None]
 
+_RETRIES = 2  # of an episode whose worker died, in Ray
 _DIED = "its worker died, and died again when it was tried alone: killed, or out of memory"
 
 
@@ -130,6 +131,8 @@ class Ray:
     """
 
     def __init__(self, address: str | None = None, workers: int | None = None) -> None:
+        # or Ray tries without end what does not fit into memory; read when Ray is imported
+        os.environ.setdefault("RAY_task_oom_retries", str(_RETRIES))
         self._ray: Any = load_extra("the engine ray", "ray", "cluster")
         how: dict[str, Any] = {"address": address}
         if address is None:
@@ -147,7 +150,7 @@ class Ray:
         self._most = workers if workers and address else 2 * self.workers
 
     def run(self, make: Make, units: Sequence[Unit]) -> Results:
-        remote = self._ray.remote(num_cpus=1, max_retries=2)(_with_one_thread)
+        remote = self._ray.remote(num_cpus=1, max_retries=_RETRIES)(_with_one_thread)
         waiting, running = deque(units), dict[Any, Unit]()
         try:
             while waiting or running:

@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
 import warp as wp
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
@@ -12,6 +11,7 @@ from rigcast.kernels.effects.infrared import Losses, lose
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import bound, read
+from rigcast.sensors.scene.given_rays import upload
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.pattern import Pattern
@@ -125,7 +125,7 @@ class _ReadTimeOfFlight:
         self._spec: TimeOfFlight = spec.time_of_flight
         self._subrays = None
         if pattern.subrays is not None:
-            directions = scene.rays_in_frame(pattern.subrays, np.zeros(3), np.eye(4)).directions
+            directions = upload(pattern.subrays, scene.device)
             self._subrays = SubRays(spec.time_of_flight.subrays**2, lambda _: directions)
 
     def __call__(self, look: _Look) -> DepthReading:

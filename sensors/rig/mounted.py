@@ -25,6 +25,7 @@ from rigcast.sensors.scene.batch.per_world import PerWorld
 from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import Worlds
 from rigcast.sensors.scene.packet_cache import cached_packets
+from rigcast.sensors.scene.placed_rays import in_pose, rays_in_frame
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.filter import Filter
@@ -158,7 +159,7 @@ class Mounted:
 
     def rays(self, data: mujoco.MjData) -> Rays:
         """Its rays, all fired now."""
-        return self.scene.in_pose(self.rays_at_once, self.pose(data))
+        return in_pose(self.rays_at_once, self.pose(data))
 
     def aim(self, data: mujoco.MjData, time: float, kept: Kept) -> Aim:
         """Its rays, all fired now, for a reading at `time` [s]."""
@@ -226,7 +227,7 @@ def _in_packets(pattern: Pattern, scene: Scene) -> bool:
 def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
     """The rays of a pattern on the device."""
     origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
-    rays = scene.rays_in_frame(pattern.directions, origins, np.eye(4))
+    rays = rays_in_frame(pattern.directions, origins, np.eye(4), scene.device)
     return replace(rays, packets=_packets(pattern, rays)) if _in_packets(pattern, scene) else rays
 
 

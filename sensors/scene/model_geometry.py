@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree
 from rigcast.kernels.triangle_tree import build_triangle_tree
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, warn_user
+from rigcast.sensors.names import expected_one_of
 
 from .tree_cache import cached_triangle_tree
 
@@ -134,6 +135,22 @@ def unsupported_parts(model: mujoco.MjModel) -> list[str]:
     ]
 
 
+def refuse_unsupported(model: mujoco.MjModel, on_unsupported: str) -> None:
+    """Raise InputError, or with "warn" warn, where there is something that rays cannot hit."""
+    if on_unsupported not in ("error", "warn"):
+        raise InputError(
+            f"Scene: no on_unsupported {on_unsupported!r}, {expected_one_of(str(on_unsupported), ['error', 'warn'])}"
+        )
+    parts = unsupported_parts(model)
+    if not parts:
+        return
+    message = f"rays cannot hit {', '.join(parts)}"
+    if on_unsupported == "warn":
+        warn_user(f"{message}; left out", UserWarning)
+    else:
+        raise InputError(f'Scene: {message}; remove them, or leave them out with on_unsupported="warn"')
+
+
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
     name = mujoco.mj_id2name(model, kind, index)
     return f"'{name}'" if name else f"{index} (unnamed)"
@@ -173,27 +190,27 @@ def hfield_triangles(
     x = np.linspace(-size[0], size[0], columns)
     y = np.linspace(-size[1], size[1], rows)
     surface = np.stack([*np.meshgrid(x, y), size[2] * data.astype(np.float64)], axis=-1)
-    index = np.arange(rows * columns).reshape(rows, columns)
+    index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     v00, v01, v10, v11 = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     cells = np.stack([v00, v01, v11, v00, v11, v10], axis=-1).reshape(-1, 3)
     border = np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
     foot = surface.reshape(-1, 3)[border] * [1.0, 1.0, 0.0]
     box, box_faces = _box_triangles(size)
     first_foot = rows * columns
-    low = first_foot + np.arange(len(border))
+    low = first_foot + np.arange(len(border), dtype=np.int32)
     next_low, next_border = np.roll(low, -1), np.roll(border, -1)
     sides = np.stack([low, next_low, next_border, low, next_border, border], axis=-1).reshape(-1, 3)
     vertices = np.concatenate([surface.reshape(-1, 3), foot, box])
     faces = np.concatenate([cells, sides, box_faces + first_foot + len(border)])
-    return vertices, faces.astype(np.int32)
+    return vertices, faces
 
 
-def _box_triangles(size: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _box_triangles(size: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """The base of a height field: |x| <= size 0, |y| <= size 1, -size 3 <= z <= 0."""
     low, high = np.array([-size[0], -size[1], -size[3]]), np.array([size[0], size[1], 0.0])
     corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)])
     quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (3, 2, 6, 7), (2, 0, 4, 6), (1, 3, 7, 5)]
-    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))], np.int32)
     return np.where(corners == 1, high, low), faces
 
 

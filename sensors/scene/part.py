@@ -1,6 +1,6 @@
 """What a scene is put together from: geoms, props, flexes and skins, each a part with shapes of its own."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, Protocol
 
@@ -54,3 +54,25 @@ class Part(Protocol):
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         """(n,) which of its shapes a filter lets rays hit."""
+
+
+def joined_poses(snapshots: Sequence[Snapshot]) -> ShapePoses:
+    """The poses of all; of one they may be those of MuJoCo, not copied."""
+    if len(snapshots) == 1:
+        return ShapePoses(snapshots[0].position, snapshots[0].rotation)
+    return ShapePoses(
+        np.concatenate([snapshot.position for snapshot in snapshots]),
+        np.concatenate([snapshot.rotation for snapshot in snapshots]),
+    )
+
+
+def joined_shapes(parts: Sequence[Part]) -> Shapes:
+    """The shapes of all parts, one after the other."""
+    first_tree = np.cumsum([0, *(len(part.trees) for part in parts)])[:-1]
+    return Shapes.joined([part.shapes for part in parts], first_tree)
+
+
+def owners_and_ids(parts: Sequence[Part]) -> tuple[NDArray[np.str_], NDArray[np.int32]]:
+    """(n,) what kind of thing each shape of all parts is of, and its id among those."""
+    owners = np.concatenate([np.full(len(part.ids), part.owner) for part in parts])
+    return owners, np.concatenate([part.ids for part in parts])

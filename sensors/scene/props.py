@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree
-from rigcast.kernels.mounts import Frames
+from rigcast.kernels.mounts import Carriers, Frames
 from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.filter import Filter
@@ -51,10 +51,16 @@ class Props:
         position = np.where(is_finite[:, None], poses[:, :3, 3], np.nan)
         return Snapshot(position, poses[:, :3, :3].reshape(-1, 9))
 
-    def place(self, frames: Frames, first: int, worlds: Standing) -> None:
-        """Make frames first, first + 1, ... those of the props in many worlds."""
+    def poses_after(self, geoms: Carriers, worlds: Standing) -> Carriers:
+        """(nworld, ngeom + n): those of geoms (nworld, ngeom), where they are if there are no props, then of props."""
+        if not self._attached:
+            return geoms
+        first = self.model.ngeom
+        frames = Frames.empty(worlds.count, first + len(self._attached), geoms.position.device)
+        frames.copy(geoms)
         for k, attached in enumerate(self._attached):
             frames.place(first + k, worlds.carriers(attached), attached.on)
+        return Carriers(frames.position, frames.rotation)
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         return ~filter.hidden_bodies(self.model)[self.bodies]

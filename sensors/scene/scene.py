@@ -1,7 +1,6 @@
 """A MuJoCo model as something to cast rays against."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from numbers import Real
 from types import NoneType
 from typing import Literal
@@ -9,15 +8,15 @@ from typing import Literal
 import mujoco
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigcast.kernels.cast import HitArrays, cast, prepare_cast
-from rigcast.kernels.geometry import Shapes
-from rigcast.kernels.mounts import BYTES_PER_FRAME, Carriers, Frames
+from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
-from rigcast.sensors.errors import InputError, require_type, warn_user
+from rigcast.sensors.device import find_device
+from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
@@ -32,29 +31,21 @@ from .batch.worlds import Worlds, as_worlds, is_batch
 from .flexes import Flexes
 from .freed_memory import give_back_freed_memory
 from .geoms import Geoms
-from .given_rays import GivenRays, take_rays, upload
+from .given_rays import take_rays
 from .hits import Hits
 from .looks import Looks, LooksTable
 from .lost import Lost
-from .model_geometry import unsupported_parts
-from .part import OWNERS, Owner, Part, ShapePoses, Snapshot
+from .model_geometry import refuse_unsupported
+from .part import OWNERS, Part, ShapePoses, Snapshot, joined_poses, joined_shapes, owners_and_ids
+from .placed_rays import in_world, in_worlds
 from .props import Props
+from .sight import Sight
 from .skins import Skins
 
 Cull = Literal["none", "back", "front"]
 
 _CULL: dict[str, int] = {"none": CULL_NONE, "back": CULL_BACK, "front": CULL_FRONT}
 
-# What filters and surfaces ask of a model, besides the tree of its bodies.
-_LOOKS = (
-    *("geom_rgba", "geom_matid", "geom_group", "geom_contype", "geom_conaffinity", "mat_rgba"),
-    *("flex_rgba", "flex_matid", "flex_group", "flex_contype", "flex_conaffinity"),
-    *("skin_rgba", "skin_matid", "skin_group"),
-    *("mat_reflectance", "mat_texid"),
-)
-
-
-_MOST_FILTERS = 64  # whose geoms are kept on the device
 _NO_DIFFERENCES = Differences()
 _BYTES_PER_SIZE = 44  # of a shape, with its tree, its box and its reach
 
@@ -85,10 +76,10 @@ class Scene:
         on_unsupported: Literal["error", "warn"] = "error",
     ) -> None:
         require_type("Scene: model", model, mujoco.MjModel)
-        _report(unsupported_parts(model), on_unsupported)
+        refuse_unsupported(model, on_unsupported)
         self.model = model
         require_thread_count()
-        self.device = _find_device(device)
+        self.device = find_device(device)
         self._geoms, self._props = Geoms(model), Props(model, props, self.device)
         self._parts: list[Part] = [
             self._geoms,
@@ -97,23 +88,17 @@ class Scene:
             *([self._props] if props else []),
         ]
         self._world = self._make_world()
-        owners = np.concatenate([np.full(len(part.ids), part.owner) for part in self._parts])
-        ids = np.concatenate([part.ids for part in self._parts])
-        in_use = {"geom"} | {part.owner for part in self._parts if len(part.ids)}
-        self.ids_in_use: dict[Owner, wp.array] = {
+        owners, ids = owners_and_ids(self._parts)
+        self.ids_in_use = {
             owner: wp.array(np.where(owners == owner, ids, -1), dtype=int, device=self.device)
             for owner in OWNERS
-            if owner in in_use
+            if owner == "geom" or owner in owners
         }
         bodies = np.concatenate([part.bodies for part in self._parts])
-        self._looks_table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
+        table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
+        self._sight = Sight(model, self._parts, table, self.device)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"
-        # views of what the model holds, whoever writes there
-        self._looks_now = [values for name in _LOOKS if (values := getattr(model, name)).size]
-        self._looks_read: list[bytes] = []
-        self._visible: dict[Filter | PerWorld[Filter], wp.array] = {}
-        self._looks: Looks | None = None
         self._worlds: int | None = None  # how many there are, if it is a batch of them
         self._differences = _NO_DIFFERENCES
         self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
@@ -137,12 +122,12 @@ class Scene:
         if is_batch(data):
             self.update_worlds(as_worlds(data))
             return
-        self._world.update(*_joined(self._snapshots(data)))
+        self._world.update(*joined_poses(self._snapshots(data)))
         self._stale, self._worlds = "", None
 
     def read(self, data: mujoco.MjData) -> ShapePoses:
         """Where everything stands in `data`, for a `sweep`; rays are cast at it after the next `update` or `sweep`."""
-        poses = _joined(self._snapshots(data))
+        poses = joined_poses(self._snapshots(data))
         return ShapePoses(poses.position.copy(), poses.rotation.copy())
 
     def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
@@ -162,8 +147,9 @@ class Scene:
                 part.shapes = snapshot.shapes
             first_tree += len(part.trees)
         if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
-            self._world.set_shapes(self._shapes())
-            self._differences, self._visible = _NO_DIFFERENCES, {}
+            self._world.set_shapes(joined_shapes(self._parts))
+            self._differences = _NO_DIFFERENCES
+            self._sight.forget_visible()
         return snapshots
 
     def sweep(self, poses: Sequence[ShapePoses]) -> None:
@@ -186,7 +172,7 @@ class Scene:
             raise InputError(f"Scene: many worlds of a model with a {deforming[0]}, expected a model without one")
         standing = Standing(worlds, self.model, self.device)
         self._take_differences(worlds)
-        poses = self._poses(standing)
+        poses = self._props.poses_after(standing.geoms, standing)
         if standing.geom_is_finite is not None:
             self._lost_in_worlds.warn(None, standing.geom_is_finite.reshape(-1))
         self._world.update(poses.position, poses.rotation)
@@ -206,19 +192,10 @@ class Scene:
         self._world.set_shapes(
             differences.shapes(self._geoms, self._props.shapes, worlds.count)
             if differences.of_shapes
-            else self._shapes()
+            else joined_shapes(self._parts)
         )
-        self._differences, self._visible = differences, {}
-
-    def _poses(self, worlds: Standing) -> Carriers:
-        """(nworld, nshape) poses of all shapes: those of the geoms where they are, if there are no props."""
-        geoms, props = worlds.geoms, len(self._props.ids)
-        if not props:
-            return geoms
-        frames = Frames.empty(worlds.count, self.model.ngeom + props, self.device)
-        frames.copy(geoms)
-        self._props.place(frames, self.model.ngeom, worlds)
-        return Carriers(frames.position, frames.rotation)
+        self._differences = differences
+        self._sight.forget_visible()
 
     def bytes_per_world(self, worlds: Worlds) -> int:
         """What each of many worlds takes, beside what is read in it."""
@@ -231,7 +208,7 @@ class Scene:
 
     def _make_world(self) -> World:
         """A world of all parts, which take over its trees: their triangles are held once."""
-        world = World([tree for part in self._parts for tree in part.trees], self._shapes(), self.device)
+        world = World([tree for part in self._parts for tree in part.trees], joined_shapes(self._parts), self.device)
         trees = iter(world.trees)
         for part in self._parts:
             part.trees = [next(trees) for _ in part.trees]
@@ -249,11 +226,6 @@ class Scene:
         """
         self._geoms.refresh(name)
         self._stale = f"{name!r} has been edited"
-
-    def _shapes(self) -> Shapes:
-        """The shapes of all parts, one after the other."""
-        first_tree = np.cumsum([0, *(len(part.trees) for part in self._parts)])[:-1]
-        return Shapes.joined([part.shapes for part in self._parts], first_tree)
 
     def cast(
         self,
@@ -293,24 +265,8 @@ class Scene:
             raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
         given = take_rays(origins, directions, self.device)
         room = None if out is None else out.room_for(given.shape, self.device)
-        rays, visible = self._placed(given), self.visible(wanted)
-        return self.hits(self.cast_rays(rays, visible, max_distance, cull, room), given.shape)
-
-    def _placed(self, given: GivenRays) -> Rays:
-        """Rays as they are given, in the world or, by their first axis, in each of many worlds."""
-        if self._worlds is None:
-            return self.in_pose(Rays(given.directions, given.origins, position=None, rotation=None), np.eye(4))
-        worlds = self._worlds
-        if given.shape[:1] != (worlds,):
-            raise InputError(f"Scene.cast: directions: got shape {(*given.shape, 3)}, expected ({worlds}, ..., 3)")
-        each = (worlds, -1)
-        return Rays(
-            given.directions.reshape(each),
-            given.origins if given.origins.size == 1 else given.origins.reshape(each),
-            position=wp.zeros(worlds, dtype=wp.vec3d, device=self.device),
-            rotation=wp.full(worlds, wp.mat33d(np.eye(3)), dtype=wp.mat33d, device=self.device),
-            worlds=worlds,
-        )
+        rays = in_world(given) if self._worlds is None else in_worlds(given, self._worlds)
+        return self.hits(self.cast_rays(rays, self.visible(wanted), max_distance, cull, room), given.shape)
 
     def _wanted(self, filter: Filter | Sequence[Filter] | None) -> Filter | PerWorld[Filter]:
         if isinstance(filter, list | tuple) and self._worlds is not None:
@@ -320,33 +276,11 @@ class Scene:
 
     def visible(self, filter: Filter | PerWorld[Filter]) -> wp.array:
         """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit, as the model looks now."""
-        self._forget_old_looks()
-        if filter not in self._visible:
-            if len(self._visible) == _MOST_FILTERS:
-                self._visible.clear()
-            seen = filter.each(self._seen_by) if isinstance(filter, PerWorld) else self._seen_by(filter)
-            present = self._differences.present(self._geoms)
-            if present is not None:
-                seen = np.broadcast_to(seen, (len(present), seen.shape[-1])).copy()
-                seen[:, : self.model.ngeom] &= present
-            self._visible[filter] = wp.array(seen.reshape(-1), dtype=wp.bool, device=self.device)
-        return self._visible[filter]
-
-    def _seen_by(self, filter: Filter) -> NDArray[np.bool_]:
-        """(shapes,) what a filter lets rays hit."""
-        return np.concatenate([part.visible(filter) for part in self._parts])
+        return self._sight.visible(filter, lambda: self._differences.present(self._geoms))
 
     def looks(self) -> Looks:
         """How the shapes look to a sensor's light, as the model looks now."""
-        self._forget_old_looks()
-        if self._looks is None:
-            self._looks = self._looks_table.read(self.device)
-        return self._looks
-
-    def _forget_old_looks(self) -> None:
-        looks = [values.tobytes() for values in self._looks_now]
-        if looks != self._looks_read:
-            self._looks_read, self._visible, self._looks = looks, {}, None
+        return self._sight.looks()
 
     def cast_rays(
         self,
@@ -368,51 +302,3 @@ class Scene:
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""
         return Hits(shape, arrays, self.ids_in_use)
-
-    def rays_in_frame(
-        self, directions: NDArray[np.float64], origins: NDArray[np.float64], pose: NDArray[np.float64]
-    ) -> Rays:
-        """Rays on the device: unit directions (..., 3) and origins (..., 3) or (3,) in a frame with this pose."""
-        return self.in_pose(
-            Rays(upload(directions, self.device), upload(origins, self.device), position=None, rotation=None), pose
-        )
-
-    def in_pose(self, rays: Rays, pose: NDArray[np.float64]) -> Rays:
-        """The same rays in a frame with another pose (4, 4)."""
-        rotation = wp.array(pose[None, :3, :3], dtype=wp.mat33d, device=self.device)
-        return replace(rays, position=upload(pose[:3, 3], self.device), rotation=rotation)
-
-
-def _joined(snapshots: list[Snapshot]) -> ShapePoses:
-    """The poses of all; of one they may be those of MuJoCo, not copied."""
-    if len(snapshots) == 1:
-        return ShapePoses(snapshots[0].position, snapshots[0].rotation)
-    return ShapePoses(
-        np.concatenate([snapshot.position for snapshot in snapshots]),
-        np.concatenate([snapshot.rotation for snapshot in snapshots]),
-    )
-
-
-def _find_device(device: wp.DeviceLike) -> wp.Device:
-    wp.init()
-    if device is None:
-        return wp.get_preferred_device()
-    try:
-        return wp.get_device(device)
-    except (ValueError, RuntimeError):
-        names = [found.alias for found in wp.get_devices()]
-        raise InputError(f"no device {str(device)!r}, {expected_one_of(str(device), names)}") from None
-
-
-def _report(parts: list[str], on_unsupported: str) -> None:
-    if on_unsupported not in ("error", "warn"):
-        raise InputError(
-            f"Scene: no on_unsupported {on_unsupported!r}, {expected_one_of(str(on_unsupported), ['error', 'warn'])}"
-        )
-    if not parts:
-        return
-    message = f"rays cannot hit {', '.join(parts)}"
-    if on_unsupported == "warn":
-        warn_user(f"{message}; left out", UserWarning)
-    else:
-        raise InputError(f'Scene: {message}; remove them, or leave them out with on_unsupported="warn"')

@@ -124,7 +124,10 @@ class Nodding(Steered):
 
 def refract(beam: NDArray[np.float64], normal: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
     """(3, ...) unit directions behind a face; `ratio` is n1 / n2. NaN where all of the light is reflected."""
-    along = np.sum(beam * normal, axis=0)
+    along = np.einsum("i...,i...->...", beam, normal)
     with np.errstate(invalid="ignore"):
-        behind = np.sqrt(1 - ratio**2 * (1 - along**2))
-    return np.asarray(ratio * beam + (behind - ratio * along) * normal)
+        turn = np.sqrt(1 - ratio**2 * (1 - along**2))
+    turn -= ratio * along
+    behind = turn * normal
+    behind += ratio * beam
+    return np.asarray(behind)

@@ -150,7 +150,7 @@ def test_filters_that_are_new_each_time_take_no_more_memory(robot: mujoco.MjMode
     for _ in range(200):
         filters = [Filter(geom_groups=np.flatnonzero(chosen).tolist()) for chosen in rng.random((COUNT, 6)) < 0.5]
         rig.sense(Worlds(datas, filters={"lidar": filters}))
-    assert len(rig.scene._visible) < 100
+    assert len(rig.scene._sight._visible) < 100
 
 
 def test_a_mujoco_batch_brings_its_meshes(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:

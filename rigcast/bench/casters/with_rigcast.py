@@ -10,6 +10,7 @@ import numpy as np
 from rigcast.kernels.packets.sorting import sort_into_packets
 from rigcast.oracle import Things
 from rigcast.sensors.scene.hits import NumpyHits
+from rigcast.sensors.scene.placed_rays import rays_in_frame
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
@@ -37,7 +38,7 @@ class RigcastCaster:
         return self._of_sensor(origins, directions) if origins.ndim == 1 else self._of_any(origins, directions)
 
     def _of_sensor(self, origin: Floats, directions: Floats) -> Frame:
-        rays = self.scene.rays_in_frame(directions, origin, np.eye(4))
+        rays = rays_in_frame(directions, origin, np.eye(4), self.scene.device)
         rays = replace(rays, packets=sort_into_packets(directions))
 
         def frame() -> Answer:

@@ -132,6 +132,15 @@ def test_ray_is_asked_for_no_more_workers_than_it_shall_use(
     assert (ray.most, ray.shut_down) == (most, True)
 
 
+def test_ray_gives_up_what_never_fits_into_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ray's own number of trials is infinite, and it is taken from the environment."""
+    monkeypatch.setenv("RAY_task_oom_retries", "")
+    monkeypatch.delenv("RAY_task_oom_retries")
+    monkeypatch.setattr(engines, "load_extra", lambda *_names: FakeRay())
+    Ray()
+    assert os.environ["RAY_task_oom_retries"] == "2"  # noqa: SIM112  # Ray's name
+
+
 def test_ray_starts_one_of_its_own_or_says_why_it_joins_none(monkeypatch: pytest.MonkeyPatch) -> None:
     ray = FakeRay()
     monkeypatch.setattr(engines, "load_extra", lambda *_names: ray)

@@ -1,0 +1,44 @@
+"""Rays on a device, in the pose of a frame or in many worlds."""
+
+from dataclasses import replace
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels.rays import Rays
+from rigcast.sensors.errors import InputError
+
+from .given_rays import GivenRays, upload
+
+
+def rays_in_frame(
+    directions: NDArray[np.float64], origins: NDArray[np.float64], pose: NDArray[np.float64], device: wp.Device
+) -> Rays:
+    """Rays on the device: unit directions (..., 3) and origins (..., 3) or (3,) in a frame with this pose (4, 4)."""
+    return in_pose(Rays(upload(directions, device), upload(origins, device), position=None, rotation=None), pose)
+
+
+def in_pose(rays: Rays, pose: NDArray[np.float64]) -> Rays:
+    """The same rays in a frame with another pose (4, 4)."""
+    device = rays.directions.device
+    rotation = wp.array(pose[None, :3, :3], dtype=wp.mat33d, device=device)
+    return replace(rays, position=upload(pose[:3, 3], device), rotation=rotation)
+
+
+def in_world(given: GivenRays) -> Rays:
+    return in_pose(Rays(given.directions, given.origins, position=None, rotation=None), np.eye(4))
+
+
+def in_worlds(given: GivenRays, worlds: int) -> Rays:
+    """By their first axis, in each of many worlds. Raises InputError where that is not as long."""
+    if given.shape[:1] != (worlds,):
+        raise InputError(f"Scene.cast: directions: got shape {(*given.shape, 3)}, expected ({worlds}, ..., 3)")
+    each, device = (worlds, -1), given.directions.device
+    return Rays(
+        given.directions.reshape(each),
+        given.origins if given.origins.size == 1 else given.origins.reshape(each),
+        position=wp.zeros(worlds, dtype=wp.vec3d, device=device),
+        rotation=wp.full(worlds, wp.mat33d(np.eye(3)), dtype=wp.mat33d, device=device),
+        worlds=worlds,
+    )

@@ -1,0 +1,75 @@
+"""What of a scene can be seen, and how it looks, as the colours, materials and groups of its model are by then."""
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.sensors.specs.filter import Filter
+
+from .batch.per_world import PerWorld
+from .looks import Looks, LooksTable
+from .part import Part
+
+# What filters and surfaces ask of a model, besides the tree of its bodies.
+_LOOKS = (
+    *("geom_rgba", "geom_matid", "geom_group", "geom_contype", "geom_conaffinity", "mat_rgba"),
+    *("flex_rgba", "flex_matid", "flex_group", "flex_contype", "flex_conaffinity"),
+    *("skin_rgba", "skin_matid", "skin_group"),
+    *("mat_reflectance", "mat_texid"),
+)
+_MOST_FILTERS = 64  # whose geoms are kept on the device
+
+
+class Sight:
+    """Of the shapes of these parts, whose looks are in the table; kept on the device for as long as nothing changes."""
+
+    def __init__(self, model: mujoco.MjModel, parts: Sequence[Part], table: LooksTable, device: wp.Device) -> None:
+        self._parts, self._table, self._device = parts, table, device
+        # views of what the model holds, whoever writes there
+        self._now = [values for name in _LOOKS if (values := getattr(model, name)).size]
+        self._read: list[bytes] = []
+        self._visible: dict[Filter | PerWorld[Filter], wp.array] = {}
+        self._looks: Looks | None = None
+
+    def forget_visible(self) -> None:
+        """Other geoms are present."""
+        self._visible = {}
+
+    def visible(
+        self, filter: Filter | PerWorld[Filter], find_present: Callable[[], NDArray[np.bool_] | None]
+    ) -> wp.array:
+        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit.
+
+        find_present: (nworld, ngeom), which geoms are there in each of many worlds, None where they all are; the same
+        until `forget_visible` is called.
+        """
+        self._forget_old_looks()
+        if filter not in self._visible:
+            if len(self._visible) == _MOST_FILTERS:
+                self._visible.clear()
+            seen = filter.each(self._seen_by) if isinstance(filter, PerWorld) else self._seen_by(filter)
+            present = find_present()
+            if present is not None:
+                seen = np.broadcast_to(seen, (len(present), seen.shape[-1])).copy()
+                seen[:, : present.shape[-1]] &= present
+            self._visible[filter] = wp.array(seen.reshape(-1), dtype=wp.bool, device=self._device)
+        return self._visible[filter]
+
+    def looks(self) -> Looks:
+        """How the shapes look to a sensor's light."""
+        self._forget_old_looks()
+        if self._looks is None:
+            self._looks = self._table.read(self._device)
+        return self._looks
+
+    def _seen_by(self, filter: Filter) -> NDArray[np.bool_]:
+        """(shapes,) what a filter lets rays hit."""
+        return np.concatenate([part.visible(filter) for part in self._parts])
+
+    def _forget_old_looks(self) -> None:
+        now = [values.tobytes() for values in self._now]
+        if now != self._read:
+            self._read, self._visible, self._looks = now, {}, None
