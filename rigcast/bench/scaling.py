@@ -2,14 +2,18 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from unittest.mock import patch
 
 import numpy as np
+import warp as wp
 
 from rigcast.kernels.launch import thread_count
+from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.specs.filter import Filter
 
-from .casters import Answer
+from .casters import Floats
 from .casters.with_rigcast import RigcastCaster
 from .figure import Spread
 from .race import in_turns, triangles_of
@@ -29,11 +33,13 @@ class Series:
 class _Point:
     size: int
     rays: int
-    frame: Callable[[], Answer]
+    frame: Callable[[], object]
 
 
-def scaling(rounds: int, most_triangles: int = 1_000_000, most_geoms: int = 1600) -> Iterator[Series]:
-    """Yield the speed by rays (of one view), triangles (of one landscape), geoms (of one hall) and threads."""
+def scaling(
+    rounds: int, most_triangles: int = 1_000_000, most_geoms: int = 1600, most_worlds: int = 256
+) -> Iterator[Series]:
+    """Yield the speed by rays (of one view), triangles (of one landscape), geoms (of one hall), threads and worlds."""
     house = warehouse()
     images = [_camera(house, every=k) for k in (8, 4, 2, 1)]
     yield _series("rays", [_Point(rays, rays, frame) for rays, frame in images], rounds)
@@ -44,18 +50,52 @@ def scaling(rounds: int, most_triangles: int = 1_000_000, most_geoms: int = 1600
     rays, frame = images[-1]
     threads = sorted({2**k for k in range(8) if 2**k < thread_count()} | {thread_count()})
     yield _series("threads", [_Point(n, rays, _on_threads(n, frame)) for n in threads], rounds)
+    counts = [4**k for k in range(6) if 4**k <= most_worlds]
+    yield _series("worlds", [_Point(n, *_camera_in_worlds(house, n)) for n in counts], rounds)
 
 
-def _camera(workload: Workload, every: int = 1) -> tuple[int, Callable[[], Answer]]:
+def _camera(workload: Workload, every: int = 1) -> tuple[int, Callable[[], object]]:
     """Return how many rays the workload's camera has, of every so many pixels, and what casts them."""
-    view = next(view for view in workload.views if view.sensor == "depth")
-    directions = np.ascontiguousarray(view.directions[::every, ::every].reshape(-1, 3))
+    origin, directions = _view(workload, every)
     caster = RigcastCaster(workload.model, workload.data, workload.groups)
-    return len(directions), caster.aim(view.origin, directions)
+    return len(directions), caster.aim(origin, directions)
 
 
-def _on_threads(count: int, frame: Callable[[], Answer]) -> Callable[[], Answer]:
-    def run() -> Answer:
+def _view(workload: Workload, every: int) -> tuple[Floats, Floats]:
+    """Return origin (3,) and directions (n, 3) of every so many pixels of the workload's camera."""
+    view = next(view for view in workload.views if view.sensor == "depth")
+    return view.origin, np.ascontiguousarray(view.directions[::every, ::every].reshape(-1, 3))
+
+
+def _camera_in_worlds(workload: Workload, worlds: int) -> tuple[int, Callable[[], object]]:
+    """Return how many rays 80 x 60 pixels of the camera have in so many worlds, and what casts them.
+
+    Poses are float32 on the device, as mujoco_warp has them.
+    """
+    origin, directions = _view(workload, 8)
+    scene, seen = Scene(workload.model, "cpu"), Filter(geom_groups=tuple(workload.groups))
+    rays = replace(
+        scene.rays_in_frame(directions, origin, np.eye(4)),
+        position=wp.zeros(worlds, dtype=wp.vec3d, device="cpu"),
+        rotation=wp.full(worlds, wp.mat33d(np.eye(3)), dtype=wp.mat33d, device="cpu"),
+        packets=sort_into_packets(directions),
+        worlds=worlds,
+    )
+    position, rotation = workload.data.geom_xpos, workload.data.geom_xmat.reshape(-1, 3, 3)
+    poses = {
+        "geom_xpos": wp.array(np.tile(position, (worlds, 1, 1)), dtype=wp.vec3, device="cpu"),
+        "geom_xmat": wp.array(np.tile(rotation, (worlds, 1, 1, 1)), dtype=wp.mat33, device="cpu"),
+    }
+
+    def frame() -> object:
+        scene.update(poses)
+        return scene.cast_rays(rays, scene.visible(seen), np.inf).distance.numpy()
+
+    return worlds * len(directions), frame
+
+
+def _on_threads(count: int, frame: Callable[[], object]) -> Callable[[], object]:
+    def run() -> object:
         with patch.dict(os.environ, RIGCAST_THREADS=str(count)):
             return frame()
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from rigcast.kernels import reading
 from rigcast.kernels.stamps import stamps
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.scene.part import Owner
 from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
@@ -112,9 +112,10 @@ class Frame:
         if not isinstance(self.time, wp.array):
             raise InputError(f"Frame.world: sensor {self.sensor!r}: got a frame of one world, expected one of many")
         count = self.time.size
+        require_type(f"Frame.world: sensor {self.sensor!r}: world", k, int, np.integer)
         if not 0 <= k < count:
             raise InputError(f"Frame.world: sensor {self.sensor!r}: no world {k}, expected 0 to {count - 1}")
-        return replace(self, **self._of_world(k))
+        return replace(self, **self._of_world(int(k)))
 
     def room_for(self, shape: tuple[int, ...], device: wp.Device) -> Kept:
         """The arrays, for another reading of this shape. Raises InputError where they have no room for it."""

@@ -11,7 +11,7 @@ import warp as wp
 
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
-from rigcast.sensors.scene.batch.sources import Batch
+from rigcast.sensors.scene.batch.sources import BATCHES, Batch
 from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
@@ -121,6 +121,8 @@ class Rig:
             require_room(worlds.count, needs, self.scene.device, sum(m.pool.free_bytes for m in mounted))
             standing = self.scene.update_worlds(worlds)
             return {m.spec.name: self._frame_of_worlds(m, standing, out) for m in mounted}
+        if not isinstance(data, mujoco.MjData):
+            raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
         self._look(data)
         return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
 

@@ -91,7 +91,8 @@ def _make_room(folder: Path, size: int) -> None:
 
 def _by_use(folder: Path) -> Iterator[tuple[tuple[float, int], Path]]:
     """The time of last use [s] and the size of each file; others may remove it meanwhile."""
-    for file in folder.rglob("*.npz"):  # what a killed process left in a folder of its own, too
-        with suppress(FileNotFoundError):
-            stat = file.stat()
-            yield (stat.st_mtime, stat.st_size), file
+    for place, _, names in os.walk(folder):  # what a killed process left in a folder of its own, too
+        for file in (Path(place, name) for name in names if name.endswith(".npz")):
+            with suppress(FileNotFoundError):
+                stat = file.stat()
+                yield (stat.st_mtime, stat.st_size), file

@@ -175,8 +175,9 @@ def test_trees_and_memory_are_measured_small() -> None:
 
 
 def test_scaling_has_a_speed_for_every_size() -> None:
-    found = {series.varies: series for series in scaling(1, most_triangles=10_000, most_geoms=50)}
-    assert list(found) == ["rays", "triangles", "geoms", "threads"]
+    found = {series.varies: series for series in scaling(1, most_triangles=10_000, most_geoms=50, most_worlds=4)}
+    assert list(found) == ["rays", "triangles", "geoms", "threads", "worlds"]
+    assert found["worlds"].sizes == (1, 4)
     assert found["rays"].sizes == (4800, 19200, 76800, 307200)
     assert found["threads"].sizes[0] == 1
     for series in found.values():

@@ -3,6 +3,7 @@
 import multiprocessing
 from collections.abc import Callable
 from dataclasses import fields
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
 
 import mujoco
@@ -142,6 +143,13 @@ def test_several_processes_at_once(folder: Path) -> None:
     with multiprocessing.get_context("spawn").Pool(3) as pool:
         assert len(set(pool.map(_start, range(6)))) == 1
     assert len(list(folder.iterdir())) == 1
+
+
+def test_folders_that_others_remove_meanwhile_are_passed_over(folder: Path) -> None:
+    """Two writers, each with a folder of its own for a moment, while the other looks for room."""
+    with ThreadPool(4) as pool:
+        pool.map(lambda k: disk_cache.keep_arrays({"k": np.zeros(k)}, folder / f"{k}.npz"), range(150))
+    assert len(list(folder.glob("*.npz"))) == 150
 
 
 def test_scene_reads_its_height_field_but_keeps_no_edited_one(builds: list[int], folder: Path) -> None:

@@ -307,6 +307,15 @@ FAULTS: dict[str, tuple[Any, str]] = {
         {"geom_xpos": np.full((2, 8, 3), "x"), "geom_xmat": np.zeros((2, 8, 9))},
         "geom_xpos: got an array of <U1",
     ),
+    "nothing at all": (
+        None,
+        "Rig: data: got NoneType, expected MjData, or many worlds: a mujoco_warp Data, a list of MjData, a",
+    ),
+    "numbers": ({"geom_xpos": 1.0, "geom_xmat": 2.0}, r"geom_xpos: got 1.0, expected an array \(nworld, ngeom, 3\)"),
+    "times of two axes": (
+        {"geom_xpos": np.zeros((2, 8, 3)), "geom_xmat": np.ones((2, 8, 9)), "time": np.zeros((2, 2))},
+        r"time: got shape \(2, 2\), expected \(2,\): one per world",
+    ),
     "rotations that are nothing": (
         {"geom_xpos": np.zeros((2, 8, 3)), "geom_xmat": np.zeros((2, 8, 9))},
         "batch: geom_xmat of world 0 is all zeros, expected rotation matrices",
@@ -333,6 +342,11 @@ FAULTS: dict[str, tuple[Any, str]] = {
 def test_what_is_no_batch_is_refused(robot: mujoco.MjModel, batch: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         rig_of(robot, "fixed").sense(batch)
+
+
+def test_one_mjdata_is_no_batch(datas: list[mujoco.MjData]) -> None:
+    with pytest.raises(InputError, match="batch: got MjData, expected a mujoco_warp Data, a list of MjData"):
+        Worlds(datas[0])
 
 
 def test_data_of_another_model_is_refused_by_its_place(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
@@ -371,5 +385,7 @@ def test_worlds_that_a_frame_does_not_have_are_refused(
     frame = rig_of(robot, "lidar").sense(datas)["lidar"]
     with pytest.raises(InputError, match=f"no world {world}, expected 0 to {COUNT - 1}"):
         frame.world(world)
+    with pytest.raises(InputError, match="world: got float, expected int"):
+        frame.world(1.0)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="got a frame of one world, expected one of many"):
-        frame.world(0).world(0)
+        frame.world(np.int64(0)).world(0)  # type: ignore[arg-type]

@@ -170,7 +170,7 @@ def test_a_mujoco_batch_brings_its_meshes(robot: mujoco.MjModel, datas: list[muj
 OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
     "too few active": ({"active": [True] * 3}, r"active: got shape \(3,\), expected \(4, \.\.\.\): one per world"),
     "numbers for active": ({"active": [0.5] * 4}, "active: got an array of float64, expected bool"),
-    "negative ids": ({"ids": [0, 1, -2, 3]}, "ids: world 2: got -2, expected .* whole numbers from 0 to 2"),
+    "negative ids": ({"ids": [0, 1, -2, 3]}, "ids: world 2: got -2, expected whole numbers from 0 to 2"),
     "sizes of other geoms": (
         {"geom_size": np.ones((4, 2, 3))},
         r"geom_size: got shape \(4, 2, 3\), expected \(4, 8, 3\)",
@@ -178,8 +178,17 @@ OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
     "visible of other geoms": ({"visible": np.ones((4, 2), bool)}, r"visible: got shape \(4, 2\), expected \(4, 8\)"),
     "a size of NaN": (
         {"geom_size": np.full((4, 8, 3), np.nan)},
-        "geom_size: world 0, geom 0: got .*nan.*, expected up to",
+        "geom_size: world 0, geom 0: got .*nan.*, expected 0 to 1e",
     ),
+    "a size below 0": (
+        {"geom_size": np.full((4, 8, 3), -1.0)},
+        r"geom_size: world 0, geom 0: got \[-1.0, -1.0, -1.0\], expected 0 to 1e",
+    ),
+    "active of two axes": (
+        {"active": np.ones((4, 2), bool)},
+        r"active: got shape \(4, 2\), expected \(4,\): one per world",
+    ),
+    "ids of two axes": ({"ids": np.ones((4, 1), int)}, r"ids: got shape \(4, 1\), expected \(4,\): one per world"),
     "a mesh there is not": (
         {"geom_dataid": np.full((4, 8), 7)},
         "geom_dataid: world 0, geom 1: got 7, expected a mesh or height field of the model, or -1",

@@ -37,7 +37,9 @@ class Differences:
             if values is not None and values.shape != expected:
                 raise InputError(f"Worlds: {name}: got shape {values.shape}, expected {expected}")
         if self.size is not None:
-            _refuse("geom_size", ~(np.abs(self.size) <= FARTHEST).all(axis=-1), self.size, f"up to {FARTHEST:g} m")
+            # what a kind of geom makes no use of may be anything in the model
+            is_size = ((self.size >= 0) | (self.size == model.geom_size)) & (np.abs(self.size) <= FARTHEST)
+            _refuse("geom_size", ~is_size.all(axis=-1), self.size, f"0 to {FARTHEST:g} m")
         if self.dataid is not None:
             count = np.where(model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD, model.nhfield, model.nmesh)
             bad = needs_asset(model) & ((self.dataid < -1) | (self.dataid >= count))

@@ -23,6 +23,9 @@ SHAPE_FIELDS = ("geom_size", "geom_dataid")
 
 Batch: TypeAlias = Any
 """A mujoco_warp `Data`, a list of MjData, a `mujoco.batch.Batch`, or a mapping of MuJoCo's names to arrays."""
+BATCHES = (
+    "a mujoco_warp Data, a list of MjData, a mujoco.batch.Batch, or a mapping of names such as 'geom_xpos' to arrays"
+)
 
 
 class Source(Protocol):
@@ -104,6 +107,8 @@ class _Arrays:
         position = get("geom_xpos")
         if position is None or get("geom_xmat") is None:
             raise InputError("Worlds: batch: expected 'geom_xpos' and 'geom_xmat', got none")
+        if not hasattr(position, "__len__"):
+            raise InputError(f"Worlds: geom_xpos: got {position!r}, expected an array (nworld, ngeom, 3)")
         self.count = len(position)
 
     @property
@@ -135,10 +140,7 @@ def source_of(batch: Batch) -> Source:
         return _MujocoBatch(batch)
     if is_on_device(batch):
         return _Arrays(lambda name: getattr(batch, name))
-    raise InputError(
-        f"Worlds: batch: got {type(batch).__name__}, expected a mujoco_warp Data, a list of MjData, a "
-        "mujoco.batch.Batch, or a mapping of names such as 'geom_xpos' to arrays"
-    )
+    raise InputError(f"Worlds: batch: got {type(batch).__name__}, expected {BATCHES}")
 
 
 def is_on_device(batch: object) -> bool:

@@ -124,7 +124,7 @@ class Worlds:
         """Raise InputError where a field of rotations (nworld, n, 3, 3) is all zeros in a world that is sensed."""
         is_unset = ~rotation.reshape(self.count, -1).any(axis=1)
         if self._active is not None and not isinstance(self._active, wp.array):
-            is_unset &= self._per_world("active", self._active, np.bool_)
+            is_unset &= self._one_each("active", self._active, np.bool_)
         if rotation.size and is_unset.any():
             world = int(np.argmax(is_unset))
             raise InputError(f"Worlds: batch: {name} of world {world} {self._source.unset}")
@@ -148,7 +148,7 @@ class Worlds:
         if isinstance(self._active, wp.array):
             require_array("active", self._active, (self.count,), (wp.bool,), device)
             return self._active
-        return wp.array(self._per_world("active", self._active, np.bool_), dtype=wp.bool, device=device)
+        return wp.array(self._one_each("active", self._active, np.bool_), dtype=wp.bool, device=device)
 
     def times(self, device: wp.Device, out: wp.array | None = None) -> wp.array:
         """(nworld,) float64 [s] on the device, an array of its own."""
@@ -158,7 +158,7 @@ class Worlds:
             require_array("time", given, (self.count,), (wp.float32, wp.float64), device)
             wp.utils.array_cast(given, times)
         elif given is not None:
-            times.assign(self._per_world("time", given, np.float64))
+            times.assign(self._one_each("time", given, np.float64))
         else:
             times.zero_()
         return times
@@ -172,6 +172,13 @@ class Worlds:
             raise InputError(f"Worlds: {name}: got shape {values.shape}, expected ({self.count}, ...): one per world")
         return values
 
+    def _one_each(self, name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
+        """(nworld,) numbers."""
+        values = self._per_world(name, given, dtype)
+        if values.ndim != 1:
+            raise InputError(f"Worlds: {name}: got shape {values.shape}, expected ({self.count},): one per world")
+        return values
+
     def _per_sensor(
         self, option: str, given: Mapping[str, Sequence[Value]] | None, kind: type[Value]
     ) -> dict[str, PerWorld[Value]]:
@@ -183,11 +190,12 @@ class Worlds:
         }
 
     def _checked_ids(self, given: ArrayLike) -> NDArray[np.uint32]:
-        ids = self._per_world("ids", given, np.int64)
+        ids = self._one_each("ids", given, np.int64)
         bad = np.flatnonzero((ids < 0) | (ids >= 2**32))
-        if ids.ndim != 1 or bad.size:
-            where = f"world {bad[0]}: got {ids[bad[0]]}" if bad.size else f"got shape {ids.shape}"
-            raise InputError(f"Worlds: ids: {where}, expected ({self.count},) whole numbers from 0 to 2^32 - 1")
+        if bad.size:
+            raise InputError(
+                f"Worlds: ids: world {bad[0]}: got {ids[bad[0]]}, expected whole numbers from 0 to 2^32 - 1"
+            )
         return ids.astype(np.uint32)
 
 
