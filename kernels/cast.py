@@ -8,7 +8,7 @@ import warp as wp
 
 from .geometry import FARTHEST, Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
-from .launch import RAYS_PER_SLICE, TURN, launch_over_rays, prepare_over_rays, prepare_over_tiles, thread_count
+from .launch import RAYS_PER_SLICE, TURN, prepare_over_rays, prepare_over_tiles, thread_count
 from .moving import at_firings
 from .out import Out, write_miss, write_place
 from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
@@ -19,7 +19,7 @@ from .poses import scope_of
 from .ray import cast_ray
 from .rays import RayArrays, Rays, direction_of, firing_of, origin_of, span_of
 from .solids import has_triangles
-from .vectors import lowest_bit, to_double
+from .vectors import lowest_bit
 
 RAYS_PER_THREAD = 32
 """On the CPU: for each thread that a kernel is launched over, Warp copies its arguments."""
@@ -313,33 +313,3 @@ def _prepare_alone(
     threads, slice_size = -(-count // per_thread), max(1, RAYS_PER_SLICE // per_thread)
     inputs = [per_thread, count, *scene, which, *how]
     return prepare_over_rays(cast_rays, threads, inputs, [hits.out()], device, slice_size)
-
-
-@wp.kernel
-def widen(narrow: wp.array[wp.vec3], wide: wp.array[wp.vec3d]) -> None:
-    i = wp.tid()
-    wide[i] = to_double(narrow[i])
-
-
-@wp.kernel
-def normalize(first: int, vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]) -> None:
-    i = first + wp.tid()
-    # scaled by the largest component first: squares of 1e-200 would vanish, those of 1e200 overflow
-    scaled = vectors[i] / wp.max(wp.abs(vectors[i]))
-    unit[i] = scaled / wp.length(scaled)
-
-
-def as_double(vectors: wp.array) -> wp.array:
-    """(n,) vec3d of (n,) vec3 or vec3d."""
-    if vectors.dtype == wp.vec3d:
-        return vectors
-    wide = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
-    wp.launch(widen, vectors.size, inputs=[vectors], outputs=[wide], device=vectors.device)
-    return wide
-
-
-def unit_directions(vectors: wp.array) -> wp.array:
-    """(n,) vec3d of length 1, NaN where (n,) vec3 or vec3d vectors have none."""
-    unit = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
-    launch_over_rays(normalize, vectors.size, [as_double(vectors)], [unit], vectors.device)
-    return unit

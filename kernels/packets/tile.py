@@ -26,7 +26,8 @@ from .packet import (
     view_from,
 )
 from .solids import triage_closed_forms
-from .triangles import cast_packet_through_triangles, packet_among_triangles
+from .sought import packet_among_triangles
+from .triangles import cast_packet_through_triangles
 
 
 @wp.struct

@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.cast import as_double, unit_directions
 from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.unit import as_double, unit_directions
 from rigcast.sensors.errors import InputError
 
 

@@ -23,10 +23,10 @@ from made_worlds import (
 from moeller_trumbore import dot, moeller_trumbore, norm
 
 from rigcast.kernels import launch
-from rigcast.kernels.cast import unit_directions
 from rigcast.kernels.geometry import FARTHEST
 from rigcast.kernels.solids import BOX, CAPSULE, CYLINDER, ELLIPSOID, PLANE, SPHERE
 from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.unit import unit_directions
 
 INF = np.inf
 

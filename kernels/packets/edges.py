@@ -1,0 +1,219 @@
+"""A packet against the triangles of one block: their edges, then their planes.
+
+Rounding, u = eps / 2, e = Vi - Vj, m = Vi + Vj: one of e, three of m, one each of the products and of the difference of
+c, one of a, and three of the dot product make 10u |e|_1 |m|_1 for each of the three products; p and q have one each,
+their products one, the two sums two: s is within 14u |e|_1 (|Vi|_1 + |Vj|_1) (1 + |p| + |q|) of what it should be. 24u
+are allowed for. The distance V0 . n / ((a + p u + q v) . n) |a + p u + q v| has 6u |V0| of its numerator and 12u t of
+its denominator, over |cos|; 16u (|V| + t) / |cos| are allowed for. What is too near to call goes to float64, by
+rigcast.kernels.hits.
+"""
+
+import warp as wp
+
+from rigcast.kernels.geometry import TriangleBlock
+from rigcast.kernels.tree import WIDTH, vec8
+from rigcast.kernels.triangle import GRAZING
+from rigcast.kernels.triangle import ROUNDING as HEIGHT_ROUNDING
+from rigcast.kernels.vectors import larger, norm1, smaller
+
+from .packet import LANES, lanes
+from .sought import Sought
+
+SIDE_ROUNDING = wp.constant(12.0 * 2.0**-23)  # 24u
+DISTANCE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
+
+
+@wp.struct
+class Edges:
+    """What the triangles of a block are to the rays of a tile: linear functions of (1, p, q), and their rounding."""
+
+    side0_a: vec8
+    side0_u: vec8
+    side0_v: vec8
+    side1_a: vec8
+    side1_u: vec8
+    side1_v: vec8
+    side2_a: vec8
+    side2_u: vec8
+    side2_v: vec8
+    slope_a: vec8
+    slope_u: vec8
+    slope_v: vec8
+    rounding: vec8
+    height: vec8
+    reach: vec8
+    possible: int  # bit by bit, which of the triangles any ray of the packet may hit
+
+
+@wp.func
+def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
+    x0 = block.x0
+    y0 = block.y0
+    z0 = block.z0
+    x1 = block.x1
+    y1 = block.y1
+    z1 = block.z1
+    x2 = block.x2
+    y2 = block.y2
+    z2 = block.z2
+    normal_x = block.normal_x
+    normal_y = block.normal_y
+    normal_z = block.normal_z
+    origin = sought.view.origin
+    rest = sought.view.origin_rest
+    a = sought.view.axis
+    u = sought.view.u
+    v = sought.view.v
+    p = sought.p
+    q = sought.q
+    p_half = sought.p_half
+    q_half = sought.q_half
+    scale = SIDE_ROUNDING * (1.0 + wp.abs(p) + p_half + wp.abs(q) + q_half)
+    s0a = vec8()
+    s0u = vec8()
+    s0v = vec8()
+    s1a = vec8()
+    s1u = vec8()
+    s1v = vec8()
+    s2a = vec8()
+    s2u = vec8()
+    s2v = vec8()
+    na = vec8()
+    nu = vec8()
+    nv = vec8()
+    rounding = vec8()
+    height = vec8()
+    reach = vec8()
+    possible = int(0)
+    for j in range(WIDTH):
+        w0 = wp.vec3(x0[j], y0[j], z0[j])
+        w1 = wp.vec3(x1[j], y1[j], z1[j])
+        w2 = wp.vec3(x2[j], y2[j], z2[j])
+        v0 = (w0 - origin) - rest
+        v1 = (w1 - origin) - rest
+        v2 = (w2 - origin) - rest
+        e0 = w0 - w1
+        e1 = w1 - w2
+        e2 = w2 - w0
+        c0 = wp.cross(e0, v0 + v1)
+        c1 = wp.cross(e1, v1 + v2)
+        c2 = wp.cross(e2, v2 + v0)
+        n = wp.vec3(normal_x[j], normal_y[j], normal_z[j])
+        size0 = norm1(v0)
+        size1 = norm1(v1)
+        size2 = norm1(v2)
+        side = larger(norm1(e0) * (size0 + size1), larger(norm1(e1) * (size1 + size2), norm1(e2) * (size2 + size0)))
+        r = scale * side
+        s0a[j] = wp.dot(c0, a)
+        s0u[j] = wp.dot(c0, u)
+        s0v[j] = wp.dot(c0, v)
+        s1a[j] = wp.dot(c1, a)
+        s1u[j] = wp.dot(c1, u)
+        s1v[j] = wp.dot(c1, v)
+        s2a[j] = wp.dot(c2, a)
+        s2u[j] = wp.dot(c2, u)
+        s2v[j] = wp.dot(c2, v)
+        na[j] = wp.dot(n, a)
+        nu[j] = wp.dot(n, u)
+        nv[j] = wp.dot(n, v)
+        rounding[j] = r
+        height[j] = wp.dot(v0, n)
+        reach[j] = larger(size0, larger(size1, size2))
+        # the sides at the middle of the packet, and how much they change to its corners
+        m0 = s0a[j] + p * s0u[j] + q * s0v[j]
+        m1 = s1a[j] + p * s1u[j] + q * s1v[j]
+        m2 = s2a[j] + p * s2u[j] + q * s2v[j]
+        d0 = p_half * wp.abs(s0u[j]) + q_half * wp.abs(s0v[j]) + r
+        d1 = p_half * wp.abs(s1u[j]) + q_half * wp.abs(s1v[j]) + r
+        d2 = p_half * wp.abs(s2u[j]) + q_half * wp.abs(s2v[j]) + r
+        left = smaller(m0 + d0, smaller(m1 + d1, m2 + d2)) >= 0.0
+        right = larger(m0 - d0, larger(m1 - d1, m2 - d2)) <= 0.0
+        possible = possible | wp.where(left or right, 1 << j, 0)
+    edges = Edges()
+    edges.side0_a = s0a
+    edges.side0_u = s0u
+    edges.side0_v = s0v
+    edges.side1_a = s1a
+    edges.side1_u = s1u
+    edges.side1_v = s1v
+    edges.side2_a = s2a
+    edges.side2_u = s2u
+    edges.side2_v = s2v
+    edges.slope_a = na
+    edges.slope_u = nu
+    edges.slope_v = nv
+    edges.rounding = rounding
+    edges.height = height
+    edges.reach = reach
+    edges.possible = possible
+    return edges
+
+
+@wp.struct
+class Inside:
+    """How far inside its nearest edge each ray passes a triangle, and whether (some != 0) any may pass through it."""
+
+    by: lanes
+    some: int
+
+
+@wp.func
+def pass_edges(p: lanes, q: lanes, side0: wp.vec3, side1: wp.vec3, side2: wp.vec3, rounding: float) -> Inside:
+    """The rays of a packet against the edges of one triangle; side0 and so on are those of Edges."""
+    by = lanes()
+    some = int(0)
+    for i in range(LANES):
+        s0 = side0[0] + p[i] * side0[1] + q[i] * side0[2]
+        s1 = side1[0] + p[i] * side1[1] + q[i] * side1[2]
+        s2 = side2[0] + p[i] * side2[1] + q[i] * side2[2]
+        nearest = larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
+        by[i] = nearest
+        some = some | wp.where(nearest >= -rounding, 1, 0)
+    inside = Inside()
+    inside.by = by
+    inside.some = some
+    return inside
+
+
+@wp.struct
+class Met:
+    """From where to where each ray's distance to a triangle may be."""
+
+    near: lanes
+    far: lanes
+
+
+@wp.func
+def meet_plane(
+    p: lanes,
+    q: lanes,
+    length: lanes,
+    inside: lanes,
+    slopes: wp.vec3,
+    rounding: float,
+    height: float,
+    size: float,
+    cull: int,
+) -> Met:
+    """The rays of a packet against one triangle, inside whose edges they pass, as triage_triangle has it."""
+    # how steep 1 / slope may be where the distance is sure: not at all where the origin is nearly in the plane
+    steepest = wp.where(wp.abs(height) > HEIGHT_ROUNDING * size, 1.0 / GRAZING, 0.0)
+    near = lanes()
+    far = lanes()
+    # conditions are wp.where of distances: with `and` and `or` the loop is not vectorised, with numbers it is slower
+    for i in range(LANES):
+        slope = slopes[0] + p[i] * slopes[1] + q[i] * slopes[2]
+        per_slope = length[i] / slope
+        t = height * per_slope
+        error = DISTANCE_ROUNDING * (size + wp.abs(t)) * wp.abs(per_slope)
+        is_dropped = larger(-t, slope * float(cull)) > 0.0
+        sure_near = wp.where(is_dropped, wp.inf, t - error)
+        sure_far = wp.where(is_dropped, wp.inf, t + error)
+        is_steep = wp.abs(per_slope) < steepest
+        hit_near = wp.where(inside[i] > rounding, wp.where(is_steep, sure_near, 0.0), 0.0)
+        near[i] = wp.where(inside[i] >= -rounding, hit_near, wp.inf)
+        far[i] = wp.where(inside[i] > rounding, wp.where(is_steep, sure_far, wp.inf), wp.inf)
+    met = Met()
+    met.near = near
+    met.far = far
+    return met
