@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from rigcast.bench.casters import Floats
 from rigcast.bench.workloads import View, Workload, hills, room, warehouse
-from rigcast.kernels.solids import TRIANGLES
+from rigcast.kernels.shapes.solids import TRIANGLES
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
 

@@ -14,8 +14,8 @@ from rigcast.bench.casters.with_rigcast import RigcastCaster
 from rigcast.bench.figure import Spread
 from rigcast.bench.race import in_turns
 from rigcast.bench.workloads import View, Workload, hills, warehouse
-from rigcast.kernels import tree
 from rigcast.kernels.launch import thread_count
+from rigcast.kernels.trees import tree
 
 ROUNDS = 5
 

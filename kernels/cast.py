@@ -18,7 +18,7 @@ from .packets.tile import cast_tile, clear_packet
 from .poses import scope_of
 from .ray import cast_ray
 from .rays import RayArrays, Rays, direction_of, firing_of, origin_of, span_of
-from .solids import has_triangles
+from .shapes.solids import has_triangles
 from .vectors import lowest_bit
 
 RAYS_PER_THREAD = 32
@@ -267,7 +267,7 @@ def cast(
 
     Args:
         visible: bool per shape, for all worlds, or for each shape of each world.
-        cull: CULL_NONE, CULL_BACK or CULL_FRONT of rigcast.kernels.triangle.
+        cull: CULL_NONE, CULL_BACK or CULL_FRONT of rigcast.kernels.shapes.triangle.
         out: where to write; None makes new arrays.
 
     Returns:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .tree import Node, moved_nodes, struct_zeros, vec8, vec8i
+from .trees.tree import Node, moved_nodes, struct_zeros, vec8, vec8i
 
 NO_FACE = wp.constant(-1)
 FARTHEST = wp.constant(1.0e18)
@@ -47,8 +47,8 @@ class TriangleBlock:
 class Geometry:
     """All that a cast reads.
 
-    Shapes 0..n-1 have a kind (PLANE..SHEET of rigcast.kernels.solids), a size as there, and a pose in the world. With I
-    instants in each of W worlds, I > 1, there are S = (I - 1) W spans, else S = W.
+    Shapes 0..n-1 have a kind (PLANE..SHEET of rigcast.kernels.shapes.solids), a size as there, and a pose in the world.
+    With I instants in each of W worlds, I > 1, there are S = (I - 1) W spans, else S = W.
     """
 
     # triangle trees:
@@ -106,7 +106,7 @@ def join_triangle_trees(
 
 @dataclass(frozen=True)
 class Shapes:
-    """Shapes as numpy arrays: kind and size as in rigcast.kernels.solids, and boxes in their own frames.
+    """Shapes as numpy arrays: kind and size as in rigcast.kernels.shapes.solids, and boxes in their own frames.
 
     tree: index of the triangle tree, -1 for closed forms. center, half: (n, 3) [m], half +inf where unbounded.
     """

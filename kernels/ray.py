@@ -5,10 +5,10 @@ import warp as wp
 from .geometry import Geometry, TriangleBlock
 from .hits import APART, Hit, WorldRay, first_of, hit_within, no_hit
 from .poses import Scope, pose_of
-from .solids import SHEET, has_triangles, triage_closed_form
+from .shapes.solids import SHEET, has_triangles, triage_closed_form
+from .shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
 from .traverse import Entered, sign_bits, traversal
-from .tree import WIDTH, Node, vec8, vec8i
-from .triangle import CULL_FRONT, CULL_NONE, triage_triangle
+from .trees.tree import WIDTH, Node, vec8, vec8i
 from .vectors import larger, lowest_bit, smaller, to_double, to_float
 
 MARGIN = wp.constant(4.0 * 2.0**-23)

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import warp as wp
 
-from .packets.sorting import Packets
+from .packing.sorting import Packets
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from .geometry import Geometry
-from .tree import NO_CHILD, STACK, Node, vec8, vec8i
+from .trees.tree import NO_CHILD, STACK, Node, vec8, vec8i
 from .vectors import lowest_bit
 
 stack_of_nodes = wp.types.vector(length=STACK, dtype=wp.int32)

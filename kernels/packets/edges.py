@@ -11,9 +11,9 @@ rigcast.kernels.hits.
 import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
-from rigcast.kernels.tree import WIDTH, vec8
-from rigcast.kernels.triangle import GRAZING
-from rigcast.kernels.triangle import ROUNDING as HEIGHT_ROUNDING
+from rigcast.kernels.shapes.triangle import GRAZING
+from rigcast.kernels.shapes.triangle import ROUNDING as HEIGHT_ROUNDING
+from rigcast.kernels.trees.tree import WIDTH, vec8
 from rigcast.kernels.vectors import larger, norm1, smaller
 
 from .packet import LANES, lanes

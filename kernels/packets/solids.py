@@ -1,10 +1,10 @@
-"""The functions of rigcast.kernels.solids and .solid_normals over the lanes of a packet."""
+"""The functions of rigcast.kernels.shapes.solids and .solid_normals over the lanes of a packet."""
 
 from typing import Any
 
 import warp as wp
 
-from rigcast.kernels.solid_normals import (
+from rigcast.kernels.shapes.solid_normals import (
     box_normal,
     capsule_normal,
     cylinder_normal,
@@ -12,7 +12,7 @@ from rigcast.kernels.solid_normals import (
     plane_normal,
     sphere_normal,
 )
-from rigcast.kernels.solids import (
+from rigcast.kernels.shapes.solids import (
     CAPSULE,
     CYLINDER,
     ELLIPSOID,

@@ -5,10 +5,10 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE
 from rigcast.kernels.poses import pose_of
-from rigcast.kernels.solids import SHEET, has_triangles
+from rigcast.kernels.shapes.solids import SHEET, has_triangles
+from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.traverse import Entered, traversal
-from rigcast.kernels.tree import Node, vec8
-from rigcast.kernels.triangle import CULL_FRONT, CULL_NONE
+from rigcast.kernels.trees.tree import Node, vec8
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
 
 from .frustum import Frustum, enter_frustum, frustum_of, packets_at_box

@@ -15,7 +15,7 @@ from unittest.mock import patch
 import mujoco
 import numpy as np
 
-from rigcast.kernels.triangle_tree import build_triangle_tree
+from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.scene.model_geometry import hfield_data, hfield_triangles
 from rigcast.sensors.scene.scene import Scene

@@ -9,7 +9,8 @@ import numpy as np
 import warp as wp
 
 from rigcast.kernels.launch import thread_count
-from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.kernels.packing.sorting import sort_into_packets
+from rigcast.sensors.scene.placed_rays import rays_in_frame
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
 
@@ -75,7 +76,7 @@ def _camera_in_worlds(workload: Workload, worlds: int) -> tuple[int, Callable[[]
     origin, directions = _view(workload, 8)
     scene, seen = Scene(workload.model, "cpu"), Filter(geom_groups=tuple(workload.groups))
     rays = replace(
-        scene.rays_in_frame(directions, origin, np.eye(4)),
+        rays_in_frame(directions, origin, np.eye(4), scene.device),
         position=wp.zeros(worlds, dtype=wp.vec3d, device="cpu"),
         rotation=wp.full(worlds, wp.mat33d(np.eye(3)), dtype=wp.mat33d, device="cpu"),
         packets=sort_into_packets(directions),

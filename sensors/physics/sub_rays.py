@@ -6,7 +6,7 @@ from dataclasses import replace
 import warp as wp
 
 from rigcast.kernels.effects.beams import repeated
-from rigcast.kernels.packets.firings import groups_of, repeat_firing
+from rigcast.kernels.packing.firings import groups_of, repeat_firing
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.scene.packet_cache import cached_packets
 

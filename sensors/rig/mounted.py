@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.kernels.mounts import BYTES_PER_FRAME
-from rigcast.kernels.packets.firings import groups_of
-from rigcast.kernels.packets.in_order import pack_in_order
-from rigcast.kernels.packets.sorting import Packets
+from rigcast.kernels.packing.firings import groups_of
+from rigcast.kernels.packing.in_order import pack_in_order
+from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics

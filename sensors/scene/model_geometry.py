@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree
-from rigcast.kernels.triangle_tree import build_triangle_tree
+from rigcast.kernels.shapes import solids
+from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.errors import InputError, warn_user
 from rigcast.sensors.names import expected_one_of
 

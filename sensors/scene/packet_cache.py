@@ -4,9 +4,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.packets.firings import sort_rays
 from rigcast.kernels.packets.packet import Packet, Tile
-from rigcast.kernels.packets.sorting import Packets
+from rigcast.kernels.packing.firings import sort_rays
+from rigcast.kernels.packing.sorting import Packets
 
 from .disk_cache import Arrays, cache_folder, keep_arrays, place_of, read_arrays
 

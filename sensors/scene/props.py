@@ -8,9 +8,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels import solids
 from rigcast.kernels.geometry import Shapes, TriangleTree
 from rigcast.kernels.mounts import Carriers, Frames
+from rigcast.kernels.shapes import solids
 from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.filter import Filter

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from rigcast.kernels.cast import HitArrays, cast, prepare_cast
 from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays import Rays
-from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 from rigcast.sensors.device import find_device
 from rigcast.sensors.errors import InputError, require_type

@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels import solids
 from rigcast.kernels.deform import surface_shapes
 from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.shapes import solids
 from rigcast.sensors.specs.filter import Filter, is_opaque
 
 from .deforming import all_hidden, flat_surfaces, lost_owners, only_bodies

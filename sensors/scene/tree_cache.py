@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.geometry import TriangleTree
-from rigcast.kernels.triangle_tree import build_triangle_tree
+from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 
 from .disk_cache import Arrays, cache_folder, keep_arrays, place_of, read_arrays
 

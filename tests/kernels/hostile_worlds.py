@@ -10,8 +10,8 @@ from made_worlds import Mesh, Plan, assert_same, cast_through, random_plan, rand
 from numpy.typing import NDArray
 
 from rigcast.kernels.geometry import FARTHEST, Shapes
-from rigcast.kernels.solids import BOX, SPHERE
-from rigcast.kernels.tree import build_tree
+from rigcast.kernels.shapes.solids import BOX, SPHERE
+from rigcast.kernels.trees.tree import build_tree
 from rigcast.kernels.world import World
 
 SEEDS = range(4)

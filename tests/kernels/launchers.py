@@ -12,9 +12,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.solid_normals import closed_form_normal
-from rigcast.kernels.solids import decide_closed_form, triage_closed_form
-from rigcast.kernels.triangle import (
+from rigcast.kernels.shapes.solid_normals import closed_form_normal
+from rigcast.kernels.shapes.solids import decide_closed_form, triage_closed_form
+from rigcast.kernels.shapes.triangle import (
     CULL_NONE,
     decide_triangle,
     intersect_triangle_reference,

@@ -8,12 +8,12 @@ import trimesh
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels import solids
 from rigcast.kernels.cast import cast
 from rigcast.kernels.geometry import Shapes, TriangleTree
 from rigcast.kernels.rays import Rays
-from rigcast.kernels.triangle import CULL_NONE
-from rigcast.kernels.triangle_tree import build_triangle_tree
+from rigcast.kernels.shapes import solids
+from rigcast.kernels.shapes.triangle import CULL_NONE
+from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.kernels.world import World
 
 Doubles = NDArray[np.float64]

@@ -24,8 +24,8 @@ from moeller_trumbore import dot, moeller_trumbore, norm
 
 from rigcast.kernels import launch
 from rigcast.kernels.geometry import FARTHEST
-from rigcast.kernels.solids import BOX, CAPSULE, CYLINDER, ELLIPSOID, PLANE, SPHERE
-from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.shapes.solids import BOX, CAPSULE, CYLINDER, ELLIPSOID, PLANE, SPHERE
+from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.unit import unit_directions
 
 INF = np.inf

@@ -1,4 +1,4 @@
-"""The bounds on |t - t_ref| that rigcast.kernels.triangle and .solids derive hold, and are tight.
+"""The bounds on |t - t_ref| that rigcast.kernels.shapes.triangle and .solids derive hold, and are tight.
 
 On 1e6 rays a kind and more, over offsets of the shapes and scales, against float64 that shares nothing with the
 kernels: Möller and Trumbore's triangle, and of each solid the roots of its surfaces' equations that lie on it.
@@ -13,7 +13,7 @@ from made_worlds import NAME, Doubles, Plan, cast_through, mesh, random_rotation
 from moeller_trumbore import dot, moeller_trumbore, norm
 from numpy.typing import NDArray
 
-from rigcast.kernels.solids import BOX, CAPSULE, CYLINDER, ELLIPSOID, PLANE, SPHERE
+from rigcast.kernels.shapes.solids import BOX, CAPSULE, CYLINDER, ELLIPSOID, PLANE, SPHERE
 
 EPS = 2.0**-23
 INF = np.inf

@@ -44,7 +44,7 @@ def sides(mesh: Mesh, origins: Doubles, directions: Doubles) -> tuple[Doubles, N
 
 
 def bounds(mesh: Mesh, origins: Doubles, directions: Doubles, t: Doubles) -> Doubles:
-    """(rays, faces): 3 eps (max_i |Vi - O| + t) / |cos|, what `kernels/triangle.py` promises; inf where it grazes."""
+    """(rays, faces): 3 eps (max_i |Vi - O| + t) / |cos|, as `kernels/shapes/triangle.py` promises; inf if it grazes."""
     a, b, c = (mesh.corners[:, k].astype(np.float64) for k in range(3))
     normal = np.cross(b - a, c - a)
     away = np.linalg.norm(mesh.corners[None].astype(np.float64) - origins[:, None, None], axis=-1).max(axis=-1)

@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 from numpy.typing import ArrayLike
 
-from rigcast.kernels.triangle_tree import build_triangle_tree
+from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.kernels.unit import unit_directions
 
 SQUARE = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]

@@ -19,7 +19,7 @@ from made_worlds import (
 from moeller_trumbore import dot, norm
 from numpy.typing import NDArray
 
-from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 
 INF = np.inf
 LEAK_RAYS = 15_000

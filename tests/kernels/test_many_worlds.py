@@ -8,12 +8,13 @@ import warp as wp
 from made_worlds import Doubles, Hits, Plan, assert_same, random_plan, random_rotations, unit
 from numpy.typing import ArrayLike
 
-from rigcast.kernels import launch, solids
+from rigcast.kernels import launch
 from rigcast.kernels.cast import cast
 from rigcast.kernels.geometry import Shapes
-from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays import Rays
-from rigcast.kernels.triangle import CULL_NONE
+from rigcast.kernels.shapes import solids
+from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
 
 WORLDS = 7

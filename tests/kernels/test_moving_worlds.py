@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from trimesh import transformations
 
 from rigcast.kernels.cast import cast
-from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays import Rays
-from rigcast.kernels.solids import BOX, CAPSULE, SPHERE
-from rigcast.kernels.triangle import CULL_NONE
+from rigcast.kernels.shapes.solids import BOX, CAPSULE, SPHERE
+from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
 
 FIRINGS = 24

@@ -9,12 +9,12 @@ from made_worlds import Doubles, Hits, assert_same, random_plan, random_rotation
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import cast
-from rigcast.kernels.packets.firings import groups_of, sort_rays
-from rigcast.kernels.packets.in_order import pack_in_order
 from rigcast.kernels.packets.packet import LANES, PACKETS
-from rigcast.kernels.packets.sorting import Packets
+from rigcast.kernels.packing.firings import groups_of, sort_rays
+from rigcast.kernels.packing.in_order import pack_in_order
+from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.rays import Rays
-from rigcast.kernels.triangle import CULL_NONE
+from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
 
 

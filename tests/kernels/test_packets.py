@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 from rigcast.kernels import launch
 from rigcast.kernels.cast import cast
 from rigcast.kernels.packets.packet import LANES, PACKETS
-from rigcast.kernels.packets.sorting import sort_into_packets
-from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.packing.sorting import sort_into_packets
+from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 
 Doubles = NDArray[np.float64]

@@ -12,8 +12,8 @@ import pytest
 from made_worlds import KINDS, NAME, Doubles, unit
 from moeller_trumbore import dot, norm
 
-from rigcast.kernels.solids import BOX, CAPSULE, CYLINDER, ELLIPSOID, PLANE, SPHERE
-from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.shapes.solids import BOX, CAPSULE, CYLINDER, ELLIPSOID, PLANE, SPHERE
+from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 
 EPS = 2.0**-23
 INF = np.inf

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigcast.kernels import tree
-from rigcast.kernels.tree import NO_CHILD, STACK, Tree, build_tree, join_trees, moved_nodes
+from rigcast.kernels.trees import tree
+from rigcast.kernels.trees.tree import NO_CHILD, STACK, Tree, build_tree, join_trees, moved_nodes
 
 Boxes = tuple[NDArray[np.float32], NDArray[np.float32]]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigcast.kernels.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 
 EPS = 2.0**-23
 INF = np.inf

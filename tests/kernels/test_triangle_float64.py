@@ -11,7 +11,7 @@ import pytest
 from moeller_trumbore import Doubles, dot, moeller_trumbore, norm
 from numpy.typing import NDArray
 
-from rigcast.kernels.triangle import CULL_BACK, CULL_NONE
+from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_NONE
 
 EPS = 2.0**-23
 U = EPS / 2

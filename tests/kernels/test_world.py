@@ -16,7 +16,7 @@ from made_worlds import (
     random_rotations,
 )
 
-from rigcast.kernels.solids import BOX, PLANE, SPHERE
+from rigcast.kernels.shapes.solids import BOX, PLANE, SPHERE
 from rigcast.kernels.world import World
 
 RAYS = 4000

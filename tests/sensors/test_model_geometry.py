@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 import rigcast
 from rigcast import InputError
-from rigcast.kernels import solids
 from rigcast.kernels.geometry import TriangleTree
+from rigcast.kernels.shapes import solids
 from rigcast.sensors.scene.model_geometry import hfield_triangles, read_model, unsupported_parts
 
 Floats = NDArray[np.floating]

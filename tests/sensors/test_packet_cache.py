@@ -7,8 +7,8 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.packets.firings import sort_rays
-from rigcast.kernels.packets.sorting import Packets
+from rigcast.kernels.packing.firings import sort_rays
+from rigcast.kernels.packing.sorting import Packets
 from rigcast.sensors.scene import packet_cache
 from rigcast.sensors.scene.packet_cache import cached_packets
 

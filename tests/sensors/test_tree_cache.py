@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rigcast import InputError, Scene
 from rigcast.kernels.geometry import TriangleTree
-from rigcast.kernels.triangle_tree import build_triangle_tree
+from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.scene import disk_cache, tree_cache
 from rigcast.sensors.scene.model_geometry import hfield_triangles
 from rigcast.sensors.scene.tree_cache import cached_triangle_tree

@@ -7,7 +7,7 @@ from importlib.metadata import version
 import mujoco
 import numpy as np
 
-from rigcast.kernels.packets.sorting import sort_into_packets
+from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.oracle import Things
 from rigcast.sensors.scene.hits import NumpyHits
 from rigcast.sensors.scene.placed_rays import rays_in_frame

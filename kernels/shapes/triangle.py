@@ -41,7 +41,7 @@ and that one shows. No ray slips through for it: all triangles whose edges it is
 
 import warp as wp
 
-from .vectors import Interval, interval, larger, norm1, smaller
+from rigcast.kernels.vectors import Interval, interval, larger, norm1, smaller
 
 CULL_NONE = wp.constant(0)
 CULL_BACK = wp.constant(1)

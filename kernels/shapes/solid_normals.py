@@ -1,9 +1,10 @@
-"""The outward normals of MuJoCo's closed-form geoms, in the geom's own frame; sizes as in rigcast.kernels.solids."""
+"""The outward normals of MuJoCo's closed-form geoms, in the geom's own frame; sizes as in `solids`."""
 
 import warp as wp
 
+from rigcast.kernels.vectors import larger, smaller
+
 from .solids import BOX, CAPSULE, CYLINDER, ELLIPSOID, SPHERE
-from .vectors import larger, smaller
 
 PLACE_ROUNDING = wp.constant(2.0**-22)
 

@@ -11,13 +11,14 @@ whose second derivative is a^2 r. What runs on chords stays within the box of bo
 
 import warp as wp
 
+from rigcast.kernels.geometry import FARTHEST, Geometry
+from rigcast.kernels.moving import turn_between
+from rigcast.kernels.poses import Pose, first_instant_of, first_of_world, pose_at, world_of
+from rigcast.kernels.vectors import to_float
+
 from .boxes import Box, empty_box, join
 from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from .geometry import FARTHEST, Geometry
-from .moving import turn_between
-from .poses import Pose, first_instant_of, first_of_world, pose_at, world_of
 from .tree import NO_CHILD, OUTWARDS, WIDTH, Node, set_child
-from .vectors import to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

@@ -9,9 +9,9 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.packets.packet import LANES, PACKETS, Packet, Tile, double_lanes, int_lanes, lanes
 from rigcast.kernels.vectors import larger, smaller
 
-from .packet import LANES, PACKETS, Packet, Tile, double_lanes, int_lanes, lanes
 from .sorting import SLACK, SPARSE, TILE, WIDEST, Packets
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})

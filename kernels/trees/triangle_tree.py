@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.geometry import FARTHEST, NO_FACE, TriangleBlock, TriangleTree
+from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.vectors import to_double, to_float
+
 from .boxes import empty_box, join
-from .geometry import FARTHEST, NO_FACE, TriangleBlock, TriangleTree
-from .launch import launch_over_rays
 from .tree import WIDTH, Tree, build_tree
-from .vectors import to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

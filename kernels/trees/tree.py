@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.launch import launch_over_rays
+
 from .boxes import Box, half_area
-from .launch import launch_over_rays
 from .splits import BINS, Bin, Boxes, bounds, split_boxes
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})

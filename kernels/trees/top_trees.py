@@ -6,9 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.launch import launch_over_rays, prepare_over_rays
+
 from .fit import REBUILD_RATIO, Fit
-from .geometry import Geometry
-from .launch import launch_over_rays, prepare_over_rays
 from .top_level import first_boxes, plant, refit, turn_shapes
 from .tree import NO_CHILD, WIDTH, Node, build_tree, empty_nodes, join_trees
 

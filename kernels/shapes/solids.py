@@ -42,8 +42,9 @@ from typing import Any
 
 import warp as wp
 
+from rigcast.kernels.vectors import Interval, to_double
+
 from .triangle import CULL_BACK, CULL_FRONT
-from .vectors import Interval, to_double
 
 PLANE = wp.constant(0)
 SPHERE = wp.constant(1)

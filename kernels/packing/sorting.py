@@ -15,9 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.tree import struct_zeros
-
-from .packet import LANES, PACKETS, Packet, Tile
+from rigcast.kernels.packets.packet import LANES, PACKETS, Packet, Tile
+from rigcast.kernels.trees.tree import struct_zeros
 
 TILE = LANES * PACKETS
 CHUNK = 32 * TILE
