@@ -179,18 +179,29 @@ def prefetch_out(out: Out, rays: TileRays, k: int) -> None:
             prefetch_hit(out, rays.first_ray + i)
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return atomicAdd(&turns.data[0], 1);
+#else
+    return __atomic_fetch_add(&turns.data[0], 1, __ATOMIC_RELAXED);
+#endif
+""")
+def turn_of(turns: wp.array[int]) -> int:  # type: ignore[empty-body]
+    """The number of a turn that no other thread has: atomically, which `wp.atomic_add` is not on a CPU."""
+
+
 @wp.func
-def tile_after(index: int, threads: int) -> int:
-    """The next tile of a thread. Threads take turns at runs of neighbouring tiles, whose hits share cache lines."""
+def tile_after(index: int, turns: wp.array[int]) -> int:
+    """The next tile of a thread. A turn is a run of neighbouring tiles, whose hits share cache lines."""
     if (index + 1) % TURN == 0:
-        return index + 1 + (threads - 1) * TURN
+        return turn_of(turns) * TURN
     return index + 1
 
 
 @wp.kernel
 def cast_packets(
     thread: int,
-    threads: int,
+    turns: wp.array[int],  # how many were taken
     worlds: int,
     # scene:
     g: Geometry,
@@ -207,9 +218,9 @@ def cast_packets(
     world_directions: wp.array[Directions],
     out: Out,
 ) -> None:
-    """The tiles of one of so many threads, one after the other, world after world."""
+    """Tiles that no other thread takes, one after the other, of all worlds."""
     copies[thread] = g
-    at = thread * TURN
+    at = turn_of(turns) * TURN
     while at < worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
         index = at % tiles.shape[0]
@@ -233,7 +244,7 @@ def cast_packets(
         rays.first_slot = thread * PACKETS
         rays.best = best
         rays.directions = world_directions
-        following = tile_after(at, threads) % tiles.shape[0]
+        following = (at + 1) % tiles.shape[0]
         for k in range(PACKETS):
             clear_packet(rays, k, rotation)
             prefetch_out(out, rays, k)
@@ -246,7 +257,7 @@ def cast_packets(
                 write_packet(g, out, rays, k)
             else:
                 miss_packet(out, rays, k, wp.nan)
-        at = tile_after(at, threads)
+        at = tile_after(at, turns)
 
 
 def cast(

@@ -10,7 +10,7 @@ import warp as wp
 
 RAYS_PER_SLICE = 8192
 TURN = wp.constant(16)
-"""Tiles that a thread casts before the next thread's begin."""
+"""Tiles that a thread casts before it takes others."""
 RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 32
 _launched: set[wp.Kernel] = set()
 
@@ -85,14 +85,17 @@ def prepare_over_tiles(
     kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]
 ) -> Callable[[], object]:
     """A launch of a CPU kernel over tiles 0..count-1, as `prepare_over_rays`: once in each thread, to take turns at
-    TURN tiles.
+    TURN tiles, each when it is done with its last.
 
-    Its first arguments are the number of a thread and of all threads.
+    Its first arguments are the number of a thread, and the number of turns that were taken, in an array.
     """
     threads, pool = min(thread_count(), -(-count // TURN)), _threads(thread_count())
-    of_threads = [_recorded(kernel, 1, [thread, threads, *inputs], outputs, "cpu") for thread in range(threads)]
+    turns = wp.zeros(1, dtype=int, device="cpu")
+    taken = turns.numpy()
+    of_threads = [_recorded(kernel, 1, [thread, turns, *inputs], outputs, "cpu") for thread in range(threads)]
 
     def launch() -> None:
+        taken[0] = 0
         others = [pool.submit(own) for own in of_threads[1:]]
         of_threads[0]()
         for other in others:
