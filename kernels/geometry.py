@@ -62,12 +62,14 @@ class Geometry:
     center: wp.array[wp.vec3]  # of the shape's box in its own frame, and the half size
     half: wp.array[wp.vec3]
     reach: wp.array[float]  # largest |coordinate| of the shape in its own frame
-    # poses (W I n,), in float64 or in float32, the others are empty; of shapes that move, (firings n,) for the cast:
+    # poses (W I n,), in float64 or in float32, the others are empty; for the cast as rigcast.kernels.moving has them:
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]  # columns: the shape's axes in the world
     position_float: wp.array[wp.vec3]
     rotation_float: wp.array[wp.mat33]
     instants: int  # I
+    movers: wp.array[int]  # the shapes that do not stand still through all instants; both empty where I is 1
+    place: wp.array[int]  # (n,) of each shape among these, -1 of what stands still
     turn: wp.array[wp.vec3d]  # (S n,) rotation vector from a span's first instant to its second; empty where I is 1
     # the trees over the shapes, relative to an anchor each:
     top: wp.array[Node]  # (S m,)

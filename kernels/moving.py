@@ -5,14 +5,17 @@ A position moves on a straight line, and a rotation turns about one axis at an e
     x(f) = x0 + f (x1 - x0)      R(f) = R0 exp(f [w])      exp([w]) = R0^T R1, |w| <= pi
 
 which is what slerp does with quaternions. Shapes are placed for every firing before its rays are cast, so that a ray
-always meets shapes that stand still.
+always meets shapes that stand still; those that do so in all worlds and at all instants are placed once.
+
+With n shapes in W worlds, m of which move, the poses for the cast are those of all shapes of each world at its first
+instant (W n,), and behind them those of the m at each firing of each world (W F m,).
 """
 
 import warp as wp
 
 from .geometry import Geometry
 from .launch import launch_over_rays
-from .poses import first_instant_of, pose_at
+from .poses import first_instant_of, pose_at, worlds_of
 from .rays import RayArrays, Rays, fraction_of, span_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -48,8 +51,15 @@ def place_shapes(
 ) -> None:
     i = first + wp.tid()
     shapes = g.kind.shape[0]
-    firing = i / shapes
-    shape = i % shapes
+    still = worlds_of(g) * shapes
+    if i < still:
+        start = pose_at(g, first_instant_of(g, i / shapes * (g.instants - 1)) + i % shapes)
+        position[i] = start.position
+        rotation[i] = start.rotation
+        return
+    movers = g.movers.shape[0]
+    firing = (i - still) / movers
+    shape = g.movers[(i - still) % movers]
     span = span_of(rays, firing)
     f = fraction_of(rays, firing)
     entry = first_instant_of(g, span) + shape
@@ -65,7 +75,7 @@ def at_firings(geometry: Geometry, rays: Rays) -> Geometry:
     """The geometry with its shapes where they stand at each firing of the rays."""
     placed, device = Geometry(), rays.directions.device
     placed.assign(geometry)
-    count = rays.position.size * geometry.kind.size
+    count = rays.worlds * geometry.kind.size + rays.position.size * geometry.movers.size
     placed.position = wp.empty(count, dtype=wp.vec3d, device=device)
     placed.rotation = wp.empty(count, dtype=wp.mat33d, device=device)
     launch_over_rays(place_shapes, count, [geometry, rays.arrays], [placed.position, placed.rotation], device)

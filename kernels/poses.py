@@ -12,6 +12,7 @@ class Scope:
 
     span: int
     first_pose: int
+    first_still: int  # of the poses of shapes that stand still while others move
     first_shape: int  # of sizes and boxes
     first_visible: int
 
@@ -30,7 +31,10 @@ def scope_of(g: Geometry, visible: wp.array[wp.bool], span: int, firing: int) ->
     world = world_of(g, span)
     scope = Scope()
     scope.span = span
-    scope.first_pose = wp.where(g.instants == 1, span, firing) * shapes
+    scope.first_pose = span * shapes
+    if g.instants > 1:
+        scope.first_still = world * shapes
+        scope.first_pose = worlds_of(g) * shapes + firing * g.movers.shape[0]
     scope.first_shape = first_of_world(g.size.shape[0], shapes, world)
     scope.first_visible = first_of_world(visible.shape[0], shapes, world)
     return scope
@@ -44,6 +48,15 @@ def world_of(g: Geometry, span: int) -> int:
 
 
 @wp.func
+def worlds_of(g: Geometry) -> int:
+    """How many worlds there are."""
+    spans = g.anchor.shape[0]
+    if g.instants == 1:
+        return spans
+    return int(spans / (g.instants - 1))
+
+
+@wp.func
 def first_of_world(size: int, shapes: int, world: int) -> int:
     """Where the entries of a world begin in an array of one for each shape, or of one for each shape of each world."""
     return wp.where(size > shapes, world * shapes, 0)
@@ -52,7 +65,12 @@ def first_of_world(size: int, shapes: int, world: int) -> int:
 @wp.func
 def pose_of(g: Geometry, shape: int, scope: Scope) -> Pose:
     """Where a shape stands for a ray."""
-    return pose_at(g, scope.first_pose + shape)
+    entry = scope.first_pose + shape
+    if g.place.shape[0] > 0:
+        entry = scope.first_still + shape
+        if g.place[shape] >= 0:
+            entry = scope.first_pose + g.place[shape]
+    return pose_at(g, entry)
 
 
 @wp.func

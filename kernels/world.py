@@ -99,6 +99,8 @@ class World:
         Raises:
             ValueError: sizes were set for another number of worlds.
         """
+        if self.geometry.instants > 1:
+            self.geometry.movers, self.geometry.place = None, None
         self._fit(position, rotation, math.prod(_leading(position)), 1)
 
     def sweep(self, position: Poses, rotation: Poses) -> None:
@@ -110,7 +112,14 @@ class World:
             rotation: likewise. A shape whose pose is not finite at one end of a span is not hit in that span.
         """
         *worlds, instants = _leading(position)
+        self._set_movers(_moves(position, rotation))
         self._fit(position, rotation, math.prod(worlds), instants)
+
+    def _set_movers(self, moves: npt.NDArray[np.bool_]) -> None:
+        """Say which shapes (n,) do not stand still."""
+        place = np.where(moves, np.cumsum(moves) - 1, -1)
+        self.geometry.movers = wp.array(np.flatnonzero(moves), dtype=int, device=self.device)
+        self.geometry.place = wp.array(place, dtype=int, device=self.device)
 
     def _fit(self, position: Poses, rotation: Poses, worlds: int, instants: int) -> None:
         sizes = self.geometry.size.size
@@ -146,3 +155,14 @@ class World:
 def _leading(position: Poses) -> tuple[int, ...]:
     """The axes before those of the shapes and of their coordinates."""
     return tuple(position.shape[:-1] if isinstance(position, wp.array) else position.shape[:-2])
+
+
+def _moves(position: Poses, rotation: Poses) -> npt.NDArray[np.bool_]:
+    """(n,) which shapes do not stand still through all instants, in any world; all, where poses are on the device."""
+    *worlds, instants = _leading(position)
+    if isinstance(position, wp.array) or isinstance(rotation, wp.array):
+        return np.ones(position.shape[len(worlds) + 1], np.bool_)
+    count = position.shape[-2]
+    p = position.reshape(math.prod(worlds), instants, count, 3)
+    r = rotation.reshape(math.prod(worlds), instants, count, 9)
+    return np.asarray((p != p[:, :1]).any(axis=(0, 1, 3)) | (r != r[:, :1]).any(axis=(0, 1, 3)))

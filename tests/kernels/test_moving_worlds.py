@@ -1,5 +1,7 @@
 """Shapes that move while rays are fired: each ray meets them where they are at its own time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -139,6 +141,29 @@ def test_what_rests_is_hit_bit_for_bit_as_in_a_frozen_world(packets: bool) -> No
     swept.sweep(np.array([position, position]), np.array([rotation, rotation]))
     rays = fired(4, 1, packets)
     assert_same(all_hits(swept, rays), all_hits(frozen, rays))
+
+
+@CAST
+def test_what_stands_still_is_placed_once_and_hit_bit_for_bit_as_if_it_moved(packets: bool) -> None:
+    """A third of the shapes stands still in all worlds, another third in some; those given on the device all move."""
+    plan = random_plan(5)
+    poses = [moving(plan, seed, 3) for seed in range(4)]
+    position, rotation = (np.array(each).reshape(4, 3, len(plan.kind), -1) for each in zip(*poses, strict=True))
+    for values in (position, rotation):
+        values[:, :, ::3] = values[:, :1, ::3]
+        values[:2, :, 1::3] = values[:2, :1, 1::3]
+    by_host, on_device = (World(plan.trees, plan.shapes, "cpu") for _ in range(2))
+    by_host.sweep(position, rotation)
+    matrices = rotation.reshape(4, 3, -1, 3, 3)
+    on_device.sweep(wp.array(position, dtype=wp.vec3d, device="cpu"), wp.array(matrices, dtype=wp.mat33d, device="cpu"))
+    assert by_host.geometry.movers.size == len(plan.kind) - len(plan.kind[::3])
+    assert on_device.geometry.movers.size == len(plan.kind)
+    rays = fired(5, 2, packets, worlds=4)
+    assert_same(all_hits(by_host, rays), all_hits(on_device, rays))
+    for each in (by_host, on_device):
+        each.update(position[:, 0], rotation[:, 0])
+    frozen = replace(rays, span=None, fraction=None)
+    assert_same(all_hits(by_host, frozen), all_hits(on_device, frozen))
 
 
 @pytest.mark.parametrize("angle", [0.1, 1.0, 3.1])
