@@ -10,6 +10,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.tokens import (
+    AnchorToken,
     BlockEndToken,
     BlockMappingStartToken,
     BlockSequenceStartToken,
@@ -80,7 +81,7 @@ def parse_yaml(source: str, text: str, shown: str | None = None) -> tuple[Node, 
     """
     texts = {source: text if shown is None else shown}
     try:
-        tags = _tags(source, text)
+        refused = _refused(source, text)
         root = _yaml().compose(_stream(source, text))
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -91,7 +92,7 @@ def parse_yaml(source: str, text: str, shown: str | None = None) -> tuple[Node, 
     if root is None:
         raise InputError(f"{source}: the file is empty")
     require_extent(source, root)
-    reader = _Reader(tags)
+    reader = _Reader(refused)
     content = reader.value(root, ())
     if reader.faults:
         raise error_at(texts, reader.faults)
@@ -181,7 +182,9 @@ class _Reader:
 
 
 def _yaml() -> YAML:
-    return YAML(typ="safe", pure=True)
+    yaml = YAML(typ="safe", pure=True)
+    yaml.composer.warn_double_anchors = False  # `_refused` says where
+    return yaml
 
 
 def _stream(source: str, text: str) -> io.StringIO:
@@ -200,10 +203,21 @@ def _read_text(path: Path) -> str:
         raise InputError(f"{path}: not UTF-8 text: byte {error.start}") from None
 
 
-def _tags(source: str, text: str) -> list[Placed]:
-    tokens = [token for token in _shallow_tokens(text) if isinstance(token, TagToken)]
-    message = "got a tag, expected a plain value"
-    return [Placed(source, token.start_mark.line, token.start_mark.column, message) for token in tokens]
+def _refused(source: str, text: str) -> list[Placed]:
+    """Tags, and anchors that hide another one of the same name."""
+    anchors = set[str]()
+    refused = []
+    for token in _shallow_tokens(text):
+        message = None
+        if isinstance(token, TagToken):
+            message = "got a tag, expected a plain value"
+        elif isinstance(token, AnchorToken) and token.value in anchors:
+            message = f"got the anchor &{token.value} a second time, expected another name"
+        elif isinstance(token, AnchorToken):
+            anchors.add(token.value)
+        if message is not None:
+            refused.append(Placed(source, token.start_mark.line, token.start_mark.column, message))
+    return refused
 
 
 def _shallow_tokens(text: str) -> Iterator[Token]:

@@ -132,6 +132,7 @@ FAULTS = [
     ("seed: 1\n§seed: 2\n", "seed: duplicate key 'seed'"),
     (ONE + ", min_range: 1, §min_range: 2}", r"sensors\[0\].min_range: duplicate key 'min_range'"),
     ("seed: §!!int 3\n", "got a tag, expected a plain value"),
+    ("seed: &x 1\nkeyframe: §&x home\n", "got the anchor &x a second time, expected another name"),
     ("a: §!!python/object/apply:os.system [ls]\n", "got a tag, expected a plain value"),
     ("? §[a, b]\n: c\n", "a key must be text"),
     # the file as a rig
