@@ -6,13 +6,6 @@ import warp as wp
 
 from rigcast.kernels.rays import Rays
 
-from .sorting import Packets, sort_into_packets
-
-
-def sort_rays(directions: wp.array, group: npt.NDArray[np.int32] | None) -> Packets:
-    """Sort rays with unit directions (n,) vec3d; group (n,) says which leave together, None that all do."""
-    return sort_into_packets(directions.numpy(), group)
-
 
 def groups_of(rays: Rays) -> npt.NDArray[np.int32] | None:
     """(n,) the same number for rays that leave from one origin in one firing; None where all do."""

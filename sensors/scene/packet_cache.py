@@ -5,8 +5,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.packets.packet import Packet, Tile
-from rigcast.kernels.packing.firings import sort_rays
-from rigcast.kernels.packing.sorting import Packets
+from rigcast.kernels.packing.sorting import Packets, sort_into_packets
 
 from .disk_cache import Arrays, cache_folder, keep_arrays, place_of, read_arrays
 
@@ -17,14 +16,14 @@ _TYPES = {"tiles": Tile, "packets": Packet, "singles": int}
 
 
 def cached_packets(directions: wp.array, group: NDArray[np.int32] | None) -> Packets:
-    """What `sort_rays` makes of them, read from disk where they were sorted before."""
-    folder = cache_folder()
+    """What `sort_into_packets` makes of (n,) vec3d, read from disk where they were sorted before."""
+    folder, unit = cache_folder(), directions.numpy()
     if folder is None or directions.size < FEWEST_RAYS:
-        return sort_rays(directions, group)
-    path = place_of(folder, directions.numpy(), *([] if group is None else [group]))
+        return sort_into_packets(unit, group)
+    path = place_of(folder, unit, *([] if group is None else [group]))
     packets = _packets(read_arrays(path))
     if packets is None:
-        packets = sort_rays(directions, group)
+        packets = sort_into_packets(unit, group)
         keep_arrays({name: getattr(packets, name).numpy() for name in _TYPES}, path)
     return packets
 

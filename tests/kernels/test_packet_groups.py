@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.cast import cast
 from rigcast.kernels.packets.packet import LANES, PACKETS
-from rigcast.kernels.packing.firings import groups_of, sort_rays
+from rigcast.kernels.packing.firings import groups_of
 from rigcast.kernels.packing.in_order import pack_in_order
-from rigcast.kernels.packing.sorting import Packets
+from rigcast.kernels.packing.sorting import Packets, sort_into_packets
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
@@ -96,7 +96,7 @@ def test_rays_from_several_origins_hit_what_they_hit_alone(seed: int) -> None:
     alone = replace(alone, position=vectors(rng.uniform(-3, 3, (1, 3))), rotation=rotation)
     group = groups_of(alone)
     assert group is not None
-    packets = sort_rays(alone.directions, group)
+    packets = sort_into_packets(alone.directions.numpy(), group)
     assert_every_ray_is_in_one_place(packets, group)
     assert packets.tiles.size > 0
     assert_same(hits_of(world, replace(alone, packets=packets)), hits_of(world, alone), f"seed {seed}")

@@ -7,8 +7,7 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.packing.firings import sort_rays
-from rigcast.kernels.packing.sorting import Packets
+from rigcast.kernels.packing.sorting import Packets, sort_into_packets
 from rigcast.sensors.scene import packet_cache
 from rigcast.sensors.scene.packet_cache import cached_packets
 
@@ -26,11 +25,11 @@ def sorts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The rays of each pattern that was sorted and not read."""
     sorted_: list[int] = []
 
-    def sort(directions: wp.array, group: NDArray[np.int32] | None) -> Packets:
-        sorted_.append(directions.size)
-        return sort_rays(directions, group)
+    def sort(directions: NDArray[np.float64], group: NDArray[np.int32] | None) -> Packets:
+        sorted_.append(len(directions))
+        return sort_into_packets(directions, group)
 
-    monkeypatch.setattr(packet_cache, "sort_rays", sort)
+    monkeypatch.setattr(packet_cache, "sort_into_packets", sort)
     return sorted_
 
 
@@ -41,6 +40,11 @@ def directions(count: int = COUNT, turn: float = 0.0) -> wp.array:
 
 def groups(count: int) -> NDArray[np.int32]:
     return (np.arange(COUNT) % count).astype(np.int32)
+
+
+def packed(directions: wp.array, group: NDArray[np.int32] | None) -> Packets:
+    """Without the folder."""
+    return sort_into_packets(directions.numpy(), group)
 
 
 def assert_same(got: Packets, expected: Packets) -> None:
@@ -56,7 +60,7 @@ def test_second_start_reads_the_same_packets(of_several: bool, sorts: list[int])
     first, second = cached_packets(*given), cached_packets(*given)
     assert sorts == [COUNT]
     assert_same(second, first)
-    assert_same(second, sort_rays(*given))
+    assert_same(second, packed(*given))
 
 
 def test_any_other_rays_are_other_packets(sorts: list[int]) -> None:
@@ -67,7 +71,7 @@ def test_any_other_rays_are_other_packets(sorts: list[int]) -> None:
         (directions(), groups(3)),
     )
     for given in several:
-        assert_same(cached_packets(*given), sort_rays(*given))
+        assert_same(cached_packets(*given), packed(*given))
     assert len(sorts) == len(several)
 
 
@@ -75,7 +79,7 @@ def test_file_of_something_else_is_written_anew(sorts: list[int], folder: Path) 
     cached_packets(directions(), None)
     (file,) = folder.iterdir()
     np.savez(file, tiles=np.zeros(3))
-    assert_same(cached_packets(directions(), None), sort_rays(directions(), None))
+    assert_same(cached_packets(directions(), None), packed(directions(), None))
     cached_packets(directions(), None)
     assert len(sorts) == 2
 
