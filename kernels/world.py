@@ -13,8 +13,8 @@ import numpy.typing as npt
 import warp as wp
 
 from .geometry import Geometry, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
+from .trees.nodes import Node, moved_nodes
 from .trees.top_trees import TopTrees
-from .trees.tree import Node, moved_nodes
 from .upload import Upload
 
 Poses = npt.NDArray[np.floating[Any]] | wp.array
