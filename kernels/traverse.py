@@ -10,16 +10,21 @@ from .trees.nodes import NO_CHILD, Node, vec8, vec8i
 from .trees.tree import STACK
 from .vectors import lowest_bit
 
+ALL_LANES = wp.constant(2**16 - 1)
 stack_of_nodes = wp.types.vector(length=STACK, dtype=wp.int32)
 stack_of_distances = wp.types.vector(length=STACK, dtype=wp.float32)
 
 
 @wp.struct
 class Entered:
-    """Which boxes of a node are entered, bit by bit, and at what distances."""
+    """Which boxes of a node are entered, bit by bit, and at what distances.
+
+    lanes: of a packet, bit by bit, which of its rays enter each.
+    """
 
     children: int
     distance: vec8
+    lanes: vec8i
 
 
 @wp.func_native("""
@@ -49,30 +54,35 @@ def traversal(
 
     Args:
         query, found: types of what is sought, and of what has been found so far.
-        enter: (node, query, distance) -> Entered, the boxes that the query enters no farther than the distance.
+        enter: (node, query, lanes that enter its box, distance) -> Entered, the boxes that the query enters no farther
+            than the distance.
         reach: (found) -> distance beyond which nothing better can be.
-        visit: (geometry, query, leaf, distance of its box, found) -> found.
+        visit: (geometry, query, leaf, lanes that enter its box, distance of its box, found) -> found.
     """
 
     def traverse(g: Geometry, nodes: wp.array[Node], root: int, sought: query, best: found) -> found:
         stack = stack_of_nodes()
         distances = stack_of_distances()
+        lanes = stack_of_nodes()
         top = int(0)
         at = int(root)
         near = float(0.0)
+        entering = int(ALL_LANES)
         while at != NO_CHILD:
             children = int(0)
             if at < 0:
-                best = visit(g, sought, -1 - at, near, best)
+                best = visit(g, sought, -1 - at, entering, near, best)
             else:
-                entered = enter(nodes[at], sought, reach(best))
+                entered = enter(nodes[at], sought, entering, reach(best))
                 children = entered.children
             if children != 0:
                 distance = entered.distance
+                who = entered.lanes
                 child = nodes[at].child
                 j = lowest_bit(children)
                 at = child[j]
                 near = distance[j]
+                entering = who[j]
                 children = children & (children - 1)
                 floor = int(top)
                 while children != 0:
@@ -81,16 +91,20 @@ def traversal(
                     is_nearer = distance[j] < near
                     farther = wp.where(is_nearer, at, child[j])
                     far = wp.where(is_nearer, near, distance[j])
+                    others = wp.where(is_nearer, entering, who[j])
                     at = wp.where(is_nearer, child[j], at)
                     near = wp.where(is_nearer, distance[j], near)
+                    entering = wp.where(is_nearer, who[j], entering)
                     # insert where those farther still are below
                     k = int(top)
                     while k > floor and distances[wp.max(k - 1, 0)] < far:
                         stack[k] = stack[k - 1]
                         distances[k] = distances[k - 1]
+                        lanes[k] = lanes[k - 1]
                         k -= 1
                     stack[k] = farther
                     distances[k] = far
+                    lanes[k] = others
                     top += 1
             else:
                 at = NO_CHILD
@@ -99,6 +113,7 @@ def traversal(
                     if distances[top] <= reach(best):
                         at = stack[top]
                         near = distances[top]
+                        entering = lanes[top]
         return best
 
     traverse.__name__ = traverse.__qualname__ = name

@@ -64,7 +64,14 @@ def visit_closed_form(
 
 
 @wp.func
-def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: float, reach: vec8) -> vec8:
+def visit_shape_of_tile(
+    g: Geometry,
+    tile: TileSought,
+    shape: int,
+    lanes: int,  # noqa: ARG001
+    distance: float,
+    reach: vec8,
+) -> vec8:
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
     rays = tile.rays
     kind = g.kind[shape]
@@ -88,7 +95,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
 
 
 @wp.func
-def enter_of_tile(node: Node, sought: TileSought, reach: float) -> Entered:
+def enter_of_tile(node: Node, sought: TileSought, lanes: int, reach: float) -> Entered:  # noqa: ARG001
     return enter_frustum(node, sought.frustum, smaller(reach, sought.rays.limit))
 
 
@@ -109,6 +116,7 @@ cast_tile_through_shapes = traversal(
 def clear_packet(rays: TileRays, k: int, rotation: wp.mat33d) -> None:
     """No hits yet, and the directions of a packet's rays in the world."""
     packet = rays.packets[rays.first_packet + k]
+    numbers = packet.ray
     x = packet.x
     y = packet.y
     z = packet.z
@@ -122,7 +130,7 @@ def clear_packet(rays: TileRays, k: int, rotation: wp.mat33d) -> None:
         world_y[i] = d[1]
         world_z[i] = d[2]
         hits.near[i] = wp.inf
-        hits.far[i] = wp.inf
+        hits.far[i] = wp.where(numbers[i] >= 0, wp.inf, -wp.inf)  # where there is no ray, nothing is entered
         hits.shape[i] = NO_SHAPE
     rays.best[rays.first_slot + k] = hits
     rays.directions[rays.first_slot + k].x = world_x
