@@ -142,7 +142,7 @@ class Mounted:
         per_ray = _returns(self.spec) * BYTES_PER_HIT + (0 if physics is None else physics.bytes_per_ray)
         return poses * BYTES_PER_FRAME + visible + math.prod(self.pattern.shape) * per_ray
 
-    @property
+    @cached_property
     def frame_shape(self) -> tuple[int, ...]:
         """That of a frame's fields: the pattern's, with a last axis for several returns."""
         copies = _returns(self.spec)
@@ -150,9 +150,11 @@ class Mounted:
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """(4, 4) the sensor's frame in the world."""
-        with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
-            pose = self.mount.pose(data)
-            return yaw_only(pose) if self.spec.yaw_aligned else pose
+        pose = self.mount.pose(data)
+        if not self.spec.yaw_aligned:
+            return pose
+        with np.errstate(invalid="ignore"):
+            return yaw_only(pose)
 
     def visible(self) -> wp.array:
         return self.scene.visible(self.filter)
