@@ -1,8 +1,8 @@
 """Trees grown over boxes, on the CPU, from the root down.
 
-The boxes of a node are split in two, and of all parts the one with the
-largest box again, until there are eight or all fit into leaves. A large tree is grown in two rounds: a coarse one in
-one thread, whose leaves hold many boxes; then what is below each of these, in as many threads as there are.
+The boxes of a node are split in two, and of all parts the one with the largest box again, until there are eight or all
+fit into leaves. A large tree is grown in two rounds: a coarse one in one thread, whose leaves hold many boxes; then
+what is below each of these, in as many threads as there are.
 """
 
 from dataclasses import dataclass
