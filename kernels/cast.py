@@ -53,10 +53,10 @@ class HitArrays:
         out.distance, out.shape, out.face, out.normal = self.distance, self.shape, self.face, self.normal
         return out
 
-    def of_world(self, world: int, worlds: int) -> "HitArrays":
-        """Those of one of so many worlds, without a copy."""
+    def of_worlds(self, part: slice, worlds: int) -> "HitArrays":
+        """Those of some of so many worlds, without a copy."""
         count = self.distance.size // worlds
-        rays = slice(world * count, (world + 1) * count)
+        rays = slice(part.start * count, part.stop * count)
         return HitArrays(self.distance[rays], self.shape[rays], self.face[rays], self.normal[rays])
 
     @staticmethod

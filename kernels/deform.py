@@ -13,7 +13,8 @@ import warp as wp
 
 from .geometry import FARTHEST, Shapes, TriangleBlock, TriangleTree
 from .trees.fit import REBUILD_RATIO, Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from .trees.tree import NO_CHILD, WIDTH, Node, build_tree, set_child
+from .trees.nodes import NO_CHILD, WIDTH, Node, set_child
+from .trees.tree import build_tree
 from .trees.triangle_tree import blocks_of, fill, on_cpu, whole_box
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .trees.tree import Node, moved_nodes, struct_zeros, vec8, vec8i
+from .trees.nodes import Node, moved_nodes, struct_zeros, vec8, vec8i
 
 NO_FACE = wp.constant(-1)
 FARTHEST = wp.constant(1.0e18)

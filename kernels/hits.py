@@ -13,7 +13,7 @@ from .poses import Scope, pose_of
 from .shapes.solid_normals import closed_form_normal
 from .shapes.solids import SHEET, decide_closed_form, has_triangles
 from .shapes.triangle import CULL_NONE, GRAZING, decide_triangle
-from .trees.tree import WIDTH
+from .trees.nodes import WIDTH
 from .vectors import larger, to_double, to_float
 
 NO_SHAPE = wp.constant(2**31 - 1)

@@ -8,7 +8,7 @@ from .poses import Scope, pose_of
 from .shapes.solids import SHEET, has_triangles, triage_closed_form
 from .shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
 from .traverse import Entered, sign_bits, traversal
-from .trees.tree import WIDTH, Node, vec8, vec8i
+from .trees.nodes import WIDTH, Node, vec8, vec8i
 from .vectors import larger, lowest_bit, smaller, to_double, to_float
 
 MARGIN = wp.constant(4.0 * 2.0**-23)

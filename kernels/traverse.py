@@ -6,7 +6,8 @@ from typing import Any
 import warp as wp
 
 from .geometry import Geometry
-from .trees.tree import NO_CHILD, STACK, Node, vec8, vec8i
+from .trees.nodes import NO_CHILD, Node, vec8, vec8i
+from .trees.tree import STACK
 from .vectors import lowest_bit
 
 stack_of_nodes = wp.types.vector(length=STACK, dtype=wp.int32)

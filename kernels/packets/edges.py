@@ -13,7 +13,7 @@ import warp as wp
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.shapes.triangle import GRAZING
 from rigcast.kernels.shapes.triangle import ROUNDING as HEIGHT_ROUNDING
-from rigcast.kernels.trees.tree import WIDTH, vec8
+from rigcast.kernels.trees.nodes import WIDTH, vec8
 from rigcast.kernels.vectors import larger, norm1, smaller
 
 from .packet import LANES, lanes

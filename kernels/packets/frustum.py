@@ -5,7 +5,7 @@ import warp as wp
 from rigcast.kernels.hits import APART
 from rigcast.kernels.ray import inverse_of
 from rigcast.kernels.traverse import Entered
-from rigcast.kernels.trees.tree import WIDTH, Node, vec8
+from rigcast.kernels.trees.nodes import WIDTH, Node, vec8
 from rigcast.kernels.vectors import larger, smaller
 
 from .packet import LANES, PACKETS, Packet, Tile, Vectors, View, lanes

@@ -6,7 +6,7 @@ from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within
 from rigcast.kernels.poses import Scope
 from rigcast.kernels.ray import box_margin
-from rigcast.kernels.trees.tree import vec8
+from rigcast.kernels.trees.nodes import vec8
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
 
 LANES = wp.constant(16)

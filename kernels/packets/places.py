@@ -10,7 +10,7 @@ from rigcast.kernels.hits import distance_of, distance_to_plane, middle, outward
 from rigcast.kernels.out import Out, write_place
 from rigcast.kernels.poses import pose_of
 from rigcast.kernels.shapes.triangle import GRAZING
-from rigcast.kernels.trees.tree import WIDTH
+from rigcast.kernels.trees.nodes import WIDTH
 from rigcast.kernels.vectors import lowest_bit, to_double, to_float
 
 from .packet import LANES, TileRays, Vectors, lanes, world_ray

@@ -4,7 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.out import Out
-from rigcast.kernels.trees.tree import Node
+from rigcast.kernels.trees.nodes import Node
 
 from .packet import Packet
 

@@ -3,7 +3,7 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
-from rigcast.kernels.trees.tree import Node
+from rigcast.kernels.trees.nodes import Node
 
 from .frustum import Frustum, frustum_of, inverse_directions
 from .packet import PacketRays, TileRays, Vectors, View, packet_of

@@ -8,7 +8,7 @@ from rigcast.kernels.poses import pose_of
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.traverse import Entered, traversal
-from rigcast.kernels.trees.tree import Node, vec8
+from rigcast.kernels.trees.nodes import Node, vec8
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
 
 from .frustum import Frustum, enter_frustum, frustum_of, packets_at_box

@@ -4,7 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.traverse import Entered, traversal
-from rigcast.kernels.trees.tree import WIDTH, Node
+from rigcast.kernels.trees.nodes import WIDTH, Node
 from rigcast.kernels.vectors import lowest_bit, smaller
 
 from .edges import edges_of, meet_plane, pass_edges

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.packets.packet import LANES, PACKETS, Packet, Tile
-from rigcast.kernels.trees.tree import struct_zeros
+from rigcast.kernels.trees.nodes import struct_zeros
 
 TILE = LANES * PACKETS
 CHUNK = 32 * TILE

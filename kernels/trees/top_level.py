@@ -18,7 +18,7 @@ from rigcast.kernels.vectors import to_float
 
 from .boxes import Box, empty_box, join
 from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from .tree import NO_CHILD, OUTWARDS, WIDTH, Node, set_child
+from .nodes import NO_CHILD, OUTWARDS, WIDTH, Node, set_child
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

@@ -10,8 +10,9 @@ from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.launch import launch_over_rays, prepare_over_rays
 
 from .fit import REBUILD_RATIO, Fit
+from .nodes import NO_CHILD, WIDTH, Node, empty_nodes, join_trees
 from .top_level import Refit, first_boxes, plant, refit, turn_shapes
-from .tree import NO_CHILD, WIDTH, Node, build_tree, empty_nodes, join_trees
+from .tree import build_tree
 
 LEAVES_PER_SLICE = 4096
 """Shapes that one CPU thread fits trees to before it takes more."""

@@ -1,17 +1,11 @@
-"""Trees of boxes over anything that has a box.
+"""Trees grown over boxes, on the CPU, from the root down.
 
-A tree is an array of nodes of up to eight children each. Node 0 of a tree is its root, children come after their
-parents, and a child is another node (>= 0) or a leaf, written ~leaf (< 0). A box is kept as centre and half size; an
-absent child, NO_CHILD, has half size -inf, which no ray meets.
-
-Building runs on the CPU, from the root down. The boxes of a node are split in two, and of all parts the one with the
-largest box again, until there are eight or all fit into leaves. A large tree is grown in two rounds: a coarse one in
-one thread, whose leaves hold many boxes; then what is below each of these, in as many threads as there are.
+The boxes of a node are split in two, and of all parts the one with the largest box again, until there are eight or all
+fit into leaves. A large tree is grown in two rounds: a coarse one in one thread, whose leaves hold many boxes; then
+what is below each of these, in as many threads as there are.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,36 +13,18 @@ import warp as wp
 
 from rigcast.kernels.launch import launch_over_rays
 
-from .boxes import Box, half_area
+from .boxes import half_area
+from .nodes import NO_CHILD, WIDTH, Node, empty_node, empty_nodes, moved_nodes, set_child, struct_zeros, vec8, vec8i
 from .splits import BINS, Bin, Boxes, bounds, split_boxes
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
-WIDTH = wp.constant(8)
-NO_CHILD = wp.constant(-(2**31))
-OUTWARDS = wp.constant(1.0 + 4.0 * 2.0**-23)
 STACK = 96
 """Entries of a traversal stack; no tree needs more."""
 LARGE = 2**15
 """Boxes from which on a tree is grown in two rounds, for any number of threads."""
 PARTS = 16
 """A leaf of the coarse tree holds at most this part of all boxes."""
-
-vec8 = wp.types.vector(length=8, dtype=wp.float32)
-vec8i = wp.types.vector(length=8, dtype=wp.int32)
-
-
-@wp.struct
-class Node:
-    """Boxes of up to eight children, axis by axis, and what they are."""
-
-    center_x: vec8
-    center_y: vec8
-    center_z: vec8
-    half_x: vec8
-    half_y: vec8
-    half_z: vec8
-    child: vec8i
 
 
 @wp.struct
@@ -103,35 +79,6 @@ def make_pending(node: int, run: Run, room: int) -> Pending:
     pending.run = run
     pending.room = room
     return pending
-
-
-@wp.func
-def set_child(node: Node, j: int, box: Box, child: int) -> Node:
-    """The node with child j and its box, rounded outwards; a box may be infinite, or empty and thus never met."""
-    middle = 0.5 * box.lower + 0.5 * box.upper
-    half = wp.max(box.upper - middle, middle - box.lower) * OUTWARDS
-    if not wp.isfinite(middle):
-        middle = wp.vec3(0.0, 0.0, 0.0)
-        half = wp.where(box.lower[0] < box.upper[0], 1.0, -1.0) * wp.vec3(wp.inf, wp.inf, wp.inf)
-    node.center_x[j] = middle[0]
-    node.center_y[j] = middle[1]
-    node.center_z[j] = middle[2]
-    node.half_x[j] = half[0]
-    node.half_y[j] = half[1]
-    node.half_z[j] = half[2]
-    node.child[j] = child
-    return node
-
-
-@wp.func
-def empty_node() -> Node:
-    node = Node()
-    for j in range(WIDTH):
-        node.half_x[j] = -wp.inf
-        node.half_y[j] = -wp.inf
-        node.half_z[j] = -wp.inf
-        node.child[j] = NO_CHILD
-    return node
 
 
 @wp.func
@@ -304,63 +251,3 @@ def _grafted(nodes: npt.NDArray[np.void], parts: list[_Part]) -> _Part:
     child[is_leaf] = first_node[~child[is_leaf]]
     moved = [moved_nodes(part.nodes, *at) for part, *at in zip(parts, first_node[:-1], first_leaf[:-1], strict=True)]
     return _Part(np.concatenate([nodes, *moved]), np.concatenate([part.leaves for part in parts]))
-
-
-def moved_nodes(nodes: npt.NDArray[np.void], first_node: int, first_leaf: int) -> npt.NDArray[np.void]:
-    """The nodes of a tree whose root and first leaf stand at these places of longer arrays."""
-    moved = nodes.copy()
-    child = moved["child"]
-    offset = np.where(child >= 0, first_node, -first_leaf)
-    moved["child"] = np.where(child == NO_CHILD, NO_CHILD, child + offset)
-    return moved
-
-
-def join_trees(a: npt.NDArray[np.void], b: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """The nodes of one tree of two over the same leaves, whose boxes are left to a refit.
-
-    The children of both roots are those of one, so that it takes no node more to get to them; where they are too many,
-    the smallest of a's share a node below.
-    """
-    own, others = _children_by_size(a[0]), _children_by_size(b[0])
-    room = WIDTH - len(others)
-    if room == 0:
-        return np.concatenate([_node_over([1, 1 + len(a)]), moved_nodes(a, 1, 0), moved_nodes(b, 1 + len(a), 0)])
-    is_full = len(own) > room
-    first = 1 if is_full else 0  # what a's nodes move by
-    from_a = np.where(own >= 0, own + first, own)
-    from_b = np.where(others >= 0, others + first + len(a) - 1, others)
-    if is_full:
-        tops = [_node_over([*from_b, *from_a[: room - 1], 1]), _node_over(from_a[room - 1 :])]
-    else:
-        tops = [_node_over([*from_b, *from_a])]
-    return np.concatenate([*tops, moved_nodes(a, first, 0)[1:], moved_nodes(b, first + len(a) - 1, 0)[1:]])
-
-
-def _children_by_size(node: np.void) -> npt.NDArray[np.int32]:
-    """Those that are there, the one with the largest box first."""
-    x, y, z = (node[f"half_{axis}"] for axis in "xyz")
-    order = np.argsort(-(x * y + y * z + z * x), kind="stable")
-    child: npt.NDArray[np.int32] = node["child"][order]
-    return child[child != NO_CHILD]
-
-
-def _node_over(children: Sequence[int] | npt.NDArray[np.int32]) -> npt.NDArray[np.void]:
-    """(1,) of Node with these children, without boxes."""
-    node = empty_nodes(1)
-    node["child"][0, : len(children)] = children
-    return node
-
-
-def empty_nodes(count: int) -> npt.NDArray[np.void]:
-    """(count,) of Node without children."""
-    nodes = struct_zeros(Node, count)
-    for axis in "xyz":
-        nodes[f"half_{axis}"] = -np.inf
-    nodes["child"] = NO_CHILD
-    return nodes
-
-
-def struct_zeros(struct: Any, count: int) -> npt.NDArray[np.void]:
-    """(count,) of a Warp struct, all fields 0, as numpy has it."""
-    dtype: np.dtype[np.void] = struct.numpy_dtype()
-    return np.zeros(count, dtype=dtype)

@@ -14,7 +14,8 @@ from rigcast.kernels.launch import launch_over_rays
 from rigcast.kernels.vectors import to_double, to_float
 
 from .boxes import empty_box, join
-from .tree import WIDTH, Tree, build_tree
+from .nodes import WIDTH
+from .tree import Tree, build_tree
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

@@ -83,6 +83,15 @@ class Kept:
             self._frames = Frames.empty(worlds, 1, self.hits.distance.device)
         return self._frames
 
+    def part(self, part: slice) -> "Kept":
+        """Those of some of many worlds, without a copy; itself, of all."""
+        worlds = self.shape[0]
+        if part == slice(0, worlds):
+            return self
+        kept = Kept(self.hits.of_worlds(part, worlds), (part.stop - part.start, *self.shape[1:]))
+        kept._frames = self.frames(worlds).of_worlds(part)
+        return kept
+
     def aim_in_worlds(self, fixed: Rays) -> Rays:
         """Those rays in the poses of `frames`."""
         assert self._frames is not None
@@ -102,14 +111,14 @@ class Kept:
             self._rays, self._launched = rays, (rays, visible)
         for launch in self._launches:
             launch()
-        self._settle()
+        self.settle()
 
     def take(self, hits: HitArrays, rays: Rays) -> None:
         """A reading of other arrays, copied here."""
         for name in ("distance", "shape", "face", "normal"):
             wp.copy(getattr(self.hits, name), getattr(hits, name))
         self._rays, self._fixed = rays, None
-        self._settle()
+        self.settle()
 
     def field(
         self,
@@ -145,9 +154,11 @@ class Kept:
 
     def of_world(self, k: int) -> "Kept":
         """Those of one of many worlds, without a copy."""
-        return Kept(self.hits.of_world(k, self.shape[0]), self.shape[1:], self.rays.of_world(k))
+        part = slice(k, k + 1)
+        return Kept(self.hits.of_worlds(part, self.shape[0]), self.shape[1:], self.rays.of_worlds(part))
 
-    def _settle(self) -> None:
+    def settle(self) -> None:
+        """Take note of who holds the arrays now: nobody but this, and what shares its life."""
         if not self._at_first:  # nobody can hold any of it yet
             self._at_first = _references(self._of_hits)
 

@@ -10,7 +10,7 @@ import hashlib
 import os
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -35,6 +35,19 @@ def cache_folder() -> Path | None:
         return None
     wp.init()
     return Path(wanted) if wanted else Path(wp.config.kernel_cache_dir) / "rigcast_trees"
+
+
+def kept_arrays(names: Collection[str], sources: Iterable[NDArray[Any]], make: Callable[[], Arrays]) -> Arrays:
+    """The arrays of these names that `make` works out from the sources, read from disk where it did so before."""
+    folder = cache_folder()
+    if folder is None:
+        return make()
+    path = place_of(folder, *sources)
+    arrays = read_arrays(path)
+    if arrays is None or arrays.keys() != set(names):
+        arrays = make()
+        keep_arrays(arrays, path)
+    return arrays
 
 
 def place_of(folder: Path, *sources: NDArray[Any]) -> Path:

@@ -142,6 +142,11 @@ def have_small_poses(position: NDArray[np.float64], rotation: NDArray[np.float64
     return bool(p.dot(p) <= FARTHEST and r.dot(r) <= FARTHEST)
 
 
+def are_within_reach(values: NDArray[np.floating]) -> bool:
+    """Whether none is NaN or beyond FARTHEST; for so many that BLAS would take all threads for their product."""
+    return bool(values.min(initial=0) >= -FARTHEST and values.max(initial=0) <= FARTHEST)
+
+
 def has_finite_pose(position: NDArray[np.floating], rotation: NDArray[np.floating]) -> NDArray[np.bool_]:
     """(n,) of positions (n, 3) and rotations (n, 9)."""
     return np.asarray((np.abs(position) <= FARTHEST).all(axis=1) & np.isfinite(rotation).all(axis=1))

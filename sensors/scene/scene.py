@@ -3,12 +3,12 @@
 from collections.abc import Callable, Sequence
 from numbers import Real
 from types import NoneType
-from typing import Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import HitArrays, cast, prepare_readings
 from rigcast.kernels.mounts import BYTES_PER_FRAME
@@ -30,7 +30,7 @@ from .batch.standing import Standing
 from .batch.worlds import Worlds, as_worlds, is_batch
 from .flexes import Flexes
 from .freed_memory import give_back_freed_memory
-from .geoms import Geoms
+from .geoms import Geoms, are_within_reach, has_finite_pose
 from .given_rays import take_rays
 from .hits import Hits
 from .looks import Looks, LooksTable
@@ -100,6 +100,8 @@ class Scene:
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"
         self._worlds: int | None = None  # how many there are, if it is a batch of them
+        self._gathered: dict[str, NDArray[np.float64]] = {}  # see Standing
+        self._part: slice | None = None  # which of the worlds stand, if not all
         self._differences = _NO_DIFFERENCES
         self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
 
@@ -120,7 +122,9 @@ class Scene:
                 has got another type, mesh or height field.
         """
         if is_batch(data):
-            self.update_worlds(as_worlds(data))
+            worlds = as_worlds(data)
+            self.take_worlds(worlds)
+            self.stand(worlds, worlds.all)
             return
         require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
@@ -133,7 +137,7 @@ class Scene:
     def take(self, data: mujoco.MjData) -> None:
         """`update` with data that are known to be of the model."""
         self._world.update(*joined_poses(self._snapshots(data)))
-        self._stale, self._worlds = "", None
+        self._stale, self._worlds, self._part = "", None, None
 
     def read(self, data: mujoco.MjData) -> ShapePoses:
         """Where everything stands in `data`, which are of the model, for a `sweep`.
@@ -171,25 +175,41 @@ class Scene:
         """
         self._world.sweep(np.array([each.position for each in poses]), np.array([each.rotation for each in poses]))
 
-    def update_worlds(self, worlds: Worlds) -> Standing:
-        """Take many worlds as they stand, and give them on the device.
+    def take_worlds(self, worlds: Worlds) -> None:
+        """Take what many worlds say besides poses, and what has changed in the model.
 
         Raises:
-            InputError: worlds of another model, or a model with flexes or skins, or too little memory.
+            InputError: worlds of another model, or a model with flexes or skins.
         """
         worlds.require_model(self.model)
         self._sight.update()
         deforming = [part.owner for part in self._parts if part.owner in ("flex", "skin")]
         if deforming:
             raise InputError(f"Scene: many worlds of a model with a {deforming[0]}, expected a model without one")
-        standing = Standing(worlds, self.model, self.device)
         self._take_differences(worlds)
-        poses = self._props.poses_after(standing.geoms, standing)
-        if standing.geom_is_finite is not None:
-            self._lost_in_worlds.warn(None, standing.geom_is_finite.reshape(-1))
-        self._world.update(poses.position, poses.rotation)
-        self._stale, self._worlds = "", worlds.count
+
+    def stand(self, worlds: Worlds, part: slice) -> Standing:
+        """Take some of the worlds that were taken, or all, as they stand. `cast` needs all."""
+        standing = Standing(worlds, part, self.model, self.device, self._gathered)
+        position, rotation = standing.geoms
+        if isinstance(position, np.ndarray):
+            self._warn_of_lost(position, rotation, part.start)
+        if self._props.ids.size:
+            frames = self._props.poses_after_geoms(standing)
+            position, rotation = frames.position, frames.rotation
+        self._part = None if part == worlds.all else part
+        self._world.update(position, rotation, self._part)
+        self._stale = "" if self._part is None else "only some of many worlds stand in it"
+        self._worlds = worlds.count
         return standing
+
+    def _warn_of_lost(
+        self, position: NDArray[np.floating[Any]], rotation: NDArray[np.floating[Any]], first: int
+    ) -> None:
+        """Of geoms of worlds from the `first` on."""
+        if self._lost_in_worlds.any or not (are_within_reach(position) and are_within_reach(rotation)):
+            is_finite = has_finite_pose(position.reshape(-1, 3), rotation.reshape(-1, 9))
+            self._lost_in_worlds.warn(None, is_finite, first * self.model.ngeom)
 
     def _take_differences(self, worlds: Worlds) -> None:
         """Take what has changed in the model, and the sizes and meshes in which worlds differ."""
@@ -210,13 +230,16 @@ class Scene:
         self._sight.forget_visible()
 
     def bytes_per_world(self, worlds: Worlds) -> int:
-        """What each of many worlds takes, beside what is read in it."""
+        """What each of many worlds takes, beside what is read in it: sizes and meshes of its own."""
+        return self.body_of_shape.size * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
+
+    def bytes_per_standing_world(self, worlds: Worlds) -> int:
+        """What each of those that stand at one time takes: its poses, and the tree over its shapes."""
         geoms, props = self.model.ngeom, len(self._props.ids)
         copied = geoms * worlds.bytes_per_pose
         if props:  # the poses of all in one array, and of what carries the props
             copied += (geoms + 2 * props) * BYTES_PER_FRAME
-        sizes = (geoms + props) * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
-        return self._world.bytes_per_world + copied + sizes
+        return self._world.bytes_per_world + copied
 
     def _make_world(self) -> World:
         """A world of all parts, which take over its trees: their triangles are held once."""
@@ -288,8 +311,15 @@ class Scene:
         return filter if isinstance(filter, Filter) else Filter()
 
     def visible(self, filter: Filter | PerWorld[Filter]) -> wp.array:
-        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit."""
-        return self._sight.visible(filter, lambda: self._differences.present(self._geoms))
+        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit.
+
+        Of the worlds that stand.
+        """
+        visible = self._sight.visible(filter, lambda: self._differences.present(self._geoms))
+        shapes = self.body_of_shape.size
+        if self._part is None or visible.size == shapes:
+            return visible
+        return visible[self._part.start * shapes : self._part.stop * shapes]
 
     def looks(self) -> Looks:
         """How the shapes look to a sensor's light."""

@@ -5,7 +5,7 @@ import pytest
 from made_worlds import Mesh, cube, grid, icosphere, mesh, torus, unit
 
 from rigcast.kernels.geometry import NO_FACE, TriangleTree, join_triangle_trees
-from rigcast.kernels.trees.tree import NO_CHILD
+from rigcast.kernels.trees.nodes import NO_CHILD
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 
 MESHES = {

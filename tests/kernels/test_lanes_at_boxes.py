@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigcast.kernels.packets.frustum import boxes_from, inverse_directions, some_lane_enters
 from rigcast.kernels.packets.packet import LANES, Packet, View, lanes
 from rigcast.kernels.ray import box_margin
-from rigcast.kernels.trees.tree import Node
+from rigcast.kernels.trees.nodes import Node
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

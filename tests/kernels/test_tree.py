@@ -5,7 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rigcast.kernels.trees import tree
-from rigcast.kernels.trees.tree import NO_CHILD, STACK, Tree, build_tree, join_trees, moved_nodes
+from rigcast.kernels.trees.nodes import NO_CHILD, join_trees, moved_nodes
+from rigcast.kernels.trees.tree import STACK, Tree, build_tree
 
 Boxes = tuple[NDArray[np.float32], NDArray[np.float32]]
 
