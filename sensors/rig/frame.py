@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """One reading of one sensor.
 
@@ -52,6 +52,9 @@ class Frame:
     _body_of_shape: wp.array
     _firing_times: wp.array | None
     _pattern: Pattern
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(sensor={self.sensor!r}, time={self.time!r}, shape={self.shape})"
 
     @cached_property
     def range(self) -> wp.array:
@@ -191,7 +194,7 @@ class Frame:
         return kept.field(name, partial(work_out, kept.hits.distance, kept.rays), partial(kept.vectors, scalar=scalar))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LidarFrame(Frame):
     """A reading of a lidar. ring, column: (...) int32, the row or line of each ray, and its place in that.
 
@@ -215,7 +218,7 @@ class LidarFrame(Frame):
         return super()._of_world(k) | own
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CameraFrame(Frame):
     """A reading of a depth camera.
 
