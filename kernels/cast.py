@@ -8,7 +8,7 @@ import warp as wp
 
 from .geometry import FARTHEST, Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
-from .launch import RAYS_PER_SLICE, TURN, prepare_over_rays, prepare_over_tiles, thread_count
+from .launch import TURN, prepare_over_rays, prepare_over_tiles, recorded, thread_count
 from .moving import at_firings
 from .out import Out, write_miss, write_place
 from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
@@ -21,8 +21,8 @@ from .rays import RayArrays, Rays, direction_of, firing_of, origin_of, span_of
 from .shapes.solids import has_triangles
 from .vectors import lowest_bit
 
-RAYS_PER_THREAD = 32
-"""On the CPU: for each thread that a kernel is launched over, Warp copies its arguments."""
+RAYS_PER_RUN = wp.constant(32)
+"""Of rays that a thread of the CPU casts one by one, in turns of TURN runs."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -68,12 +68,15 @@ class HitArrays:
 
 @wp.func
 def is_castable(ray: WorldRay) -> bool:
-    near_enough = wp.max(wp.abs(ray.origin)) <= wp.float64(FARTHEST)
-    return wp.isfinite(ray.origin) and wp.isfinite(ray.direction) and near_enough
+    """Whether a ray is finite and starts no farther than FARTHEST; comparisons with NaN are false."""
+    x = wp.abs(ray.origin[0]) <= wp.float64(FARTHEST)
+    y = wp.abs(ray.origin[1]) <= wp.float64(FARTHEST)
+    z = wp.abs(ray.origin[2]) <= wp.float64(FARTHEST)
+    return x and y and z and wp.dot(ray.direction, ray.direction) < wp.float64(wp.inf)
 
 
 @wp.func
-def write_hit(g: Geometry, out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
+def write_hit(g: wp.array[Geometry], out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
     if hit.shape == NO_SHAPE:
         write_miss(out, i, wp.inf)
         return
@@ -85,8 +88,7 @@ def write_hit(g: Geometry, out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
 def cast_run(
     begin: int,
     end: int,
-    g: Geometry,
-    visible: wp.array[wp.bool],
+    g: wp.array[Geometry],
     which: wp.array[int],
     rays: RayArrays,
     limit: float,
@@ -98,28 +100,33 @@ def cast_run(
         i = int(k)
         if which.shape[0] > 0:
             i = k / which.shape[0] * rays.count + which[k % which.shape[0]]
+        prefetch_hit(out, i)
         firing = firing_of(rays, i)
         rotation = rays.rotation[firing]
         ray = WorldRay()
         ray.origin = rays.position[firing] + rotation * origin_of(rays, i)
         ray.direction = rotation * direction_of(rays, i)
-        ray.scope = scope_of(g, visible, span_of(rays, firing), firing)
+        ray.scope = scope_of(g, span_of(rays, firing), firing)
         ray.limit = limit
         ray.cull = cull
         if is_castable(ray):
-            write_hit(g, out, i, cast_ray(g, visible, ray), ray)
+            write_hit(g, out, i, cast_ray(g, ray), ray)
         else:
             write_miss(out, i, wp.nan)
 
 
 @wp.kernel
+def hold(g: Geometry, visible: wp.array[wp.bool], held: wp.array[Geometry]) -> None:
+    """The geometry, and what a cast may hit of it, for functions that must not copy it."""
+    g.visible = visible
+    held[0] = g
+
+
+@wp.kernel
 def cast_rays(
     first: int,
-    per_thread: int,
     count: int,
-    # scene:
-    g: Geometry,
-    visible: wp.array[wp.bool],
+    g: wp.array[Geometry],
     # rays:
     which: wp.array[int],  # of each world; empty for all
     rays: RayArrays,
@@ -127,13 +134,40 @@ def cast_rays(
     cull: int,
     out: Out,
 ) -> None:
-    """So many rays per thread, of this count.
+    """On CUDA, a ray per thread, of this count."""
+    k = first + wp.tid()
+    cast_run(k, wp.min(k + 1, count), g, which, rays, limit, cull, out)
 
-    The loop is a function of its own, for Warp compiles the body of a kernel twice, and what is called from two places
-    is not inlined: each call would copy the geometry.
-    """
-    begin = (first + wp.tid()) * per_thread
-    cast_run(begin, wp.min(begin + per_thread, count), g, visible, which, rays, limit, cull, out)
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return atomicAdd(&turns.data[0], 1);
+#else
+    return __atomic_fetch_add(&turns.data[0], 1, __ATOMIC_RELAXED);
+#endif
+""")
+def turn_of(turns: wp.array[int]) -> int:  # type: ignore[empty-body]
+    """The number of a turn that no other thread has: atomically, which `wp.atomic_add` is not on a CPU."""
+
+
+@wp.kernel
+def cast_turns(
+    thread: int,  # noqa: ARG001, as prepare_over_tiles has it
+    turns: wp.array[int],  # how many were taken
+    count: int,
+    g: wp.array[Geometry],
+    # rays:
+    which: wp.array[int],  # of each world; empty for all
+    rays: RayArrays,
+    limit: float,
+    cull: int,
+    out: Out,
+) -> None:
+    """On the CPU, turns of rays that no other thread takes, of this count."""
+    begin = turn_of(turns) * TURN * RAYS_PER_RUN
+    while begin < count:
+        cast_run(begin, wp.min(begin + TURN * RAYS_PER_RUN, count), g, which, rays, limit, cull, out)
+        begin = turn_of(turns) * TURN * RAYS_PER_RUN
 
 
 @wp.func
@@ -179,17 +213,6 @@ def prefetch_out(out: Out, rays: TileRays, k: int) -> None:
             prefetch_hit(out, rays.first_ray + i)
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return atomicAdd(&turns.data[0], 1);
-#else
-    return __atomic_fetch_add(&turns.data[0], 1, __ATOMIC_RELAXED);
-#endif
-""")
-def turn_of(turns: wp.array[int]) -> int:  # type: ignore[empty-body]
-    """The number of a turn that no other thread has: atomically, which `wp.atomic_add` is not on a CPU."""
-
-
 @wp.func
 def tile_after(index: int, turns: wp.array[int]) -> int:
     """The next tile of a thread. A turn is a run of neighbouring tiles, whose hits share cache lines."""
@@ -205,7 +228,7 @@ def cast_packets(
     worlds: int,
     # scene:
     g: Geometry,
-    visible: wp.array[wp.bool],
+    held: wp.array[Geometry],
     # rays:
     tiles: wp.array[Tile],
     packets: wp.array[Packet],
@@ -213,13 +236,11 @@ def cast_packets(
     limit: float,
     cull: int,
     # scratch:
-    copies: wp.array[Geometry],  # for each thread
     best: wp.array[PacketHits],
     world_directions: wp.array[Directions],
     out: Out,
 ) -> None:
     """Tiles that no other thread takes, one after the other, of all worlds."""
-    copies[thread] = g
     at = turn_of(turns) * TURN
     while at < worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
@@ -233,14 +254,13 @@ def cast_packets(
         rays.axis = rotation * rays.tile.axis
         rays.u = rotation * rays.tile.u
         rays.v = rotation * rays.tile.v
-        rays.scope = scope_of(g, visible, span_of(own, firing), firing)
+        rays.scope = scope_of(held, span_of(own, firing), firing)
         rays.first_ray = world * own.count
         rays.limit = limit
         rays.cull = cull
-        rays.visible = visible
         rays.first_packet = index * PACKETS
         rays.packets = packets
-        rays.geometry = copies
+        rays.geometry = held
         rays.first_slot = thread * PACKETS
         rays.best = best
         rays.directions = world_directions
@@ -289,27 +309,28 @@ def prepare_cast(
     """
     device = rays.directions.device
     placed = geometry if geometry.instants == 1 else at_firings(geometry, rays)
-    scene, how = [placed, visible], [rays.arrays, limit, cull]
+    held = wp.empty(1, dtype=Geometry, device=device)
+    launches: list[Callable[[], object]] = [recorded(hold, 1, [placed, visible], [held], device)]
+    how = [rays.arrays, limit, cull]
     if rays.packets is None:
-        return [_prepare_alone(scene, wp.empty(0, dtype=int, device=device), rays.total, how, hits)]
+        everything = wp.empty(0, dtype=int, device=device)
+        return [*launches, _prepare_alone(held, everything, rays.total, how, hits)]
     packets, worlds = rays.packets, rays.worlds
-    launches: list[Callable[[], object]] = []
     if packets.tiles.size:
-        sizes = {Geometry: thread_count(), PacketHits: thread_count() * PACKETS, Directions: thread_count() * PACKETS}
+        sizes = {PacketHits: thread_count() * PACKETS, Directions: thread_count() * PACKETS}
         scratch = [wp.empty(size, dtype=kind, device="cpu") for kind, size in sizes.items()]
-        inputs = [worlds, *scene, packets.tiles, packets.packets, *how, *scratch]
+        inputs = [worlds, placed, held, packets.tiles, packets.packets, *how, *scratch]
         launches.append(prepare_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()]))
     if packets.singles.size:
-        launches.append(_prepare_alone(scene, packets.singles, worlds * packets.singles.size, how, hits))
+        launches.append(_prepare_alone(held, packets.singles, worlds * packets.singles.size, how, hits))
     return launches
 
 
 def _prepare_alone(
-    scene: list[Any], which: wp.array, count: int, how: list[Any], hits: HitArrays
+    held: wp.array, which: wp.array, count: int, how: list[Any], hits: HitArrays
 ) -> Callable[[], object]:
     """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
-    device = hits.distance.device
-    per_thread = RAYS_PER_THREAD if device.is_cpu else 1
-    threads, slice_size = -(-count // per_thread), max(1, RAYS_PER_SLICE // per_thread)
-    inputs = [per_thread, count, *scene, which, *how]
-    return prepare_over_rays(cast_rays, threads, inputs, [hits.out()], device, slice_size)
+    inputs, device = [count, held, which, *how], hits.distance.device
+    if device.is_cpu:
+        return prepare_over_tiles(cast_turns, -(-count // RAYS_PER_RUN), inputs, [hits.out()])
+    return prepare_over_rays(cast_rays, count, inputs, [hits.out()], device)

@@ -67,7 +67,7 @@ def prepare_over_rays(
     Of one slice the arguments are packed only now, which takes longer than a kernel needs for a few rays.
     """
     if count and (wp.get_device(device).is_cuda or count <= slice_size):
-        return _recorded(kernel, count, [0, *inputs], outputs, device)
+        return recorded(kernel, count, [0, *inputs], outputs, device)
     return partial(launch_over_rays, kernel, count, inputs, outputs, device, slice_size)
 
 
@@ -89,10 +89,10 @@ def prepare_over_tiles(
 
     Its first arguments are the number of a thread, and the number of turns that were taken, in an array.
     """
-    threads, pool = min(thread_count(), -(-count // TURN)), _threads(thread_count())
+    threads, pool = min(thread_count(), max(1, -(-count // TURN))), _threads(thread_count())
     turns = wp.zeros(1, dtype=int, device="cpu")
     taken = turns.numpy()
-    of_threads = [_recorded(kernel, 1, [thread, turns, *inputs], outputs, "cpu") for thread in range(threads)]
+    of_threads = [recorded(kernel, 1, [thread, turns, *inputs], outputs, "cpu") for thread in range(threads)]
 
     def launch() -> None:
         taken[0] = 0
@@ -104,7 +104,7 @@ def prepare_over_tiles(
     return launch
 
 
-def _recorded(
+def recorded(
     kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
 ) -> Callable[[], None]:
     """A launch whose arguments are packed now, and kept for as long as it is: Warp 1.12 does not keep them."""
