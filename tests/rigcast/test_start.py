@@ -52,7 +52,7 @@ def test_the_collector_is_afterwards_as_it_was(is_enabled: bool) -> None:
     try:
         (gc.enable if is_enabled else gc.disable)()
         with paused_collector():
-            made = [{}]
+            made: list[object] = [{}]
             assert not gc.isenabled()
         assert gc.isenabled() == is_enabled
         assert gc.get_freeze_count() == 0
