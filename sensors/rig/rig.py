@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from rigcast.sensors.captured import is_captured
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
@@ -223,7 +224,11 @@ class Rig:
 
     def _frame_of_worlds(self, mounted: Mounted, worlds: Standing, out: Mapping[str, Frame] | None) -> Frame:
         kept = self._room(mounted, (worlds.count, *mounted.frame_shape), out)
-        return read_frame(*mounted.in_worlds(worlds, kept), self.seed)
+        fired, aim = mounted.in_worlds(worlds, kept)
+        frame = read_frame(fired, aim, self.seed)
+        if is_captured(self.scene.device):
+            kept.hold(fired, fired.visible(), self.scene.looks(), worlds, *self.scene.on_device)
+        return frame
 
     def _room(self, mounted: Mounted, shape: tuple[int, ...], out: Mapping[str, Frame] | None) -> Kept:
         """The arrays for a sensor's next frame, of this shape: those of its frame in `out`, or of one nobody holds."""

@@ -16,6 +16,9 @@ def require_room(worlds: int, needs: Mapping[str, int], device: wp.Device, kept:
     """
     each = sum(needs.values())
     free = free_memory(device) + kept
+    if worlds * each > free and device.is_cuda and not device.is_capturing:
+        wp.synchronize_device(device)  # after which what has been freed counts as free
+        free = free_memory(device) + kept
     if worlds * each > free:
         parts = ", ".join(f"{name} {_bytes(need)}" for name, need in needs.items())
         raise InputError(

@@ -99,3 +99,12 @@ def test_more_worlds_than_memory_holds_are_refused_before_anything_is_allocated(
     with pytest.raises(InputError, match=expected):
         rig.sense(datas)
     assert allocated() == before
+
+
+@pytest.mark.cuda
+def test_memory_that_was_freed_on_a_gpu_counts_as_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It does once the device has nothing left to do."""
+    free = iter([0, 10**9])
+    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: next(free))
+    robot = model()
+    assert Rig(robot, [SENSORS["lidar"]], "cuda:0").sense(states(robot, 3))["lidar"].range.shape[0] == 3

@@ -9,6 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.mounts import Carriers, origin
+from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.scene.geoms import has_finite_pose
 from rigcast.sensors.specs.filter import Filter
@@ -109,6 +110,7 @@ class Standing:
     def _uploaded(self, kind: str, position: Any, rotation: Any) -> Carriers:
         """On the device, in one precision."""
         if isinstance(position, np.ndarray):
+            require_on_device(f"Worlds: {_POSES[kind][0]}", "an array on the host", self.device)
             is_double = np.float64 in (position.dtype, rotation.dtype)
             vector, matrix = (dtypes[is_double] for _, dtypes in _DEVICE_TYPES.values())
             position = wp.array(position, dtype=vector, device=self.device)
