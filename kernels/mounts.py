@@ -36,6 +36,10 @@ class Attachment:
     offset: wp.array
     turn: wp.array
 
+    def of_worlds(self, part: slice) -> "Attachment":
+        """In some of the worlds, where it is another one in each."""
+        return Attachment(self.which[part], self.offset[part], self.turn[part])
+
     @staticmethod
     def of(which: npt.ArrayLike, offset: npt.NDArray[np.float64], device: wp.DeviceLike) -> "Attachment":
         """Of carriers (n,) and poses in them (n, 4, 4)."""
@@ -161,6 +165,10 @@ class Frames:
             wp.empty((worlds, count), dtype=wp.vec3d, device=device),
             wp.empty((worlds, count), dtype=wp.mat33d, device=device),
         )
+
+    def of_worlds(self, part: slice) -> "Frames":
+        """Those in some of the worlds, without a copy."""
+        return Frames(self.position[part], self.rotation[part])
 
     def copy(self, carriers: Carriers) -> None:
         """Make the first of these those of the carriers."""

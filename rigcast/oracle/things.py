@@ -54,6 +54,8 @@ class Things:
             ids = np.asarray(getattr(hits, f"{kind}_id", -1), np.int32).reshape(-1)
             first = self.kinds.index(kind) if kind in self.kinds else len(self.kinds)
             is_other = ids >= 0
+            if not is_other.any():
+                continue
             number = np.where(is_other & (number != -1), -2, np.where(is_other, first + ids, number))
         return number.astype(np.int32)
 

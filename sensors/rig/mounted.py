@@ -52,14 +52,13 @@ class WorldRays(NamedTuple):
 class Aim(NamedTuple):
     """The rays of a reading that begins at `time` [s], the pose (4, 4) in which the sensor is then, and its arrays.
 
-    Of many worlds these are (nworld,) and (nworld, 4, 4), and `worlds` is (nworld,) uint32, their ids.
+    Of many worlds these are (nworld,) and (nworld, 4, 4).
     """
 
     time: float | wp.array
     pose: NDArray[np.float64] | wp.array
     rays: Rays
     kept: Kept
-    worlds: wp.array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,15 +138,21 @@ class Mounted:
         return replace(rays, packets=_packets(self.pattern, rays) if packed else None)
 
     def bytes_per_world(self, worlds: Worlds) -> int:
-        """The most memory that one reading of one of many worlds takes, while it is made."""
+        """The most memory that one reading of one of many worlds takes."""
         # its pose and its carrier's, the frame's, which is a third larger, and how it is mounted
         poses = 4 + (self.spec.name in worlds.mounts)
         visible = self.scene.body_of_shape.size if worlds.differ_in_sight(self.spec.name) else 0
         physics = self.physics or self.depth_physics
-        per_ray = _returns(self.spec) * BYTES_PER_HIT + (0 if physics is None else physics.bytes_per_ray)
+        per_ray = _returns(self.spec) * BYTES_PER_HIT + (0 if physics is None else physics.kept_bytes_per_ray)
         return poses * BYTES_PER_FRAME + visible + math.prod(self.pattern.shape) * per_ray
 
     @property
+    def bytes_per_standing_world(self) -> int:
+        """The most that errors take in each of the worlds that are read at one time."""
+        physics = self.physics or self.depth_physics
+        return 0 if physics is None else math.prod(self.pattern.shape) * physics.bytes_per_ray
+
+    @cached_property
     def frame_shape(self) -> tuple[int, ...]:
         """That of a frame's fields: the pattern's, with a last axis for several returns."""
         copies = _returns(self.spec)
@@ -155,9 +160,11 @@ class Mounted:
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """(4, 4) the sensor's frame in the world."""
-        with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
-            pose = self.mount.pose(data)
-            return yaw_only(pose) if self.spec.yaw_aligned else pose
+        pose = self.mount.pose(data)
+        if not self.spec.yaw_aligned:
+            return pose
+        with np.errstate(invalid="ignore"):
+            return yaw_only(pose)
 
     def visible(self) -> wp.array:
         return self.scene.visible(self.filter)
@@ -182,20 +189,22 @@ class Mounted:
             fraction=wp.array(track.fraction, dtype=wp.float64, device=device),
         )
 
-    def in_worlds(self, worlds: Standing, kept: Kept) -> "tuple[Mounted, Aim]":
-        """The sensor with the pattern of its next reading of many worlds, and its rays in them.
+    def next_of_worlds(self, worlds: Worlds) -> "Mounted":
+        """With the pattern of its next reading of many worlds, and the filter that it has there.
 
         Where a pattern is another one in each reading, that of reading k is the one of time k / rate_hz, in all worlds.
         """
         number = next(self.batches)
         fired = self.at(number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.duration)
-        count = worlds.count
-        frames, at = kept.frames(count), worlds.attached(self.spec, self.attached)
-        frames.place(0, worlds.carriers(at), at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
-        ring, column = _same_in_each(fired.ring, count), _same_in_each(fired.column, count)
-        time, pose = kept.field("time", worlds.times), kept.field("pose", frames.poses)
-        aim = Aim(time, pose, kept.aim_in_worlds(fired.rays_at_once), kept, worlds.ids)
-        return replace(fired, ring=ring, column=column, filter=worlds.filter_of(self.spec)), aim
+        ring, column = _same_in_each(fired.ring, worlds.count), _same_in_each(fired.column, worlds.count)
+        return replace(fired, ring=ring, column=column, filter=worlds.filter_of(self.spec))
+
+    def aim_in_worlds(self, worlds: Standing, kept: Kept) -> Rays:
+        """Its rays, where it is in these worlds."""
+        at = worlds.attached(self.spec, self.attached)
+        frames, carriers = kept.frames(worlds.count), worlds.carriers(at)
+        frames.place(0, carriers, at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
+        return kept.aim_in_worlds(self.rays_at_once)
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)

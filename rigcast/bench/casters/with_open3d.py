@@ -20,7 +20,8 @@ class Embree:
     version = open3d.__version__
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, groups: Sequence[int] = EVERY_GROUP) -> None:
-        vertices, faces, self._geom_of_face = merged_triangles(model, data, groups)
+        vertices, faces, geom_of_face = merged_triangles(model, data, groups)
+        self._geom_of_face = np.append(geom_of_face, -1)  # the last one is that of a miss
         self._scene = open3d.t.geometry.RaycastingScene(nthreads=thread_count())
         self._scene.add_triangles(vertices, faces)
 
@@ -30,9 +31,8 @@ class Embree:
 
         def frame() -> Answer:
             hits = self._scene.cast_rays(rays, nthreads=thread_count())
-            face = hits["primitive_ids"].numpy()
-            missed = face == open3d.t.geometry.RaycastingScene.INVALID_ID
-            geom_id = np.where(missed, -1, self._geom_of_face[np.where(missed, 0, face)])
+            face = np.minimum(hits["primitive_ids"].numpy(), len(self._geom_of_face) - 1)
+            geom_id = self._geom_of_face[face]
             return Answer(hits["t_hit"].numpy(), geom_id, hits["primitive_normals"].numpy())
 
         return frame

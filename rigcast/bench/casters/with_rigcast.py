@@ -3,13 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.oracle import Things
-from rigcast.sensors.scene.hits import NumpyHits
+from rigcast.sensors.scene.hits import Hits
+from rigcast.sensors.scene.part import OWNERS
 from rigcast.sensors.scene.placed_rays import rays_in_frame
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
@@ -33,6 +35,7 @@ class RigcastCaster:
         self._data = data
         self._filter = Filter(geom_groups=tuple(groups))
         self._things = Things.of(model, props)
+        self._ids = [f"{owner}_id" for owner in OWNERS if owner == "geom" or owner in self._things.kinds]
 
     def aim(self, origins: Floats, directions: Floats) -> Frame:
         return self._of_sensor(origins, directions) if origins.ndim == 1 else self._of_any(origins, directions)
@@ -44,19 +47,20 @@ class RigcastCaster:
         def frame() -> Answer:
             self.scene.update(self._data)
             arrays = self.scene.cast_rays(rays, self.scene.visible(self._filter), np.inf)
-            return self._answer(self.scene.hits(arrays, directions.shape[:-1]).numpy())
+            return self._answer(self.scene.hits(arrays, directions.shape[:-1]))
 
         return frame
 
     def _of_any(self, origins: Floats, directions: Floats) -> Frame:
         def frame() -> Answer:
             self.scene.update(self._data)
-            return self._answer(self.scene.cast(origins, directions, filter=self._filter).numpy())
+            return self._answer(self.scene.cast(origins, directions, filter=self._filter))
 
         return frame
 
-    def _answer(self, hits: NumpyHits) -> Answer:
-        return Answer(hits.distance, self._things.numbers(hits), hits.normal)
+    def _answer(self, hits: Hits) -> Answer:
+        ids = SimpleNamespace(**{name: getattr(hits, name).numpy() for name in self._ids})
+        return Answer(hits.distance.numpy(), self._things.numbers(ids), hits.normal.numpy())
 
 
 CASTER = RigcastCaster
