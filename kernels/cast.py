@@ -2,23 +2,26 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import warp as wp
 
 from .geometry import FARTHEST, Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
-from .launch import RAYS_PER_SLICE, TURN, prepare_over_rays, prepare_over_tiles, thread_count
+from .launch import RAYS_PER_SLICE, TURN, prepare_over_rays, prepare_over_tiles
 from .moving import at_firings
-from .out import Out, write_miss, write_place
+from .out import Out, read_hit, write_miss, write_place
 from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
 from .packets.places import write_closed_form, write_triangles
 from .packets.prefetch import prefetch_hit, prefetch_packet
 from .packets.tile import cast_tile, clear_packet
+from .packing.sorting import Packets
 from .poses import scope_of
 from .ray import cast_ray
 from .rays import RayArrays, Rays, direction_of, firing_of, origin_of, span_of
 from .shapes.solids import has_triangles
+from .shapes.triangle import CULL_NONE
 from .vectors import lowest_bit
 
 RAYS_PER_THREAD = 32
@@ -81,6 +84,17 @@ def write_hit(g: Geometry, out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
     write_place(out, i, hit.shape, place.distance, place.face, place.normal, ray.limit)
 
 
+@wp.struct
+class Job:
+    """What is cast at a geometry, and where its hits go."""
+
+    rays: RayArrays
+    visible: wp.array[wp.bool]
+    limit: float
+    cull: int
+    out: Out
+
+
 @wp.func
 def cast_run(
     begin: int,
@@ -110,30 +124,27 @@ def cast_run(
             write_hit(g, out, i, cast_ray(g, visible, ray), ray)
         else:
             write_miss(out, i, wp.nan)
+        if out.is_read:
+            read_hit(out, i, rotation)
+
+
+@wp.struct
+class Alone:
+    """Which rays are cast one by one, so many of them by each thread."""
+
+    count: int
+    per_thread: int
+    which: wp.array[int]  # of each world; empty for all
 
 
 @wp.kernel
-def cast_rays(
-    first: int,
-    per_thread: int,
-    count: int,
-    # scene:
-    g: Geometry,
-    visible: wp.array[wp.bool],
-    # rays:
-    which: wp.array[int],  # of each world; empty for all
-    rays: RayArrays,
-    limit: float,
-    cull: int,
-    out: Out,
-) -> None:
-    """So many rays per thread, of this count.
-
-    The loop is a function of its own, for Warp compiles the body of a kernel twice, and what is called from two places
-    is not inlined: each call would copy the geometry.
+def cast_rays(first: int, g: Geometry, job: Job, alone: Alone) -> None:
+    """The loop is a function of its own, for Warp compiles the body of a kernel twice, and what is called from two
+    places is not inlined: each call would copy the geometry.
     """
-    begin = (first + wp.tid()) * per_thread
-    cast_run(begin, wp.min(begin + per_thread, count), g, visible, which, rays, limit, cull, out)
+    begin = (first + wp.tid()) * alone.per_thread
+    end = wp.min(begin + alone.per_thread, alone.count)
+    cast_run(begin, end, g, job.visible, alone.which, job.rays, job.limit, job.cull, job.out)
 
 
 @wp.func
@@ -171,6 +182,14 @@ def write_packet(g: Geometry, out: Out, rays: TileRays, k: int) -> None:
 
 
 @wp.func
+def read_packet(out: Out, rays: TileRays, k: int, rotation: wp.mat33d) -> None:
+    for lane in range(LANES):
+        i = rays.packets[rays.first_packet + k].ray[lane]
+        if i >= 0:
+            read_hit(out, rays.first_ray + i, rotation)
+
+
+@wp.func
 def prefetch_out(out: Out, rays: TileRays, k: int) -> None:
     """Ask for where the hits of a packet will be written, which are all over the rows of an image."""
     for lane in range(LANES):
@@ -198,30 +217,29 @@ def tile_after(index: int, turns: wp.array[int]) -> int:
     return index + 1
 
 
-@wp.kernel
-def cast_packets(
-    thread: int,
-    turns: wp.array[int],  # how many were taken
-    worlds: int,
-    # scene:
-    g: Geometry,
-    visible: wp.array[wp.bool],
-    # rays:
-    tiles: wp.array[Tile],
-    packets: wp.array[Packet],
-    own: RayArrays,
-    limit: float,
-    cull: int,
+@wp.struct
+class InPackets:
+    """Tiles of packets, those of every world, and scratch of each thread."""
+
+    worlds: int
+    tiles: wp.array[Tile]
+    packets: wp.array[Packet]
     # scratch:
-    copies: wp.array[Geometry],  # for each thread
-    best: wp.array[PacketHits],
-    world_directions: wp.array[Directions],
-    out: Out,
-) -> None:
-    """Tiles that no other thread takes, one after the other, of all worlds."""
-    copies[thread] = g
+    copies: wp.array[Geometry]
+    best: wp.array[PacketHits]
+    world_directions: wp.array[Directions]
+
+
+@wp.kernel
+def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these: InPackets) -> None:
+    """Tiles that no other thread takes, one after the other, of all worlds. turns: how many were taken."""
+    these.copies[thread] = g
+    tiles = these.tiles
+    packets = these.packets
+    own = job.rays
+    out = job.out
     at = turn_of(turns) * TURN
-    while at < worlds * tiles.shape[0]:
+    while at < these.worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
         index = at % tiles.shape[0]
         rays = TileRays()
@@ -233,17 +251,17 @@ def cast_packets(
         rays.axis = rotation * rays.tile.axis
         rays.u = rotation * rays.tile.u
         rays.v = rotation * rays.tile.v
-        rays.scope = scope_of(g, visible, span_of(own, firing), firing)
+        rays.scope = scope_of(g, job.visible, span_of(own, firing), firing)
         rays.first_ray = world * own.count
-        rays.limit = limit
-        rays.cull = cull
-        rays.visible = visible
+        rays.limit = job.limit
+        rays.cull = job.cull
+        rays.visible = job.visible
         rays.first_packet = index * PACKETS
         rays.packets = packets
-        rays.geometry = copies
+        rays.geometry = these.copies
         rays.first_slot = thread * PACKETS
-        rays.best = best
-        rays.directions = world_directions
+        rays.best = these.best
+        rays.directions = these.world_directions
         following = (at + 1) % tiles.shape[0]
         for k in range(PACKETS):
             clear_packet(rays, k, rotation)
@@ -257,6 +275,8 @@ def cast_packets(
                 write_packet(g, out, rays, k)
             else:
                 miss_packet(out, rays, k, wp.nan)
+            if out.is_read:
+                read_packet(out, rays, k, rotation)
         at = tile_after(at, turns)
 
 
@@ -284,32 +304,56 @@ def prepare_cast(
 ) -> list[Callable[[], object]]:
     """The launches of a `cast` into these hits, for as often as it is wanted.
 
-    They cast at shapes that stand still as they do by then, and at shapes that move as they do now; by as many threads
-    as there are now.
+    They cast at shapes that stand still as they do by then, and at shapes that move as they do now.
     """
+    return _prepare(geometry, rays, _job(visible, rays, limit, cull, hits.out()))
+
+
+def prepare_readings(
+    geometry: Geometry, visible: wp.array, rays: Rays, limits: tuple[float, float], hits: HitArrays
+) -> list[Callable[[], object]]:
+    """As `prepare_cast`, of what rays read between these limits [m]: nearer is -inf, normals are in the rays' frame."""
+    out = hits.out()
+    out.is_read, out.min_range = True, limits[0]
+    return _prepare(geometry, rays, _job(visible, rays, limits[1], CULL_NONE, out))
+
+
+def _job(visible: wp.array, rays: Rays, limit: float, cull: int, out: Out) -> Job:
+    job = Job()
+    job.rays, job.visible, job.limit, job.cull, job.out = rays.arrays, visible, limit, cull, out
+    return job
+
+
+def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Callable[[], object]]:
     device = rays.directions.device
     placed = geometry if geometry.instants == 1 else at_firings(geometry, rays)
-    scene, how = [placed, visible], [rays.arrays, limit, cull]
     if rays.packets is None:
-        return [_prepare_alone(scene, wp.empty(0, dtype=int, device=device), rays.total, how, hits)]
+        return [_prepare_alone(placed, job, wp.empty(0, dtype=int, device=device), rays.total, device)]
     packets, worlds = rays.packets, rays.worlds
     launches: list[Callable[[], object]] = []
     if packets.tiles.size:
-        sizes = {Geometry: thread_count(), PacketHits: thread_count() * PACKETS, Directions: thread_count() * PACKETS}
-        scratch = [wp.empty(size, dtype=kind, device="cpu") for kind, size in sizes.items()]
-        inputs = [worlds, *scene, packets.tiles, packets.packets, *how, *scratch]
-        launches.append(prepare_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()]))
+        inputs = partial(_in_packets, placed, job, packets, worlds)
+        launches.append(prepare_over_tiles(cast_packets, worlds * packets.tiles.size, inputs))
     if packets.singles.size:
-        launches.append(_prepare_alone(scene, packets.singles, worlds * packets.singles.size, how, hits))
+        launches.append(_prepare_alone(placed, job, packets.singles, worlds * packets.singles.size, device))
     return launches
 
 
+def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, threads: int) -> list[Any]:
+    """What `cast_packets` takes in so many threads."""
+    these = InPackets()
+    these.worlds, these.tiles, these.packets = worlds, packets.tiles, packets.packets
+    these.copies = wp.empty(threads, dtype=Geometry, device="cpu")
+    these.best = wp.empty(threads * PACKETS, dtype=PacketHits, device="cpu")
+    these.world_directions = wp.empty(threads * PACKETS, dtype=Directions, device="cpu")
+    return [geometry, job, these]
+
+
 def _prepare_alone(
-    scene: list[Any], which: wp.array, count: int, how: list[Any], hits: HitArrays
+    geometry: Geometry, job: Job, which: wp.array, count: int, device: wp.DeviceLike
 ) -> Callable[[], object]:
     """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
-    device = hits.distance.device
-    per_thread = RAYS_PER_THREAD if device.is_cpu else 1
+    alone, per_thread = Alone(), RAYS_PER_THREAD if wp.get_device(device).is_cpu else 1
+    alone.count, alone.per_thread, alone.which = count, per_thread, which
     threads, slice_size = -(-count // per_thread), max(1, RAYS_PER_SLICE // per_thread)
-    inputs = [per_thread, count, *scene, which, *how]
-    return prepare_over_rays(cast_rays, threads, inputs, [hits.out()], device, slice_size)
+    return prepare_over_rays(cast_rays, threads, [geometry, job, alone], [], device, slice_size)

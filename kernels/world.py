@@ -17,6 +17,8 @@ from .trees.nodes import Node, moved_nodes
 from .trees.top_trees import TopTrees
 from .upload import Upload
 
+_SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
+
 Poses = npt.NDArray[np.floating[Any]] | wp.array
 
 
@@ -33,7 +35,7 @@ class World:
         self.trees = list(trees)
         self._join_trees()
         self._count = len(shapes.kind)
-        self._own: dict[str, Upload] = {}
+        self._uploads: tuple[Upload, Upload] | None = None
         self._poses: tuple[wp.array | None, wp.array | None] = (None, None)
         self.set_shapes(shapes)
         self._top = TopTrees(self.geometry, self.device)
@@ -42,6 +44,13 @@ class World:
     def bytes_per_world(self) -> int:
         """What every world of a batch takes, beside its poses and, where they differ, sizes and boxes."""
         return self._top.bytes_per_tree
+
+    @property
+    def on_device(self) -> list[object]:
+        """All that an update and a cast read and write by now, for whoever repeats them."""
+        geometry = Geometry()
+        geometry.assign(self.geometry)
+        return [geometry, self._top.refits]
 
     def set_shapes(self, shapes: Shapes) -> None:
         """Take other sizes and local boxes; the next update makes them count.
@@ -145,27 +154,26 @@ class World:
         self._top.fit(worlds, instants)
 
     def _set_poses(self, position: Poses, rotation: Poses) -> None:
-        if isinstance(position, wp.array):
-            is_double = position.dtype is wp.vec3d
-        else:
-            is_double = position.dtype == np.float64
-            position = self._uploaded("position", position, wp.vec3d if is_double else wp.vec3)
-            rotation = self._uploaded("rotation", rotation, wp.mat33d if is_double else wp.mat33)
+        if not isinstance(position, wp.array):
+            position, rotation = self._uploaded(position, rotation)
         if position is self._poses[0] and rotation is self._poses[1]:
             return
         self._poses = position, rotation
-        g, poses = self.geometry, (position.flatten(), rotation.flatten())
+        g, poses, is_double = self.geometry, (position.flatten(), rotation.flatten()), position.dtype is wp.vec3d
         g.position, g.rotation = poses if is_double else (None, None)
         g.position_float, g.rotation_float = (None, None) if is_double else poses
 
-    def _uploaded(self, name: str, values: npt.NDArray[np.floating[Any]], dtype: Any) -> wp.array:
-        """The values in an array of the world's own, the same one for as long as it fits."""
-        values = values.reshape(-1, *dtype._shape_)
-        own = self._own.get(name)
-        if own is None or own.array.dtype != dtype or own.array.size != len(values):
-            own = self._own[name] = Upload(len(values), dtype, self.device)
-        own.write(values)
-        return own.array
+    def _uploaded(
+        self, position: npt.NDArray[np.floating[Any]], rotation: npt.NDArray[np.floating[Any]]
+    ) -> tuple[wp.array, wp.array]:
+        """The values in arrays of the world's own, the same ones for as long as they fit."""
+        count, dtypes = position.size // 3, _DOUBLE if position.dtype == np.float64 else _SINGLE
+        if self._uploads is None or self._uploads[0].array.size != count or self._uploads[0].array.dtype != dtypes[0]:
+            self._uploads = Upload(count, dtypes[0], self.device), Upload(count, dtypes[1], self.device)
+        positions, rotations = self._uploads
+        positions.write(position)
+        rotations.write(rotation)
+        return positions.array, rotations.array
 
 
 def _leading(position: Poses) -> tuple[int, ...]:

@@ -9,17 +9,14 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from sys import getrefcount
-from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
-from rigcast.kernels.launch import thread_count
 from rigcast.kernels.mounts import Frames
 from rigcast.kernels.rays import Rays
-from rigcast.kernels.reading import prepare_read
 from rigcast.kernels.upload import Upload
 from rigcast.sensors.scene.scene import Scene
 
@@ -43,10 +40,11 @@ class Kept:
         self._pose: tuple[Upload, Upload] | None = None
         self._frames: Frames | None = None
         self._launches: list[Callable[[], object]] = []
-        self._launched: tuple[Any, ...] = ()
+        self._launched: tuple[Rays | None, wp.array | None] = (None, None)
         self._arrays: dict[str, wp.array] = {}
         self._fields: dict[str, wp.array] = {}
         self._current: set[str] = set()
+        self._held: list[object] = []
         self._of_hits = [hits.distance, hits.shape, hits.face, hits.normal, self.range, self.normal]
         self._of_fields: list[wp.array] = []
         self._at_first: list[int] = []
@@ -109,15 +107,16 @@ class Kept:
 
     def read(self, scene: Scene, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
         """A reading without errors, of what is between these limits [m]."""
-        wanted = rays, visible, thread_count()
-        if len(self._launched) != len(wanted) or any(a is not b for a, b in zip(self._launched, wanted, strict=True)):
-            nearest, farthest = limits
-            casts = scene.prepare_cast(rays, visible, farthest, self.hits)
-            self._launches = [*casts, prepare_read(self.hits, rays, nearest)]
-            self._rays, self._launched = rays, wanted
+        if rays is not self._launched[0] or visible is not self._launched[1]:
+            self._launches = scene.prepare_readings(rays, visible, limits, self.hits)
+            self._rays, self._launched = rays, (rays, visible)
         for launch in self._launches:
             launch()
         self.settle()
+
+    def hold(self, *used: object) -> None:
+        """Keep what a reading has used, for a graph that repeats it for as long as its frame is there."""
+        self._held += used
 
     def take(self, hits: HitArrays, rays: Rays) -> None:
         """A reading of other arrays, copied here."""

@@ -18,6 +18,8 @@ from rigcast.kernels.packing.firings import groups_of
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.rays import Rays
+from rigcast.sensors.captured import is_captured
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
 from rigcast.sensors.scene.batch.attached import Attached
@@ -113,6 +115,9 @@ class Mounted:
         if self.pattern.later is None:
             return self
         pattern, scene, spec = self.pattern.at(time), self.scene, self.spec
+        if is_captured(scene.device):
+            what = "got a pattern that is another one in each reading while a CUDA graph is captured"
+            raise InputError(f"sensor {spec.name!r}: {what}, expected one that stays")
         turned = replace(self, pattern=pattern, rays_at_once=_upload_rays(pattern, scene))
         if all(getattr(pattern, name) is getattr(self.pattern, name) for name in ("firing_times", "ring", "column")):
             return turned
@@ -147,7 +152,7 @@ class Mounted:
         physics = self.physics or self.depth_physics
         return 0 if physics is None else math.prod(self.pattern.shape) * physics.bytes_per_ray
 
-    @property
+    @cached_property
     def frame_shape(self) -> tuple[int, ...]:
         """That of a frame's fields: the pattern's, with a last axis for several returns."""
         copies = _returns(self.spec)
@@ -155,9 +160,11 @@ class Mounted:
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """(4, 4) the sensor's frame in the world."""
-        with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
-            pose = self.mount.pose(data)
-            return yaw_only(pose) if self.spec.yaw_aligned else pose
+        pose = self.mount.pose(data)
+        if not self.spec.yaw_aligned:
+            return pose
+        with np.errstate(invalid="ignore"):
+            return yaw_only(pose)
 
     def visible(self) -> wp.array:
         return self.scene.visible(self.filter)

@@ -32,7 +32,8 @@ from .room import require_room
 from .schedule import Schedule
 from .under_way import UnderWay
 
-_STATE = ("qpos", "mocap_pos", "mocap_quat")
+_STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
+"""What poses are worked out of."""
 _KINEMATICS = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_camlight)
 """What poses are worked out by: those of bodies by the first alone, of flexes and cameras by all."""
 
@@ -82,7 +83,6 @@ class Rig:
         self.model = model
         self.scene = Scene(model, device, self.props, surfaces=surfaces, on_unsupported=on_unsupported)
         self._data = mujoco.MjData(model)
-        self._state = [getattr(self._data, name) for name in _STATE]
         self._kinematics = _KINEMATICS if model.ncam or model.nflex else _KINEMATICS[:1]
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
         self._schedules = {s.name: _schedule(s, model.opt.timestep, self.seed) for s in self.sensors}
@@ -156,7 +156,7 @@ class Rig:
             aim = self._under_way.aim(begun, m.pool.take(m.frame_shape, self.scene.device))
             self._deliver(m, begun.end, read_frame(m, aim, self.seed))
         if over:
-            self.scene.update(self._data)  # which was swept
+            self.scene.take(self._data)  # which was swept
 
     def _deliver(self, mounted: Mounted, taken: float, frame: Frame) -> None:
         """Keep a frame, the last ray of which was fired at `taken` [s], for when it comes in."""
@@ -195,13 +195,11 @@ class Rig:
         """Bring the scene to the world at data.time."""
         self._require_own(data)
         self._work_out_poses(data)
-        self.scene.update(self._data)
+        self.scene.take(self._data)
 
     def _work_out_poses(self, data: mujoco.MjData) -> None:
         """Those at data.time, into the private copy: mj_step has not done so yet."""
-        self._data.time = data.time
-        for own, name in zip(self._state, _STATE, strict=True):
-            own[:] = getattr(data, name)
+        mujoco.mj_copyState(self.model, data, self._data, _STATE)
         for work_out in self._kinematics:
             work_out(self.model, self._data)
 

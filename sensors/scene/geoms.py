@@ -138,7 +138,8 @@ def _equal(a: _Field, b: _Field) -> bool:
 
 def have_small_poses(position: NDArray[np.float64], rotation: NDArray[np.float64]) -> bool:
     """Whether all poses are finite, as far as one product of each array shows: some that are may be too large."""
-    return bool(np.vdot(position, position) <= FARTHEST and np.vdot(rotation, rotation) <= FARTHEST)
+    p, r = position.reshape(-1), rotation.reshape(-1)
+    return bool(p.dot(p) <= FARTHEST and r.dot(r) <= FARTHEST)
 
 
 def are_within_reach(values: NDArray[np.floating]) -> bool:

@@ -44,8 +44,7 @@ class Props:
         self._lost = Lost(lambda k: f"prop {props[k].name!r}")
 
     def update(self, data: mujoco.MjData) -> Snapshot:
-        with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
-            poses = np.array([mount.pose(data) for mount in self._mounts]).reshape(-1, 4, 4)
+        poses = np.array([mount.pose(data) for mount in self._mounts]).reshape(-1, 4, 4)
         is_finite = np.isfinite(poses).all(axis=(1, 2))
         self._lost.warn(data.time, is_finite)
         position = np.where(is_finite[:, None], poses[:, :3, 3], np.nan)

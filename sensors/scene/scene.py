@@ -10,11 +10,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.cast import HitArrays, cast, prepare_cast
+from rigcast.kernels.cast import HitArrays, cast, prepare_readings
 from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
+from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.device import find_device
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
@@ -115,7 +116,7 @@ class Scene:
         A geom whose pose is not finite is never hit, and is named in one warning.
 
         Of the model, sizes of geoms and height fields are seen anew at every update, colours and groups at every
-        cast, and meshes when `refresh` says so. Poses of geoms in their bodies need `mj_kinematics` too.
+        update and `cast`, and meshes when `refresh` says so. Poses of geoms in their bodies need `mj_kinematics` too.
 
         Raises:
             InputError: `data` belongs to another model, a size or an elevation that is not finite, or a geom that
@@ -126,23 +127,37 @@ class Scene:
             self.take_worlds(worlds)
             self.stand(worlds, worlds.all)
             return
-        self._world.update(*joined_poses(self._snapshots(data)))
-        self._stale, self._worlds, self._part = "", None, None
-
-    def read(self, data: mujoco.MjData) -> ShapePoses:
-        """Where everything stands in `data`, for a `sweep`; rays are cast at it after the next `update` or `sweep`."""
-        poses = joined_poses(self._snapshots(data))
-        return ShapePoses(poses.position.copy(), poses.rotation.copy())
-
-    def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
-        """Of all parts as they stand in `data`; their sizes and trees are taken."""
         require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
             raise InputError(
                 f"Scene.update: data belongs to another model: got signature {data.signature:#x} with "
                 f"{len(data.geom_xpos)} geoms, expected {self.model.signature:#x} with {self.model.ngeom}"
             )
+        self.take(data)
+
+    def take(self, data: mujoco.MjData) -> None:
+        """`update` with data that are known to be of the model."""
+        self._world.update(*joined_poses(self._snapshots(data)))
+        self._stale, self._worlds, self._part = "", None, None
+
+    def read(self, data: mujoco.MjData) -> ShapePoses:
+        """Where everything stands in `data`, which are of the model, for a `sweep`.
+
+        Rays are cast at it after the next `update` or `sweep`.
+        """
+        poses = joined_poses(self._snapshots(data))
+        return ShapePoses(poses.position.copy(), poses.rotation.copy())
+
+    def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
+        """Of all parts as they stand in `data`; their sizes and trees are taken."""
+        require_on_device("Scene.update: data", "MjData", self.device)
+        self._sight.update()
         snapshots = [part.update(data) for part in self._parts]
+        if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
+            self._take_shapes(snapshots)
+        return snapshots
+
+    def _take_shapes(self, snapshots: Sequence[Snapshot]) -> None:
         first_tree = 0
         for part, snapshot in zip(self._parts, snapshots, strict=True):
             for index, tree in snapshot.trees.items():
@@ -150,11 +165,9 @@ class Scene:
             if snapshot.shapes is not None:
                 part.shapes = snapshot.shapes
             first_tree += len(part.trees)
-        if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
-            self._world.set_shapes(joined_shapes(self._parts))
-            self._differences = _NO_DIFFERENCES
-            self._sight.forget_visible()
-        return snapshots
+        self._world.set_shapes(joined_shapes(self._parts))
+        self._differences = _NO_DIFFERENCES
+        self._sight.forget_visible()
 
     def sweep(self, poses: Sequence[ShapePoses]) -> None:
         """Take the world as it moves through these poses, of a `read` each, in as many spans less one.
@@ -171,6 +184,7 @@ class Scene:
             InputError: worlds of another model, or a model with flexes or skins.
         """
         worlds.require_model(self.model)
+        self._sight.update()
         deforming = [part.owner for part in self._parts if part.owner in ("flex", "skin")]
         if deforming:
             raise InputError(f"Scene: many worlds of a model with a {deforming[0]}, expected a model without one")
@@ -216,6 +230,11 @@ class Scene:
         )
         self._differences = differences
         self._sight.forget_visible()
+
+    @property
+    def on_device(self) -> list[object]:
+        """What it has on its device by now, for whoever repeats its launches."""
+        return self._world.on_device
 
     def bytes_per_world(self, worlds: Worlds) -> int:
         """What each of many worlds takes, beside what is read in it: sizes and meshes of its own."""
@@ -283,6 +302,7 @@ class Scene:
         if not isinstance(cull, str) or cull not in _CULL:
             raise InputError(f"Scene.cast: no cull {cull!r}, {expected_one_of(str(cull), list(_CULL))}")
         wanted = self._wanted(filter)
+        self._sight.update()
         require_type("Scene.cast: max_distance", max_distance, Real)
         if not max_distance >= 0:
             raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
@@ -298,7 +318,7 @@ class Scene:
         return filter if isinstance(filter, Filter) else Filter()
 
     def visible(self, filter: Filter | PerWorld[Filter]) -> wp.array:
-        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit, as the model looks now.
+        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit.
 
         Of the worlds that stand.
         """
@@ -309,7 +329,7 @@ class Scene:
         return visible[self._part.start * shapes : self._part.stop * shapes]
 
     def looks(self) -> Looks:
-        """How the shapes look to a sensor's light, as the model looks now."""
+        """How the shapes look to a sensor's light."""
         return self._sight.looks()
 
     def cast_rays(
@@ -323,11 +343,12 @@ class Scene:
         """The first hit of each ray that is on the device already, among the visible geoms."""
         return cast(self._world.geometry, visible, rays, max_distance, _CULL[cull], out)
 
-    def prepare_cast(
-        self, rays: Rays, visible: wp.array, max_distance: float, out: HitArrays
+    def prepare_readings(
+        self, rays: Rays, visible: wp.array, limits: tuple[float, float], out: HitArrays
     ) -> list[Callable[[], object]]:
-        """The launches of `cast_rays`, for as often as it is wanted, for as long as `visible` gives these geoms."""
-        return prepare_cast(self._world.geometry, visible, rays, max_distance, CULL_NONE, out)
+        """The launches of a cast whose hits are readings between these limits [m], for as often as it is wanted, for
+        as long as `visible` gives these geoms."""
+        return prepare_readings(self._world.geometry, visible, rays, limits, out)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""

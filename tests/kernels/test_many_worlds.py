@@ -221,7 +221,6 @@ def test_threads_do_not_show(threads: int, monkeypatch: pytest.MonkeyPatch) -> N
     position, rotation = scattered(plan, 6, 100)
     at = sensor_poses(6, 100)
     monkeypatch.setattr(launch, "thread_count", lambda: threads)
-    monkeypatch.setattr("rigcast.kernels.cast.thread_count", lambda: threads)
     world = World(plan.trees, plan.shapes, "cpu")
     world.update(position, rotation)
     found = cast_all(world, sensor(*at, True))
