@@ -1,6 +1,6 @@
 """The trees over the shapes of a geometry, one for each span: planted, refitted, and built anew when they are loose."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,11 @@ class TopTrees:
         self._seen: wp.array | None = None
         self._is_seen: wp.Event | None = None
         self._set_nodes(empty_nodes(1))
+
+    @property
+    def refits(self) -> Sequence[Callable[[], object]]:
+        """The launches of a fit, which hold what they read and write besides the geometry."""
+        return self._refits
 
     @property
     def bytes_per_tree(self) -> int:
@@ -79,7 +84,8 @@ class TopTrees:
         if bounded.size:
             # near the median, as one shape that has gone astray must not loosen the boxes of all others
             center = 0.5 * lower[bounded] + 0.5 * upper[bounded]
-            offset = np.abs(center - np.median(center, axis=0)).max(axis=1)
+            median = np.sort(center, axis=0)[len(center) // 2]
+            offset = np.abs(center - median).max(axis=1)
             self._anchor_shape = int(bounded[np.argmin(offset)])
         self._set_nodes(nodes)
         self._plant()
@@ -141,7 +147,7 @@ class TopTrees:
             return 0.0
         area = float(self._seen.numpy().mean())
         wp.copy(self._seen, self._area)
-        self._is_seen = wp.record_event()
+        self._is_seen = self._device.stream.record_event()
         return area
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from PIL import Image
 
 from rigcast.kernels import reading
 from rigcast.kernels.stamps import stamps
@@ -22,6 +21,7 @@ from .kept import Kept
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from PIL import Image
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,12 +150,12 @@ class Frame:
             "_kept": self._kept.of_world(k),
         }
 
-    def picture(self) -> Image.Image:
+    def picture(self) -> "Image.Image":
         """The reading as a picture, 1200 pixels wide, with scales in metres; notebooks show it by themselves.
 
         A camera: z-depth, normals, geoms. A lidar: range image above a top-down view. Others: their grid.
         """
-        from rigcast.sensors.preview import draw_preview  # which knows frames
+        from rigcast.sensors.preview.draw import draw_preview  # which knows frames
 
         self.require_one_world()
         return draw_preview(self._pattern, self)
