@@ -2,27 +2,31 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import warp as wp
 
-from .geometry import FARTHEST, Geometry
-from .hits import NO_SHAPE, Hit, WorldRay, place_of
-from .launch import RAYS_PER_SLICE, TURN, prepare_over_rays, prepare_over_tiles, thread_count
+from .alone import Job, cast_run, is_castable
+from .geometry import Geometry
+from .hits import NO_SHAPE
+from .launch import TURN, prepare_over_rays, prepare_over_tiles, recorded
 from .moving import at_firings
-from .out import Out, write_miss, write_place
+from .out import Out, read_hit, write_miss
 from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
 from .packets.places import write_closed_form, write_triangles
 from .packets.prefetch import prefetch_hit, prefetch_packet
 from .packets.tile import cast_tile, clear_packet
+from .packing.sorting import Packets
 from .poses import scope_of
-from .ray import cast_ray
-from .rays import RayArrays, Rays, direction_of, firing_of, origin_of, span_of
+from .rays import Rays, firing_of, origin_of, span_of
 from .shapes.solids import has_triangles
+from .shapes.triangle import CULL_NONE
 from .vectors import lowest_bit
 
-RAYS_PER_THREAD = 32
-"""On the CPU: for each thread that a kernel is launched over, Warp copies its arguments."""
+RAYS_PER_RUN = 32
+RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
+"""Of rays that a thread of the CPU casts one by one."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -50,10 +54,10 @@ class HitArrays:
         out.distance, out.shape, out.face, out.normal = self.distance, self.shape, self.face, self.normal
         return out
 
-    def of_world(self, world: int, worlds: int) -> "HitArrays":
-        """Those of one of so many worlds, without a copy."""
+    def of_worlds(self, part: slice, worlds: int) -> "HitArrays":
+        """Those of some of so many worlds, without a copy."""
         count = self.distance.size // worlds
-        rays = slice(world * count, (world + 1) * count)
+        rays = slice(part.start * count, part.stop * count)
         return HitArrays(self.distance[rays], self.shape[rays], self.face[rays], self.normal[rays])
 
     @staticmethod
@@ -66,74 +70,49 @@ class HitArrays:
         )
 
 
-@wp.func
-def is_castable(ray: WorldRay) -> bool:
-    near_enough = wp.max(wp.abs(ray.origin)) <= wp.float64(FARTHEST)
-    return wp.isfinite(ray.origin) and wp.isfinite(ray.direction) and near_enough
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return atomicAdd(&turns.data[0], 1);
+#else
+    return __atomic_fetch_add(&turns.data[0], 1, __ATOMIC_RELAXED);
+#endif
+""")
+def turn_of(turns: wp.array[int]) -> int:  # type: ignore[empty-body]
+    """The number of a turn that no other thread has: atomically, which `wp.atomic_add` is not on a CPU."""
 
 
-@wp.func
-def write_hit(g: Geometry, out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
-    if hit.shape == NO_SHAPE:
-        write_miss(out, i, wp.inf)
-        return
-    place = place_of(g, hit, ray)
-    write_place(out, i, hit.shape, place.distance, place.face, place.normal, ray.limit)
+@wp.struct
+class Alone:
+    """Which rays are cast one by one, and scratch of each thread of the CPU."""
 
-
-@wp.func
-def cast_run(
-    begin: int,
-    end: int,
-    g: Geometry,
-    visible: wp.array[wp.bool],
-    which: wp.array[int],
-    rays: RayArrays,
-    limit: float,
-    cull: int,
-    out: Out,
-) -> None:
-    """Rays begin to end - 1, as for cast_rays."""
-    for k in range(begin, end):
-        i = int(k)
-        if which.shape[0] > 0:
-            i = k / which.shape[0] * rays.count + which[k % which.shape[0]]
-        firing = firing_of(rays, i)
-        rotation = rays.rotation[firing]
-        ray = WorldRay()
-        ray.origin = rays.position[firing] + rotation * origin_of(rays, i)
-        ray.direction = rotation * direction_of(rays, i)
-        ray.scope = scope_of(g, visible, span_of(rays, firing), firing)
-        ray.limit = limit
-        ray.cull = cull
-        if is_castable(ray):
-            write_hit(g, out, i, cast_ray(g, visible, ray), ray)
-        else:
-            write_miss(out, i, wp.nan)
+    count: int
+    which: wp.array[int]  # of each world; empty for all
+    copies: wp.array2d[Geometry]  # (threads, 1)
 
 
 @wp.kernel
-def cast_rays(
-    first: int,
-    per_thread: int,
-    count: int,
-    # scene:
-    g: Geometry,
-    visible: wp.array[wp.bool],
-    # rays:
-    which: wp.array[int],  # of each world; empty for all
-    rays: RayArrays,
-    limit: float,
-    cull: int,
-    out: Out,
-) -> None:
-    """So many rays per thread, of this count.
+def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: Alone) -> None:
+    """On the CPU, rays that no other thread takes, RAYS_PER_TURN at a time. turns: how many were taken."""
+    g.visible = job.visible
+    alone.copies[thread, 0] = g
+    begin = turn_of(turns) * RAYS_PER_TURN
+    while begin < alone.count:
+        cast_run(begin, wp.min(begin + RAYS_PER_TURN, alone.count), alone.copies[thread], job, alone.which)
+        begin = turn_of(turns) * RAYS_PER_TURN
 
-    The loop is a function of its own, for Warp compiles the body of a kernel twice, and what is called from two places
-    is not inlined: each call would copy the geometry.
-    """
-    begin = (first + wp.tid()) * per_thread
-    cast_run(begin, wp.min(begin + per_thread, count), g, visible, which, rays, limit, cull, out)
+
+@wp.kernel
+def hold(g: Geometry, job: Job, held: wp.array[Geometry]) -> None:
+    """The geometry, for functions that must not copy it."""
+    g.visible = job.visible
+    held[0] = g
+
+
+@wp.kernel
+def cast_rays(first: int, held: wp.array[Geometry], job: Job, alone: Alone) -> None:
+    """On CUDA, a ray in each thread."""
+    k = first + wp.tid()
+    cast_run(k, wp.min(k + 1, alone.count), held, job, alone.which)
 
 
 @wp.func
@@ -171,23 +150,20 @@ def write_packet(g: Geometry, out: Out, rays: TileRays, k: int) -> None:
 
 
 @wp.func
+def read_packet(out: Out, rays: TileRays, k: int, rotation: wp.mat33d) -> None:
+    for lane in range(LANES):
+        i = rays.packets[rays.first_packet + k].ray[lane]
+        if i >= 0:
+            read_hit(out, rays.first_ray + i, rotation)
+
+
+@wp.func
 def prefetch_out(out: Out, rays: TileRays, k: int) -> None:
     """Ask for where the hits of a packet will be written, which are all over the rows of an image."""
     for lane in range(LANES):
         i = rays.packets[rays.first_packet + k].ray[lane]
         if i >= 0:
             prefetch_hit(out, rays.first_ray + i)
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return atomicAdd(&turns.data[0], 1);
-#else
-    return __atomic_fetch_add(&turns.data[0], 1, __ATOMIC_RELAXED);
-#endif
-""")
-def turn_of(turns: wp.array[int]) -> int:  # type: ignore[empty-body]
-    """The number of a turn that no other thread has: atomically, which `wp.atomic_add` is not on a CPU."""
 
 
 @wp.func
@@ -198,30 +174,31 @@ def tile_after(index: int, turns: wp.array[int]) -> int:
     return index + 1
 
 
-@wp.kernel
-def cast_packets(
-    thread: int,
-    turns: wp.array[int],  # how many were taken
-    worlds: int,
-    # scene:
-    g: Geometry,
-    visible: wp.array[wp.bool],
-    # rays:
-    tiles: wp.array[Tile],
-    packets: wp.array[Packet],
-    own: RayArrays,
-    limit: float,
-    cull: int,
+@wp.struct
+class InPackets:
+    """Tiles of packets, those of every world, and scratch of each thread."""
+
+    worlds: int
+    tiles: wp.array[Tile]
+    packets: wp.array[Packet]
     # scratch:
-    copies: wp.array[Geometry],  # for each thread
-    best: wp.array[PacketHits],
-    world_directions: wp.array[Directions],
-    out: Out,
-) -> None:
-    """Tiles that no other thread takes, one after the other, of all worlds."""
-    copies[thread] = g
+    copies: wp.array2d[Geometry]  # (threads, 1)
+    best: wp.array[PacketHits]
+    world_directions: wp.array[Directions]
+
+
+@wp.kernel
+def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these: InPackets) -> None:
+    """Tiles that no other thread takes, one after the other, of all worlds. turns: how many were taken."""
+    g.visible = job.visible
+    these.copies[thread, 0] = g
+    held = these.copies[thread]
+    tiles = these.tiles
+    packets = these.packets
+    own = job.rays
+    out = job.out
     at = turn_of(turns) * TURN
-    while at < worlds * tiles.shape[0]:
+    while at < these.worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
         index = at % tiles.shape[0]
         rays = TileRays()
@@ -233,17 +210,16 @@ def cast_packets(
         rays.axis = rotation * rays.tile.axis
         rays.u = rotation * rays.tile.u
         rays.v = rotation * rays.tile.v
-        rays.scope = scope_of(g, visible, span_of(own, firing), firing)
+        rays.scope = scope_of(held, span_of(own, firing), firing)
         rays.first_ray = world * own.count
-        rays.limit = limit
-        rays.cull = cull
-        rays.visible = visible
+        rays.limit = job.limit
+        rays.cull = job.cull
         rays.first_packet = index * PACKETS
         rays.packets = packets
-        rays.geometry = copies
+        rays.geometry = held
         rays.first_slot = thread * PACKETS
-        rays.best = best
-        rays.directions = world_directions
+        rays.best = these.best
+        rays.directions = these.world_directions
         following = (at + 1) % tiles.shape[0]
         for k in range(PACKETS):
             clear_packet(rays, k, rotation)
@@ -257,6 +233,8 @@ def cast_packets(
                 write_packet(g, out, rays, k)
             else:
                 miss_packet(out, rays, k, wp.nan)
+            if out.is_read:
+                read_packet(out, rays, k, rotation)
         at = tile_after(at, turns)
 
 
@@ -284,32 +262,67 @@ def prepare_cast(
 ) -> list[Callable[[], object]]:
     """The launches of a `cast` into these hits, for as often as it is wanted.
 
-    They cast at shapes that stand still as they do by then, and at shapes that move as they do now; by as many threads
-    as there are now.
+    They cast at shapes that stand still as they do by then, and at shapes that move as they do now.
     """
+    return _prepare(geometry, rays, _job(visible, rays, limit, cull, hits.out()))
+
+
+def prepare_readings(
+    geometry: Geometry, visible: wp.array, rays: Rays, limits: tuple[float, float], hits: HitArrays
+) -> list[Callable[[], object]]:
+    """As `prepare_cast`, of what rays read between these limits [m]: nearer is -inf, normals are in the rays' frame."""
+    out = hits.out()
+    out.is_read, out.min_range = True, limits[0]
+    return _prepare(geometry, rays, _job(visible, rays, limits[1], CULL_NONE, out))
+
+
+def _job(visible: wp.array, rays: Rays, limit: float, cull: int, out: Out) -> Job:
+    job = Job()
+    job.rays, job.visible, job.limit, job.cull, job.out = rays.arrays, visible, limit, cull, out
+    return job
+
+
+def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Callable[[], object]]:
     device = rays.directions.device
     placed = geometry if geometry.instants == 1 else at_firings(geometry, rays)
-    scene, how = [placed, visible], [rays.arrays, limit, cull]
     if rays.packets is None:
-        return [_prepare_alone(scene, wp.empty(0, dtype=int, device=device), rays.total, how, hits)]
+        return _prepare_alone(placed, job, wp.empty(0, dtype=int, device=device), rays.total)
     packets, worlds = rays.packets, rays.worlds
     launches: list[Callable[[], object]] = []
     if packets.tiles.size:
-        sizes = {Geometry: thread_count(), PacketHits: thread_count() * PACKETS, Directions: thread_count() * PACKETS}
-        scratch = [wp.empty(size, dtype=kind, device="cpu") for kind, size in sizes.items()]
-        inputs = [worlds, *scene, packets.tiles, packets.packets, *how, *scratch]
-        launches.append(prepare_over_tiles(cast_packets, worlds * packets.tiles.size, inputs, [hits.out()]))
+        inputs = partial(_in_packets, placed, job, packets, worlds)
+        launches.append(prepare_over_tiles(cast_packets, worlds * packets.tiles.size, inputs))
     if packets.singles.size:
-        launches.append(_prepare_alone(scene, packets.singles, worlds * packets.singles.size, how, hits))
+        launches += _prepare_alone(placed, job, packets.singles, worlds * packets.singles.size)
     return launches
 
 
-def _prepare_alone(
-    scene: list[Any], which: wp.array, count: int, how: list[Any], hits: HitArrays
-) -> Callable[[], object]:
+def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, threads: int) -> list[Any]:
+    """What `cast_packets` takes in so many threads."""
+    these = InPackets()
+    these.worlds, these.tiles, these.packets = worlds, packets.tiles, packets.packets
+    these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
+    these.best = wp.empty(threads * PACKETS, dtype=PacketHits, device="cpu")
+    these.world_directions = wp.empty(threads * PACKETS, dtype=Directions, device="cpu")
+    return [geometry, job, these]
+
+
+def _prepare_alone(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
     """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
-    device = hits.distance.device
-    per_thread = RAYS_PER_THREAD if device.is_cpu else 1
-    threads, slice_size = -(-count // per_thread), max(1, RAYS_PER_SLICE // per_thread)
-    inputs = [per_thread, count, *scene, which, *how]
-    return prepare_over_rays(cast_rays, threads, inputs, [hits.out()], device, slice_size)
+    device = which.device
+    if device.is_cpu:
+        return [prepare_over_tiles(cast_turns, -(-count // RAYS_PER_RUN), partial(_alone, geometry, job, which, count))]
+    held, alone = wp.empty(1, dtype=Geometry, device=device), Alone()
+    alone.count, alone.which = count, which
+    return [
+        recorded(hold, 1, [geometry, job, held], [], device),
+        prepare_over_rays(cast_rays, count, [held, job, alone], [], device),
+    ]
+
+
+def _alone(geometry: Geometry, job: Job, which: wp.array, count: int, threads: int) -> list[Any]:
+    """What `cast_turns` takes in so many threads."""
+    alone = Alone()
+    alone.count, alone.which = count, which
+    alone.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
+    return [geometry, job, alone]

@@ -51,7 +51,10 @@ def launch_over_runs(
 
     Its first arguments are the index of the run of thread 0, and how many rays a run has; the last may have fewer.
     """
-    prepare_over_runs(kernel, count, inputs, outputs, device)()
+    run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
+    runs = -(-count // run)
+    slice_size = max(RUNS_PER_SLICE, -(-runs // thread_count()))
+    launch_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
 
 
 def prepare_over_rays(
@@ -67,36 +70,29 @@ def prepare_over_rays(
     Of one slice the arguments are packed only now, which takes longer than a kernel needs for a few rays.
     """
     if count and (wp.get_device(device).is_cuda or count <= slice_size):
-        return _recorded(kernel, count, [0, *inputs], outputs, device)
+        return recorded(kernel, count, [0, *inputs], outputs, device)
     return partial(launch_over_rays, kernel, count, inputs, outputs, device, slice_size)
 
 
-def prepare_over_runs(
-    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
-) -> Callable[[], object]:
-    """`launch_over_runs`, as `prepare_over_rays`."""
-    run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
-    runs = -(-count // run)
-    slice_size = max(RUNS_PER_SLICE, -(-runs // thread_count()))
-    return prepare_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
-
-
-def prepare_over_tiles(
-    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]
-) -> Callable[[], object]:
+def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Sequence[Any]]) -> Callable[[], object]:
     """A launch of a CPU kernel over tiles 0..count-1, as `prepare_over_rays`: once in each thread, to take turns at
     TURN tiles, each when it is done with its last.
 
-    Its first arguments are the number of a thread, and the number of turns that were taken, in an array.
+    Its first arguments are the number of a thread, and the number of turns that were taken, in an array; then those
+    for so many threads.
     """
-    threads, pool = min(thread_count(), -(-count // TURN)), _threads(thread_count())
+    most = max(1, -(-count // TURN))
     turns = wp.zeros(1, dtype=int, device="cpu")
     taken = turns.numpy()
-    of_threads = [_recorded(kernel, 1, [thread, turns, *inputs], outputs, "cpu") for thread in range(threads)]
+    of_threads: list[Callable[[], None]] = []
 
     def launch() -> None:
+        threads = 1 if most == 1 else min(most, thread_count())
+        if threads != len(of_threads):
+            given = inputs(threads)
+            of_threads[:] = [recorded(kernel, 1, [k, turns, *given], [], "cpu") for k in range(threads)]
         taken[0] = 0
-        others = [pool.submit(own) for own in of_threads[1:]]
+        others = [_threads(thread_count()).submit(own) for own in of_threads[1:]]
         of_threads[0]()
         for other in others:
             other.result()
@@ -104,7 +100,7 @@ def prepare_over_tiles(
     return launch
 
 
-def _recorded(
+def recorded(
     kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
 ) -> Callable[[], None]:
     """A launch whose arguments are packed now, and kept for as long as it is: Warp 1.12 does not keep them."""
@@ -127,3 +123,7 @@ def thread_count() -> int:
 @cache
 def _threads(count: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(count, thread_name_prefix="rigcast")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_threads.cache_clear)  # threads stay with the parent

@@ -36,6 +36,10 @@ class Attachment:
     offset: wp.array
     turn: wp.array
 
+    def of_worlds(self, part: slice) -> "Attachment":
+        """In some of the worlds, where it is another one in each."""
+        return Attachment(self.which[part], self.offset[part], self.turn[part])
+
     @staticmethod
     def of(which: npt.ArrayLike, offset: npt.NDArray[np.float64], device: wp.DeviceLike) -> "Attachment":
         """Of carriers (n,) and poses in them (n, 4, 4)."""
@@ -162,6 +166,10 @@ class Frames:
             wp.empty((worlds, count), dtype=wp.mat33d, device=device),
         )
 
+    def of_worlds(self, part: slice) -> "Frames":
+        """Those in some of the worlds, without a copy."""
+        return Frames(self.position[part], self.rotation[part])
+
     def copy(self, carriers: Carriers) -> None:
         """Make the first of these those of the carriers."""
         outputs = [self.position, self.rotation]
@@ -196,6 +204,6 @@ class Frames:
 
 
 def origin(device: wp.DeviceLike) -> Carriers:
-    """The world's own frame, as carrier 0."""
+    """The world's own frame, as carrier 0; filled on the device, as a CUDA graph can do again."""
     zero = wp.zeros((1, 1), dtype=wp.vec3d, device=device)
-    return Carriers(zero, wp.array(np.eye(3)[None, None], dtype=wp.mat33d, device=device))
+    return Carriers(zero, wp.full((1, 1), wp.mat33d(np.eye(3)), dtype=wp.mat33d, device=device))

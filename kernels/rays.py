@@ -57,24 +57,20 @@ class Rays:
         """W N, the rays of all worlds."""
         return int(self.directions.shape[-1]) * self.worlds
 
-    def of_world(self, world: int) -> "Rays":
-        """Those of one of the worlds, as if it were the only one."""
+    def of_worlds(self, part: slice) -> "Rays":
+        """Those of some of the worlds, as if there were no others."""
         firings = self.position.size // self.worlds
-        own = slice(world * firings, (world + 1) * firings)
+        own = slice(part.start * firings, part.stop * firings)
         return replace(
             self,
-            directions=self._own(self.directions, world),
-            origins=self._own(self.origins, world),
+            directions=_of_worlds(self.directions, part),
+            origins=_of_worlds(self.origins, part),
             position=self.position[own],
             rotation=self.rotation[own],
-            worlds=1,
+            worlds=part.stop - part.start,
             span=None,
             fraction=None,
         )
-
-    @staticmethod
-    def _own(vectors: wp.array, world: int) -> wp.array:
-        return vectors if vectors.ndim == 1 else vectors[world]
 
     @cached_property
     def arrays(self) -> RayArrays:
@@ -88,6 +84,10 @@ class Rays:
             if getattr(self, name) is not None:  # a struct begins with empty arrays
                 setattr(arrays, name, getattr(self, name))
         return arrays
+
+
+def _of_worlds(vectors: wp.array, part: slice) -> wp.array:
+    return vectors if vectors.ndim == 1 else vectors[part]
 
 
 def _flat(array: wp.array) -> wp.array:

@@ -3,14 +3,13 @@
 There is little to do for a ray, less than to begin a thread on the CPU: a thread takes a run of rays there.
 """
 
-from collections.abc import Callable
-
 import warp as wp
 
 from rigcast.kernels.effects.echoes import SurfaceArrays
 
 from .cast import HitArrays
-from .launch import launch_over_runs, prepare_over_runs
+from .launch import launch_over_runs
+from .out import Out, read_hit
 from .rays import RayArrays, Rays, direction_of, firing_of, origin_of
 from .vectors import to_double, to_float
 
@@ -23,33 +22,19 @@ def read_hits(
     run: int,  # rays per thread
     rays: RayArrays,
     per_ray: int,
-    min_range: float,
-    # in and out, per_ray of each ray:
-    distance: wp.array[float],
-    shape: wp.array[int],
-    normal: wp.array[wp.vec3],
+    out: Out,  # per_ray of each ray
 ) -> None:
     begin = (first + wp.tid()) * run
-    for i in range(begin, wp.min(begin + run, distance.shape[0])):
-        if distance[i] < min_range:
-            distance[i] = -wp.inf
-            shape[i] = -1
-            normal[i] = wp.vec3(0.0, 0.0, 0.0)
-        elif shape[i] >= 0:
-            rotation = rays.rotation[firing_of(rays, i / per_ray)]
-            normal[i] = to_float(wp.transpose(rotation) * to_double(normal[i]))
+    for i in range(begin, wp.min(begin + run, out.distance.shape[0])):
+        read_hit(out, i, rays.rotation[firing_of(rays, i / per_ray)])
 
 
 def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
     """Turn hits into readings in place: nearer than min_range [m] is -inf, normals go to the rays' frame."""
-    prepare_read(hits, rays, min_range)()
-
-
-def prepare_read(hits: HitArrays, rays: Rays, min_range: float) -> Callable[[], object]:
-    """`read`, for as often as it is called, with the poses of the rays by then."""
-    count, outputs = hits.distance.size, [hits.distance, hits.shape, hits.normal]
-    inputs = [rays.arrays, _per_ray(hits.distance, rays), min_range]
-    return prepare_over_runs(read_hits, count, inputs, outputs, hits.distance.device)
+    out = hits.out()
+    out.min_range = min_range
+    inputs = [rays.arrays, _per_ray(hits.distance, rays)]
+    launch_over_runs(read_hits, hits.distance.size, inputs, [out], hits.distance.device)
 
 
 def _per_ray(values: wp.array, rays: Rays) -> int:

@@ -15,9 +15,9 @@ class Upload:
         self._view = self.array.numpy() if device.is_cpu else None
 
     def write(self, values: npt.NDArray[np.floating[Any]]) -> None:
-        """Take these values, of the array's shape, or one for all."""
+        """Take these values, in the order of the array's."""
         if self._view is not None:
-            self._view[...] = values
+            self._view[...] = values.reshape(self._view.shape)
         else:
-            whole = np.ascontiguousarray(np.broadcast_to(values, (self.array.size, *self.array.dtype._shape_)))
+            whole = np.ascontiguousarray(values).reshape(-1, *self.array.dtype._shape_)
             wp.copy(self.array, wp.array(whole, dtype=self.array.dtype, device="cpu", copy=False))

@@ -17,6 +17,8 @@ from .trees.nodes import Node, moved_nodes
 from .trees.top_trees import TopTrees
 from .upload import Upload
 
+_SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
+
 Poses = npt.NDArray[np.floating[Any]] | wp.array
 
 
@@ -33,7 +35,7 @@ class World:
         self.trees = list(trees)
         self._join_trees()
         self._count = len(shapes.kind)
-        self._own: dict[str, Upload] = {}
+        self._uploads: tuple[Upload, Upload] | None = None
         self._poses: tuple[wp.array | None, wp.array | None] = (None, None)
         self.set_shapes(shapes)
         self._top = TopTrees(self.geometry, self.device)
@@ -43,19 +45,29 @@ class World:
         """What every world of a batch takes, beside its poses and, where they differ, sizes and boxes."""
         return self._top.bytes_per_tree
 
+    @property
+    def on_device(self) -> list[object]:
+        """All that an update and a cast read and write by now, for whoever repeats them."""
+        geometry = Geometry()
+        geometry.assign(self.geometry)
+        return [geometry, self._top.refits]
+
     def set_shapes(self, shapes: Shapes) -> None:
         """Take other sizes and local boxes; the next update makes them count.
 
         They are those of the n shapes, whose number and kinds stay, or of the n shapes of each of several worlds.
         """
-        g, device = self.geometry, self.device
+        device = self.device
         self._tree_of_shape = shapes.tree
-        g.kind = wp.array(shapes.kind[: self._count], dtype=int, device=device)
-        g.size = wp.array(shapes.size, dtype=wp.vec3, device=device)
-        g.root = wp.array(self._root_of_shape(), dtype=int, device=device)
-        g.reach = wp.array(shapes.reach, dtype=float, device=device)
-        g.center = wp.array(shapes.center, dtype=wp.vec3, device=device)
-        g.half = wp.array(shapes.half, dtype=wp.vec3, device=device)
+        self._of_shapes = {
+            "size": wp.array(shapes.size, dtype=wp.vec3, device=device),
+            "root": wp.array(self._root_of_shape(), dtype=int, device=device),
+            "reach": wp.array(shapes.reach, dtype=float, device=device),
+            "center": wp.array(shapes.center, dtype=wp.vec3, device=device),
+            "half": wp.array(shapes.half, dtype=wp.vec3, device=device),
+        }
+        self.geometry.kind = wp.array(shapes.kind[: self._count], dtype=int, device=device)
+        self._take_shapes(slice(0, len(shapes.kind)))
 
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
@@ -64,7 +76,15 @@ class World:
             self._overwrite_tree(index)
         else:
             self._join_trees()
-            self.geometry.root = wp.array(self._root_of_shape(), dtype=int, device=self.device)
+            self._of_shapes["root"] = wp.array(self._root_of_shape(), dtype=int, device=self.device)
+            self._take_shapes(self._taken)
+
+    def _take_shapes(self, part: slice) -> None:
+        """Make sizes and boxes of the geometry some of those that were set."""
+        self._taken = part
+        for name, values in self._of_shapes.items():
+            is_whole = part == slice(0, values.size)
+            setattr(self.geometry, name, values if is_whole else values[part])
 
     def _join_trees(self) -> None:
         nodes, blocks, self._roots = join_triangle_trees(self.trees)
@@ -87,7 +107,7 @@ class World:
     def _root_of_shape(self) -> npt.NDArray[np.int32]:
         return np.append(self._roots, np.int32(0))[self._tree_of_shape]
 
-    def update(self, position: Poses, rotation: Poses) -> None:
+    def update(self, position: Poses, rotation: Poses, part: slice | None = None) -> None:
         """Take the poses of the shapes of one world or of many. A pose that is not finite is never hit.
 
         Args:
@@ -95,13 +115,14 @@ class World:
                 the world's device, (worlds, n) of vec3d or vec3, which is used in place: when what is in it changes,
                 update again.
             rotation: likewise (..., n, 9) or (..., n, 3, 3), row-major, or mat33d or mat33; columns are shapes' axes.
+            part: which of the worlds that sizes were set for these are; None: all.
 
         Raises:
             ValueError: sizes were set for another number of worlds.
         """
         if self.geometry.instants > 1:
             self.geometry.movers, self.geometry.place = None, None
-        self._fit(position, rotation, math.prod(_leading(position)), 1)
+        self._fit(position, rotation, math.prod(_leading(position)), 1, part)
 
     def sweep(self, position: Poses, rotation: Poses) -> None:
         """Take the poses of the shapes at following instants, between which they move as rigcast.kernels.poses says.
@@ -121,35 +142,38 @@ class World:
         self.geometry.movers = wp.array(np.flatnonzero(moves), dtype=int, device=self.device)
         self.geometry.place = wp.array(place, dtype=int, device=self.device)
 
-    def _fit(self, position: Poses, rotation: Poses, worlds: int, instants: int) -> None:
-        sizes = self.geometry.size.size
-        if sizes not in (self._count, worlds * self._count):
-            raise ValueError(f"got poses of {worlds} worlds, expected {sizes // self._count}, as sizes were set for")
+    def _fit(self, position: Poses, rotation: Poses, worlds: int, instants: int, part: slice | None = None) -> None:
+        count, sizes = self._count, self._of_shapes["size"].size
+        if sizes > count:
+            own = slice(0, sizes) if part is None else slice(part.start * count, part.stop * count)
+            if own.stop - own.start != worlds * count:
+                raise ValueError(f"got poses of {worlds} worlds, expected {sizes // count}, as sizes were set for")
+            if own != self._taken:
+                self._take_shapes(own)
         self._set_poses(position, rotation)
         self._top.fit(worlds, instants)
 
     def _set_poses(self, position: Poses, rotation: Poses) -> None:
-        if isinstance(position, wp.array):
-            is_double = position.dtype is wp.vec3d
-        else:
-            is_double = position.dtype == np.float64
-            position = self._uploaded("position", position, wp.vec3d if is_double else wp.vec3)
-            rotation = self._uploaded("rotation", rotation, wp.mat33d if is_double else wp.mat33)
+        if not isinstance(position, wp.array):
+            position, rotation = self._uploaded(position, rotation)
         if position is self._poses[0] and rotation is self._poses[1]:
             return
         self._poses = position, rotation
-        g, poses = self.geometry, (position.flatten(), rotation.flatten())
+        g, poses, is_double = self.geometry, (position.flatten(), rotation.flatten()), position.dtype is wp.vec3d
         g.position, g.rotation = poses if is_double else (None, None)
         g.position_float, g.rotation_float = (None, None) if is_double else poses
 
-    def _uploaded(self, name: str, values: npt.NDArray[np.floating[Any]], dtype: Any) -> wp.array:
-        """The values in an array of the world's own, the same one for as long as it fits."""
-        values = values.reshape(-1, *dtype._shape_)
-        own = self._own.get(name)
-        if own is None or own.array.dtype != dtype or own.array.size != len(values):
-            own = self._own[name] = Upload(len(values), dtype, self.device)
-        own.write(values)
-        return own.array
+    def _uploaded(
+        self, position: npt.NDArray[np.floating[Any]], rotation: npt.NDArray[np.floating[Any]]
+    ) -> tuple[wp.array, wp.array]:
+        """The values in arrays of the world's own, the same ones for as long as they fit."""
+        count, dtypes = position.size // 3, _DOUBLE if position.dtype == np.float64 else _SINGLE
+        if self._uploads is None or self._uploads[0].array.size != count or self._uploads[0].array.dtype != dtypes[0]:
+            self._uploads = Upload(count, dtypes[0], self.device), Upload(count, dtypes[1], self.device)
+        positions, rotations = self._uploads
+        positions.write(position)
+        rotations.write(rotation)
+        return positions.array, rotations.array
 
 
 def _leading(position: Poses) -> tuple[int, ...]:

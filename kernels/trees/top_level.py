@@ -60,7 +60,7 @@ def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
     """The box of a shape during a span, relative to the anchor; empty where it has none at either end."""
     shapes = g.kind.shape[0]
     entry = first_instant_of(g, span) + shape
-    sized = first_of_world(g.size.shape[0], shapes, world_of(g, span)) + shape
+    sized = first_of_world(g.size.shape[0], shapes, world_of(g.instants, span)) + shape
     center = g.center[sized]
     half = g.half[sized]
     box = shape_box(pose_at(g, entry), center, half, anchor)
@@ -106,34 +106,35 @@ def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: wp.array[F
     fits[at] = with_own_box(whole)
 
 
+@wp.struct
+class Refit:
+    """Nodes begin to end - 1 of every tree, so many threads for each, and what is fitted around them."""
+
+    threads: int
+    begin: int
+    end: int
+    anchor_shape: int
+    fits: wp.array[Fit]
+    area: wp.array[float]
+
+
 @wp.kernel
-def refit(
-    first: int,
-    threads: int,  # for each span
-    begin: int,
-    end: int,
-    anchor_shape: int,
-    # in and out:
-    g: Geometry,
-    fits: wp.array[Fit],
-    # out:
-    area: wp.array[float],
-) -> None:
-    """Fit nodes begin to end - 1 of every tree, the last first.
+def refit(first: int, g: Geometry, these: Refit) -> None:
+    """Fit nodes, the last first.
 
     One thread may do all of a tree, or many one node each, of a level whose children have been fitted before.
     """
-    span = (first + wp.tid()) / threads
-    anchor = anchor_of(g, span, anchor_shape)
+    span = (first + wp.tid()) / these.threads
+    anchor = anchor_of(g, span, these.anchor_shape)
     root = span * g.top_count
-    node = end - 1 - (first + wp.tid()) % threads
-    while node >= begin:
-        fit_node(g, span, root + node, anchor, fits)
-        node -= threads
-    if begin == 0:
+    node = these.end - 1 - (first + wp.tid()) % these.threads
+    while node >= these.begin:
+        fit_node(g, span, root + node, anchor, these.fits)
+        node -= these.threads
+    if these.begin == 0:
         g.anchor[span] = anchor
-        g.top_reach[span] = fits[root].reach
-        area[span] = fits[root].area
+        g.top_reach[span] = these.fits[root].reach
+        these.area[span] = these.fits[root].area
 
 
 @wp.kernel

@@ -1,6 +1,6 @@
 """The trees over the shapes of a geometry, one for each span: planted, refitted, and built anew when they are loose."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +11,7 @@ from rigcast.kernels.launch import launch_over_rays, prepare_over_rays
 
 from .fit import REBUILD_RATIO, Fit
 from .nodes import NO_CHILD, WIDTH, Node, empty_nodes, join_trees
-from .top_level import first_boxes, plant, refit, turn_shapes
+from .top_level import Refit, first_boxes, plant, refit, turn_shapes
 from .tree import build_tree
 
 LEAVES_PER_SLICE = 4096
@@ -38,6 +38,11 @@ class TopTrees:
         self._seen: wp.array | None = None
         self._is_seen: wp.Event | None = None
         self._set_nodes(empty_nodes(1))
+
+    @property
+    def refits(self) -> Sequence[Callable[[], object]]:
+        """The launches of a fit, which hold what they read and write besides the geometry."""
+        return self._refits
 
     @property
     def bytes_per_tree(self) -> int:
@@ -79,7 +84,8 @@ class TopTrees:
         if bounded.size:
             # near the median, as one shape that has gone astray must not loosen the boxes of all others
             center = 0.5 * lower[bounded] + 0.5 * upper[bounded]
-            offset = np.abs(center - np.median(center, axis=0)).max(axis=1)
+            median = np.sort(center, axis=0)[len(center) // 2]
+            offset = np.abs(center - median).max(axis=1)
             self._anchor_shape = int(bounded[np.argmin(offset)])
         self._set_nodes(nodes)
         self._plant()
@@ -101,14 +107,19 @@ class TopTrees:
 
     def _prepare_refits(self) -> Iterator[Callable[[], object]]:
         """On the CPU, a thread for some of the trees; on CUDA, one for every node of a level, level after level."""
-        inputs, outputs = [self._anchor_shape, self._geometry, self._fits], [self._area]
+        shapes, nodes = max(1, self._geometry.kind.size), self._nodes.size
         if self._device.is_cpu:
-            trees, whole = max(1, LEAVES_PER_SLICE // max(1, self._geometry.kind.size)), [1, 0, self._nodes.size]
-            yield prepare_over_rays(refit, self._spans, [*whole, *inputs], outputs, self._device, slice_size=trees)
+            yield self._prepare_refit(1, 0, nodes, trees_per_slice=max(1, LEAVES_PER_SLICE // shapes))
             return
         for begin, end in reversed(self._levels):
-            threads, level = end - begin, [end - begin, begin, end]
-            yield prepare_over_rays(refit, self._spans * threads, [*level, *inputs], outputs, self._device)
+            yield self._prepare_refit(end - begin, begin, end, trees_per_slice=1)
+
+    def _prepare_refit(self, threads: int, begin: int, end: int, trees_per_slice: int) -> Callable[[], object]:
+        these = Refit()
+        these.threads, these.begin, these.end, these.anchor_shape = threads, begin, end, self._anchor_shape
+        these.fits, these.area = self._fits, self._area
+        inputs, slice_size = [self._geometry, these], threads * trees_per_slice
+        return prepare_over_rays(refit, self._spans * threads, inputs, [], self._device, slice_size)
 
     def _refit(self) -> None:
         """Fit all nodes."""
@@ -136,7 +147,7 @@ class TopTrees:
             return 0.0
         area = float(self._seen.numpy().mean())
         wp.copy(self._seen, self._area)
-        self._is_seen = wp.record_event()
+        self._is_seen = self._device.stream.record_event()
         return area
 
 

@@ -70,6 +70,11 @@ class DepthPhysics:
         casts = 4 if flight is None else 2 + flight.subrays**2
         return casts * (BYTES_PER_HIT + 24)
 
+    @property
+    def kept_bytes_per_ray(self) -> int:
+        """What stays of that for as long as the frame: what is there, which its infrared light shows."""
+        return BYTES_PER_HIT
+
     def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> DepthReading:
         """One reading of the scene, with rays through the pixels' centres."""
         reading = self._read(_Look(self._scene, rays, visible, source))

@@ -67,6 +67,11 @@ class LidarPhysics:
             + (slots + returns_kept) * echoes.BYTES_PER_ECHO
         )
 
+    @property
+    def kept_bytes_per_ray(self) -> int:
+        """What stays of that for as long as the frame: how strong its returns are."""
+        return 4 * (2 if self.spec.returns == "dual" else 1)
+
     def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
         """One reading of the scene, with the sensor's rays in its pose now."""
         spec, count = self.spec, self.count * rays.worlds

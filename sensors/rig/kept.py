@@ -9,17 +9,14 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from sys import getrefcount
-from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
-from rigcast.kernels.launch import thread_count
 from rigcast.kernels.mounts import Frames
 from rigcast.kernels.rays import Rays
-from rigcast.kernels.reading import prepare_read
 from rigcast.kernels.upload import Upload
 from rigcast.sensors.scene.scene import Scene
 
@@ -43,10 +40,11 @@ class Kept:
         self._pose: tuple[Upload, Upload] | None = None
         self._frames: Frames | None = None
         self._launches: list[Callable[[], object]] = []
-        self._launched: tuple[Any, ...] = ()
+        self._launched: tuple[Rays | None, wp.array | None] = (None, None)
         self._arrays: dict[str, wp.array] = {}
         self._fields: dict[str, wp.array] = {}
         self._current: set[str] = set()
+        self._held: list[object] = []
         self._of_hits = [hits.distance, hits.shape, hits.face, hits.normal, self.range, self.normal]
         self._of_fields: list[wp.array] = []
         self._at_first: list[int] = []
@@ -86,6 +84,15 @@ class Kept:
             self._frames = Frames.empty(worlds, 1, self.hits.distance.device)
         return self._frames
 
+    def part(self, part: slice) -> "Kept":
+        """Those of some of many worlds, without a copy; itself, of all."""
+        worlds = self.shape[0]
+        if part == slice(0, worlds):
+            return self
+        kept = Kept(self.hits.of_worlds(part, worlds), (part.stop - part.start, *self.shape[1:]))
+        kept._frames = self.frames(worlds).of_worlds(part)
+        return kept
+
     def aim_in_worlds(self, fixed: Rays) -> Rays:
         """Those rays in the poses of `frames`."""
         assert self._frames is not None
@@ -100,22 +107,23 @@ class Kept:
 
     def read(self, scene: Scene, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
         """A reading without errors, of what is between these limits [m]."""
-        wanted = rays, visible, thread_count()
-        if len(self._launched) != len(wanted) or any(a is not b for a, b in zip(self._launched, wanted, strict=True)):
-            nearest, farthest = limits
-            casts = scene.prepare_cast(rays, visible, farthest, self.hits)
-            self._launches = [*casts, prepare_read(self.hits, rays, nearest)]
-            self._rays, self._launched = rays, wanted
+        if rays is not self._launched[0] or visible is not self._launched[1]:
+            self._launches = scene.prepare_readings(rays, visible, limits, self.hits)
+            self._rays, self._launched = rays, (rays, visible)
         for launch in self._launches:
             launch()
-        self._settle()
+        self.settle()
+
+    def hold(self, *used: object) -> None:
+        """Keep what a reading has used, for a graph that repeats it for as long as its frame is there."""
+        self._held += used
 
     def take(self, hits: HitArrays, rays: Rays) -> None:
         """A reading of other arrays, copied here."""
         for name in ("distance", "shape", "face", "normal"):
             wp.copy(getattr(self.hits, name), getattr(hits, name))
         self._rays, self._fixed = rays, None
-        self._settle()
+        self.settle()
 
     def field(
         self,
@@ -151,9 +159,11 @@ class Kept:
 
     def of_world(self, k: int) -> "Kept":
         """Those of one of many worlds, without a copy."""
-        return Kept(self.hits.of_world(k, self.shape[0]), self.shape[1:], self.rays.of_world(k))
+        part = slice(k, k + 1)
+        return Kept(self.hits.of_worlds(part, self.shape[0]), self.shape[1:], self.rays.of_worlds(part))
 
-    def _settle(self) -> None:
+    def settle(self) -> None:
+        """Take note of who holds the arrays now: nobody but this, and what shares its life."""
         if not self._at_first:  # nobody can hold any of it yet
             self._at_first = _references(self._of_hits)
 

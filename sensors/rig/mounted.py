@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.kernels.mounts import BYTES_PER_FRAME
-from rigcast.kernels.packing.firings import groups_of
+from rigcast.kernels.packing.firings import groups_of, same_rows
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.rays import Rays
-from rigcast.sensors.physics.depth_camera import DepthPhysics
-from rigcast.sensors.physics.lidar import LidarPhysics
+from rigcast.sensors.captured import is_captured
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.scene.batch.attached import Attached
 from rigcast.sensors.scene.batch.per_world import PerWorld
 from rigcast.sensors.scene.batch.standing import Standing
@@ -37,6 +37,10 @@ from rigcast.sensors.specs.pattern import Pattern
 from .kept import Kept, Pool
 from .motion import FEWEST, Firings, Track
 
+if TYPE_CHECKING:
+    from rigcast.sensors.physics.depth_camera import DepthPhysics
+    from rigcast.sensors.physics.lidar import LidarPhysics
+
 Sensor = Lidar | DepthCamera | HeightScan
 
 
@@ -50,14 +54,13 @@ class WorldRays(NamedTuple):
 class Aim(NamedTuple):
     """The rays of a reading that begins at `time` [s], the pose (4, 4) in which the sensor is then, and its arrays.
 
-    Of many worlds these are (nworld,) and (nworld, 4, 4), and `worlds` is (nworld,) uint32, their ids.
+    Of many worlds these are (nworld,) and (nworld, 4, 4).
     """
 
     time: float | wp.array
     pose: NDArray[np.float64] | wp.array
     rays: Rays
     kept: Kept
-    worlds: wp.array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +80,8 @@ class Mounted:
     firing_times: wp.array | None
     ring: wp.array | None
     column: wp.array | None
-    physics: LidarPhysics | None
-    depth_physics: DepthPhysics | None
+    physics: "LidarPhysics | None"
+    depth_physics: "DepthPhysics | None"
     frames: Iterator[int]
     batches: Iterator[int]
     pool: Pool
@@ -100,8 +103,8 @@ class Mounted:
             _upload(pattern.firing_times, wp.float64, spec, scene.device),
             _upload(pattern.ring, wp.int32, spec, scene.device),
             _upload(pattern.column, wp.int32, spec, scene.device),
-            LidarPhysics(scene, spec, rays.directions.size) if isinstance(spec, Lidar) and spec.has_effects else None,
-            DepthPhysics(scene, spec, pattern) if isinstance(spec, DepthCamera) and spec.has_effects else None,
+            _lidar_physics(scene, spec, rays.directions.size),
+            _depth_physics(scene, spec, pattern),
             count(),
             count(),
             Pool(),
@@ -114,6 +117,9 @@ class Mounted:
         if self.pattern.later is None:
             return self
         pattern, scene, spec = self.pattern.at(time), self.scene, self.spec
+        if is_captured(scene.device):
+            what = "got a pattern that is another one in each reading while a CUDA graph is captured"
+            raise InputError(f"sensor {spec.name!r}: {what}, expected one that stays")
         turned = replace(self, pattern=pattern, rays_at_once=_upload_rays(pattern, scene))
         if all(getattr(pattern, name) is getattr(self.pattern, name) for name in ("firing_times", "ring", "column")):
             return turned
@@ -134,15 +140,21 @@ class Mounted:
         return replace(rays, packets=_packets(self.pattern, rays) if packed else None)
 
     def bytes_per_world(self, worlds: Worlds) -> int:
-        """The most memory that one reading of one of many worlds takes, while it is made."""
+        """The most memory that one reading of one of many worlds takes."""
         # its pose and its carrier's, the frame's, which is a third larger, and how it is mounted
         poses = 4 + (self.spec.name in worlds.mounts)
         visible = self.scene.body_of_shape.size if worlds.differ_in_sight(self.spec.name) else 0
         physics = self.physics or self.depth_physics
-        per_ray = _returns(self.spec) * BYTES_PER_HIT + (0 if physics is None else physics.bytes_per_ray)
+        per_ray = _returns(self.spec) * BYTES_PER_HIT + (0 if physics is None else physics.kept_bytes_per_ray)
         return poses * BYTES_PER_FRAME + visible + math.prod(self.pattern.shape) * per_ray
 
     @property
+    def bytes_per_standing_world(self) -> int:
+        """The most that errors take in each of the worlds that are read at one time."""
+        physics = self.physics or self.depth_physics
+        return 0 if physics is None else math.prod(self.pattern.shape) * physics.bytes_per_ray
+
+    @cached_property
     def frame_shape(self) -> tuple[int, ...]:
         """That of a frame's fields: the pattern's, with a last axis for several returns."""
         copies = _returns(self.spec)
@@ -150,9 +162,11 @@ class Mounted:
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """(4, 4) the sensor's frame in the world."""
-        with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
-            pose = self.mount.pose(data)
-            return yaw_only(pose) if self.spec.yaw_aligned else pose
+        pose = self.mount.pose(data)
+        if not self.spec.yaw_aligned:
+            return pose
+        with np.errstate(invalid="ignore"):
+            return yaw_only(pose)
 
     def visible(self) -> wp.array:
         return self.scene.visible(self.filter)
@@ -177,20 +191,22 @@ class Mounted:
             fraction=wp.array(track.fraction, dtype=wp.float64, device=device),
         )
 
-    def in_worlds(self, worlds: Standing, kept: Kept) -> "tuple[Mounted, Aim]":
-        """The sensor with the pattern of its next reading of many worlds, and its rays in them.
+    def next_of_worlds(self, worlds: Worlds) -> "Mounted":
+        """With the pattern of its next reading of many worlds, and the filter that it has there.
 
         Where a pattern is another one in each reading, that of reading k is the one of time k / rate_hz, in all worlds.
         """
         number = next(self.batches)
         fired = self.at(number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.duration)
-        count = worlds.count
-        frames, at = kept.frames(count), worlds.attached(self.spec, self.attached)
-        frames.place(0, worlds.carriers(at), at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
-        ring, column = _same_in_each(fired.ring, count), _same_in_each(fired.column, count)
-        time, pose = kept.field("time", worlds.times), kept.field("pose", frames.poses)
-        aim = Aim(time, pose, kept.aim_in_worlds(fired.rays_at_once), kept, worlds.ids)
-        return replace(fired, ring=ring, column=column, filter=worlds.filter_of(self.spec)), aim
+        ring, column = _same_in_each(fired.ring, worlds.count), _same_in_each(fired.column, worlds.count)
+        return replace(fired, ring=ring, column=column, filter=worlds.filter_of(self.spec))
+
+    def aim_in_worlds(self, worlds: Standing, kept: Kept) -> Rays:
+        """Its rays, where it is in these worlds."""
+        at = worlds.attached(self.spec, self.attached)
+        frames, carriers = kept.frames(worlds.count), worlds.carriers(at)
+        frames.place(0, carriers, at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
+        return kept.aim_in_worlds(self.rays_at_once)
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)
@@ -209,6 +225,22 @@ def _same_in_each(values: wp.array | None, worlds: int) -> wp.array | None:
     return repeated
 
 
+def _lidar_physics(scene: Scene, spec: Sensor, count: int) -> "LidarPhysics | None":
+    if not isinstance(spec, Lidar) or not spec.has_effects:
+        return None
+    from rigcast.sensors.physics.lidar import LidarPhysics  # here, as sensors without effects need none of its kernels
+
+    return LidarPhysics(scene, spec, count)
+
+
+def _depth_physics(scene: Scene, spec: Sensor, pattern: Pattern) -> "DepthPhysics | None":
+    if not isinstance(spec, DepthCamera) or not spec.has_effects:
+        return None
+    from rigcast.sensors.physics.depth_camera import DepthPhysics  # here, as for lidars
+
+    return DepthPhysics(scene, spec, pattern)
+
+
 def _firings(spec: Sensor, pattern: Pattern, scene: Scene) -> Firings | None:
     if not spec.moves:
         return None
@@ -220,8 +252,8 @@ def _in_packets(pattern: Pattern, scene: Scene) -> bool:
     """Whether rays are cast in packets: on the CPU, where enough of them leave from one origin."""
     if not scene.device.is_cpu or pattern.origins is None:
         return scene.device.is_cpu
-    origins = pattern.origins.reshape(-1, 3)
-    return FEWEST * len(np.unique(origins, axis=0)) <= len(origins)
+    group = same_rows(pattern.origins.reshape(-1, 3))
+    return FEWEST * (group.max() + 1) <= len(group)
 
 
 def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:

@@ -1,6 +1,6 @@
 """One reading of one sensor, from its aim to its frame."""
 
-import math
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -8,63 +8,66 @@ import warp as wp
 
 from rigcast.kernels.effects.infrared import infrared
 from rigcast.kernels.effects.random import RandomSource, random_source
+from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import intensity
 from rigcast.sensors.specs.depth_camera import DepthCamera
 from rigcast.sensors.specs.lidar import Lidar
 
 from .frame import CameraFrame, Frame, LidarFrame
+from .kept import Kept
 from .mounted import Aim, Mounted
+
+Brightness = Callable[[wp.array | None], wp.array]
+"""How bright rays come back, float32 of each, worked out when it is asked for; into this array, or a new one."""
 
 
 def read_frame(mounted: Mounted, aim: Aim, seed: int) -> Frame:
     """What a sensor reads in the world as its scene stands. seed: of the errors of all readings."""
-    if isinstance(mounted.spec, Lidar):
-        frame: Frame = _read_lidar(mounted, aim, seed)
-    elif isinstance(mounted.spec, DepthCamera):
-        frame = _read_camera(mounted, mounted.spec, aim, seed)
+    random = partial(random_source, seed, mounted.spec.name, next(mounted.frames))
+    return frame_of(mounted, aim, read(mounted, aim.rays, aim.kept, random))
+
+
+def read(mounted: Mounted, rays: Rays, kept: Kept, random: Callable[[], RandomSource]) -> Brightness | None:
+    """One reading into these arrays. Gives None where brightness follows from what was hit, without errors."""
+    visible = mounted.visible()
+    if mounted.physics is not None:
+        reading = mounted.physics.read(rays, visible, random())
+        kept.take(reading.hits, rays)
+        return partial(_copied, reading.intensity)
+    if mounted.depth_physics is not None:
+        measured = mounted.depth_physics.read(rays, visible, random())
+        kept.take(measured.hits, rays)
+        return partial(infrared, measured.seen, rays.directions, mounted.scene.looks().reflectivity)
+    kept.read(mounted.scene, rays, visible, (mounted.spec.min_range, mounted.spec.max_range))
+    return None
+
+
+def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame:
+    """The frame of what was read."""
+    spec, hits, looks = mounted.spec, aim.kept.hits, mounted.scene.looks
+    if isinstance(spec, Lidar):
+        bright = brightness or partial(intensity, hits, aim.rays, looks().surfaces)
+        frame: Frame = LidarFrame(**_common(mounted, aim), ring=mounted.ring, column=mounted.column, _intensity=bright)
+    elif isinstance(spec, DepthCamera):
+        bright = brightness or partial(infrared, hits, aim.rays.directions, looks().reflectivity)
+        frame = _camera_frame(mounted, spec, aim, bright)
     else:
-        _read_plainly(mounted, aim)
         frame = Frame(**_common(mounted, aim))
     for field in aim.kept.asked:
         getattr(frame, field)  # which writes over what it was
     return frame
 
 
-def _read_lidar(mounted: Mounted, aim: Aim, seed: int) -> LidarFrame:
-    rays, kept = aim.rays, aim.kept
-    if mounted.physics is None:
-        _read_plainly(mounted, aim)
-        bright = partial(intensity, kept.hits, rays, mounted.scene.looks().surfaces)
-    else:
-        reading = mounted.physics.read(rays, mounted.visible(), _random(mounted, aim, seed))
-        kept.take(reading.hits, rays)
-        bright = partial(_copied, reading.intensity)
-    return LidarFrame(**_common(mounted, aim), ring=mounted.ring, column=mounted.column, _intensity=bright)
-
-
-def _read_camera(mounted: Mounted, spec: DepthCamera, aim: Aim, seed: int) -> CameraFrame:
-    pattern, rays, kept = mounted.pattern, aim.rays, aim.kept
-    if mounted.depth_physics is None:
-        _read_plainly(mounted, aim)
-        seen = kept.hits
-    else:
-        reading = mounted.depth_physics.read(rays, mounted.visible(), _random(mounted, aim, seed))
-        kept.take(reading.hits, rays)
-        seen = reading.seen
+def _camera_frame(mounted: Mounted, spec: DepthCamera, aim: Aim, brightness: Brightness) -> CameraFrame:
+    pattern = mounted.pattern
     assert pattern.intrinsics is not None
     return CameraFrame(
         **_common(mounted, aim),
         intrinsics=pattern.intrinsics,
         lens=pattern.lens,
         depth_scale=spec.depth_scale,
-        _intensity=partial(infrared, seen, rays.directions, mounted.scene.looks().reflectivity),
+        _intensity=brightness,
     )
-
-
-def _read_plainly(mounted: Mounted, aim: Aim) -> None:
-    """A reading without errors."""
-    limits = mounted.spec.min_range, mounted.spec.max_range
-    aim.kept.read(mounted.scene, aim.rays, mounted.visible(), limits)
 
 
 def _copied(values: wp.array, out: wp.array | None) -> wp.array:
@@ -72,12 +75,6 @@ def _copied(values: wp.array, out: wp.array | None) -> wp.array:
         return values.flatten()
     wp.copy(out, values.flatten())
     return out
-
-
-def _random(mounted: Mounted, aim: Aim, seed: int) -> RandomSource:
-    """The random numbers of the next reading of a sensor."""
-    rays = math.prod(mounted.pattern.shape)
-    return random_source(seed, mounted.spec.name, next(mounted.frames), aim.worlds, rays)
 
 
 def _common(mounted: Mounted, aim: Aim) -> dict[str, Any]:

@@ -12,8 +12,7 @@ import warp as wp
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
-from rigcast.sensors.scene.batch.standing import Standing
-from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
+from rigcast.sensors.scene.batch.worlds import Worlds, as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.props import as_props
 from rigcast.sensors.scene.scene import Scene
@@ -27,12 +26,14 @@ from rigcast.sensors.specs.surface import Surface
 from .frame import Frame
 from .kept import Kept
 from .mounted import Mounted, Sensor, WorldRays
+from .of_worlds import BYTES_AT_ONCE, ReadingOfWorlds
 from .reading import read_frame
 from .room import require_room
 from .schedule import Schedule
 from .under_way import UnderWay
 
-_STATE = ("qpos", "mocap_pos", "mocap_quat")
+_STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
+"""What poses are worked out of."""
 _KINEMATICS = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_camlight)
 """What poses are worked out by: those of bodies by the first alone, of flexes and cameras by all."""
 
@@ -48,6 +49,8 @@ class Rig:
         props: meshes that are not in the model, as for `Scene`.
         surfaces: how some of the model and props reflects, as for `Scene`.
         on_unsupported: "error" or "warn", as for `Scene`.
+
+    They are attributes of the rig as well: `model`, `sensors`, `props`, `seed`; and `scene`, on which it casts.
 
     Raises:
         InputError: two sensors of one name, mounts or filters that name what the model does not have (all of
@@ -82,7 +85,6 @@ class Rig:
         self.model = model
         self.scene = Scene(model, device, self.props, surfaces=surfaces, on_unsupported=on_unsupported)
         self._data = mujoco.MjData(model)
-        self._state = [getattr(self._data, name) for name in _STATE]
         self._kinematics = _KINEMATICS if model.ncam or model.nflex else _KINEMATICS[:1]
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
         self._schedules = {s.name: _schedule(s, model.opt.timestep, self.seed) for s in self.sensors}
@@ -90,6 +92,10 @@ class Rig:
         self._under_way = UnderWay(self.scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
+
+    def __repr__(self) -> str:
+        sensors = ", ".join(f"{sensor.name}: {sensor.type}" for sensor in self.sensors)
+        return f"Rig({sensors}; on {self.scene.device})"
 
     def sense(
         self,
@@ -114,13 +120,7 @@ class Rig:
         """
         mounted = self._select(names)
         if is_batch(data):
-            worlds = as_worlds(data)
-            worlds.require_sensors(self._mounted)
-            needs = {m.spec.name: m.bytes_per_world(worlds) for m in mounted}
-            needs = {"scene": self.scene.bytes_per_world(worlds), **needs}
-            require_room(worlds.count, needs, self.scene.device, sum(m.pool.free_bytes for m in mounted))
-            standing = self.scene.update_worlds(worlds)
-            return {m.spec.name: self._frame_of_worlds(m, standing, out) for m in mounted}
+            return self._sense_worlds(mounted, as_worlds(data), out)
         if not isinstance(data, mujoco.MjData):
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
         self._look(data)
@@ -162,7 +162,7 @@ class Rig:
             aim = self._under_way.aim(begun, m.pool.take(m.frame_shape, self.scene.device))
             self._deliver(m, begun.end, read_frame(m, aim, self.seed))
         if over:
-            self.scene.update(self._data)  # which was swept
+            self.scene.take(self._data)  # which was swept
 
     def _deliver(self, mounted: Mounted, taken: float, frame: Frame) -> None:
         """Keep a frame, the last ray of which was fired at `taken` [s], for when it comes in."""
@@ -201,13 +201,11 @@ class Rig:
         """Bring the scene to the world at data.time."""
         self._require_own(data)
         self._work_out_poses(data)
-        self.scene.update(self._data)
+        self.scene.take(self._data)
 
     def _work_out_poses(self, data: mujoco.MjData) -> None:
         """Those at data.time, into the private copy: mj_step has not done so yet."""
-        self._data.time = data.time
-        for own, name in zip(self._state, _STATE, strict=True):
-            own[:] = getattr(data, name)
+        mujoco.mj_copyState(self.model, data, self._data, _STATE)
         for work_out in self._kinematics:
             work_out(self.model, self._data)
 
@@ -221,9 +219,28 @@ class Rig:
         fired = mounted.at(time)
         return read_frame(fired, fired.aim(self._data, time, self._room(fired, fired.frame_shape, out)), self.seed)
 
-    def _frame_of_worlds(self, mounted: Mounted, worlds: Standing, out: Mapping[str, Frame] | None) -> Frame:
+    def _sense_worlds(
+        self, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None
+    ) -> dict[str, Frame]:
+        worlds.require_sensors(self._mounted)
+        standing = self.scene.bytes_per_standing_world(worlds)
+        standing += max((m.bytes_per_standing_world for m in mounted), default=0)
+        parts = worlds.parts(BYTES_AT_ONCE // standing)
+        needs = {m.spec.name: m.bytes_per_world(worlds) for m in mounted}
+        needs = {"scene": self.scene.bytes_per_world(worlds), **needs}
+        meanwhile, kept = standing * parts[0].stop, sum(m.pool.free_bytes for m in mounted)
+        require_room(worlds.count, needs, meanwhile, self.scene.device, kept)
+        self.scene.take_worlds(worlds)
+        readings = {m.spec.name: self._reading_of_worlds(m, worlds, out) for m in mounted}
+        for part in parts:
+            stand = self.scene.stand(worlds, part)
+            for reading in readings.values():
+                reading.read(stand)
+        return {name: reading.frame() for name, reading in readings.items()}
+
+    def _reading_of_worlds(self, mounted: Mounted, worlds: Worlds, out: Mapping[str, Frame] | None) -> ReadingOfWorlds:
         kept = self._room(mounted, (worlds.count, *mounted.frame_shape), out)
-        return read_frame(*mounted.in_worlds(worlds, kept), self.seed)
+        return ReadingOfWorlds(mounted, worlds, kept, self.seed)
 
     def _room(self, mounted: Mounted, shape: tuple[int, ...], out: Mapping[str, Frame] | None) -> Kept:
         """The arrays for a sensor's next frame, of this shape: those of its frame in `out`, or of one nobody holds."""

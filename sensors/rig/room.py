@@ -6,21 +6,26 @@ from collections.abc import Mapping
 
 import warp as wp
 
+from rigcast.sensors.captured import is_captured
 from rigcast.sensors.errors import InputError
 
 
-def require_room(worlds: int, needs: Mapping[str, int], device: wp.Device, kept: int) -> None:
+def require_room(worlds: int, needs: Mapping[str, int], meanwhile: int, device: wp.Device, kept: int) -> None:
     """Raise InputError where so many worlds do not fit; each needs these bytes for what they are named after.
 
-    kept: bytes of earlier frames, which serve again.
+    meanwhile: bytes that all of them need together. kept: bytes of earlier frames, which serve again.
     """
     each = sum(needs.values())
     free = free_memory(device) + kept
-    if worlds * each > free:
-        parts = ", ".join(f"{name} {_bytes(need)}" for name, need in needs.items())
+    if worlds * each + meanwhile > free and device.is_cuda and not is_captured(device):
+        wp.synchronize_device(device)  # after which what has been freed counts as free
+        free = free_memory(device) + kept
+    if worlds * each + meanwhile > free:
+        parts = ", ".join(f"{name} {_bytes(need)}" for name, need in needs.items() if need)
         raise InputError(
-            f"Rig.sense: {worlds} worlds need {_bytes(worlds * each)}, {_bytes(each)} each ({parts}), expected at most "
-            f"{free // each}: {_bytes(free)} are free on {device}"
+            f"Rig.sense: {worlds} worlds need {_bytes(worlds * each + meanwhile)}, {_bytes(each)} each ({parts}) and "
+            f"{_bytes(meanwhile)} to work them out in, expected at most {max(0, free - meanwhile) // each}: "
+            f"{_bytes(free)} are free on {device}"
         )
 
 

@@ -23,11 +23,14 @@ class Lost:
         """Whether some were, the last time."""
         return bool(self._lost)
 
-    def warn(self, time: float | None, is_finite: NDArray[np.bool_]) -> None:
-        """time [s]: of the data. is_finite: (n,) whose poses are. One warning names up to ten that are new."""
-        lost = set(np.flatnonzero(~is_finite).tolist())
+    def warn(self, time: float | None, is_finite: NDArray[np.bool_], first: int = 0) -> None:
+        """time [s]: of the data. is_finite: (n,) whose poses are, of things `first` to `first` + n - 1.
+
+        One warning names up to ten that are new.
+        """
+        lost = set((first + np.flatnonzero(~is_finite)).tolist())
         new = sorted(lost - self._lost)
-        self._lost = lost
+        self._lost = lost | {k for k in self._lost if not first <= k < first + is_finite.size}
         if new:
             names = ", ".join(self._name(k) for k in new[:10])
             more = f" and {len(new) - 10} more" if len(new) > 10 else ""

@@ -1,7 +1,7 @@
 """What a scene is put together from: geoms, props, flexes and skins, each a part with shapes of its own."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Literal, NamedTuple, Protocol
 
 import mujoco
@@ -22,18 +22,17 @@ class ShapePoses(NamedTuple):
     rotation: NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Snapshot:
+class Snapshot(NamedTuple):
     """A part as it stands now.
 
     position: (n, 3) float64 [m], rotation: (n, 9) float64 row-major, of its n shapes; NaN where one is never hit.
-    shapes: given where sizes or boxes have changed since the last snapshot. trees: those that have changed, by index.
+    shapes: given where sizes, boxes or trees have changed since the last snapshot. trees: those that have, by index.
     """
 
     position: NDArray[np.float64]
     rotation: NDArray[np.float64]
     shapes: Shapes | None = None
-    trees: Mapping[int, TriangleTree] = field(default_factory=dict)
+    trees: Mapping[int, TriangleTree] = MappingProxyType({})
 
 
 class Part(Protocol):

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.geometry import Shapes, TriangleTree
-from rigcast.kernels.mounts import Carriers, Frames
+from rigcast.kernels.mounts import Frames
 from rigcast.kernels.shapes import solids
 from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.faults import refuse
@@ -44,23 +44,20 @@ class Props:
         self._lost = Lost(lambda k: f"prop {props[k].name!r}")
 
     def update(self, data: mujoco.MjData) -> Snapshot:
-        with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
-            poses = np.array([mount.pose(data) for mount in self._mounts]).reshape(-1, 4, 4)
+        poses = np.array([mount.pose(data) for mount in self._mounts]).reshape(-1, 4, 4)
         is_finite = np.isfinite(poses).all(axis=(1, 2))
         self._lost.warn(data.time, is_finite)
         position = np.where(is_finite[:, None], poses[:, :3, 3], np.nan)
         return Snapshot(position, poses[:, :3, :3].reshape(-1, 9))
 
-    def poses_after(self, geoms: Carriers, worlds: Standing) -> Carriers:
-        """(nworld, ngeom + n): those of geoms (nworld, ngeom), where they are if there are no props, then of props."""
-        if not self._attached:
-            return geoms
+    def poses_after_geoms(self, worlds: Standing) -> Frames:
+        """(nworld, ngeom + n): those of the geoms, then of the props."""
         first = self.model.ngeom
-        frames = Frames.empty(worlds.count, first + len(self._attached), geoms.position.device)
-        frames.copy(geoms)
+        frames = Frames.empty(worlds.count, first + len(self._attached), worlds.device)
+        frames.copy(worlds.geoms_on_device)
         for k, attached in enumerate(self._attached):
             frames.place(first + k, worlds.carriers(attached), attached.on)
-        return Carriers(frames.position, frames.rotation)
+        return frames
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         return ~filter.hidden_bodies(self.model)[self.bodies]

@@ -3,18 +3,19 @@
 from collections.abc import Callable, Sequence
 from numbers import Real
 from types import NoneType
-from typing import Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.cast import HitArrays, cast, prepare_cast
+from rigcast.kernels.cast import HitArrays, cast, prepare_readings
 from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
+from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.device import find_device
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
@@ -30,7 +31,7 @@ from .batch.standing import Standing
 from .batch.worlds import Worlds, as_worlds, is_batch
 from .flexes import Flexes
 from .freed_memory import give_back_freed_memory
-from .geoms import Geoms
+from .geoms import Geoms, are_within_reach, has_finite_pose
 from .given_rays import take_rays
 from .hits import Hits
 from .looks import Looks, LooksTable
@@ -100,6 +101,8 @@ class Scene:
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"
         self._worlds: int | None = None  # how many there are, if it is a batch of them
+        self._gathered: dict[str, NDArray[np.float64]] = {}  # see Standing
+        self._part: slice | None = None  # which of the worlds stand, if not all
         self._differences = _NO_DIFFERENCES
         self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
 
@@ -113,32 +116,48 @@ class Scene:
         A geom whose pose is not finite is never hit, and is named in one warning.
 
         Of the model, sizes of geoms and height fields are seen anew at every update, colours and groups at every
-        cast, and meshes when `refresh` says so. Poses of geoms in their bodies need `mj_kinematics` too.
+        update and `cast`, and meshes when `refresh` says so. Poses of geoms in their bodies need `mj_kinematics` too.
 
         Raises:
             InputError: `data` belongs to another model, a size or an elevation that is not finite, or a geom that
                 has got another type, mesh or height field.
         """
         if is_batch(data):
-            self.update_worlds(as_worlds(data))
+            worlds = as_worlds(data)
+            self.take_worlds(worlds)
+            self.stand(worlds, worlds.all)
             return
-        self._world.update(*joined_poses(self._snapshots(data)))
-        self._stale, self._worlds = "", None
-
-    def read(self, data: mujoco.MjData) -> ShapePoses:
-        """Where everything stands in `data`, for a `sweep`; rays are cast at it after the next `update` or `sweep`."""
-        poses = joined_poses(self._snapshots(data))
-        return ShapePoses(poses.position.copy(), poses.rotation.copy())
-
-    def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
-        """Of all parts as they stand in `data`; their sizes and trees are taken."""
         require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
             raise InputError(
                 f"Scene.update: data belongs to another model: got signature {data.signature:#x} with "
                 f"{len(data.geom_xpos)} geoms, expected {self.model.signature:#x} with {self.model.ngeom}"
             )
+        self.take(data)
+
+    def take(self, data: mujoco.MjData) -> None:
+        """`update` with data that are known to be of the model."""
+        self._world.update(*joined_poses(self._snapshots(data)))
+        self._stale, self._worlds, self._part = "", None, None
+
+    def read(self, data: mujoco.MjData) -> ShapePoses:
+        """Where everything stands in `data`, which are of the model, for a `sweep`.
+
+        Rays are cast at it after the next `update` or `sweep`.
+        """
+        poses = joined_poses(self._snapshots(data))
+        return ShapePoses(poses.position.copy(), poses.rotation.copy())
+
+    def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
+        """Of all parts as they stand in `data`; their sizes and trees are taken."""
+        require_on_device("Scene.update: data", "MjData", self.device)
+        self._sight.update()
         snapshots = [part.update(data) for part in self._parts]
+        if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
+            self._take_shapes(snapshots)
+        return snapshots
+
+    def _take_shapes(self, snapshots: Sequence[Snapshot]) -> None:
         first_tree = 0
         for part, snapshot in zip(self._parts, snapshots, strict=True):
             for index, tree in snapshot.trees.items():
@@ -146,11 +165,9 @@ class Scene:
             if snapshot.shapes is not None:
                 part.shapes = snapshot.shapes
             first_tree += len(part.trees)
-        if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
-            self._world.set_shapes(joined_shapes(self._parts))
-            self._differences = _NO_DIFFERENCES
-            self._sight.forget_visible()
-        return snapshots
+        self._world.set_shapes(joined_shapes(self._parts))
+        self._differences = _NO_DIFFERENCES
+        self._sight.forget_visible()
 
     def sweep(self, poses: Sequence[ShapePoses]) -> None:
         """Take the world as it moves through these poses, of a `read` each, in as many spans less one.
@@ -160,24 +177,41 @@ class Scene:
         """
         self._world.sweep(np.array([each.position for each in poses]), np.array([each.rotation for each in poses]))
 
-    def update_worlds(self, worlds: Worlds) -> Standing:
-        """Take many worlds as they stand, and give them on the device.
+    def take_worlds(self, worlds: Worlds) -> None:
+        """Take what many worlds say besides poses, and what has changed in the model.
 
         Raises:
-            InputError: worlds of another model, or a model with flexes or skins, or too little memory.
+            InputError: worlds of another model, or a model with flexes or skins.
         """
         worlds.require_model(self.model)
+        self._sight.update()
         deforming = [part.owner for part in self._parts if part.owner in ("flex", "skin")]
         if deforming:
             raise InputError(f"Scene: many worlds of a model with a {deforming[0]}, expected a model without one")
-        standing = Standing(worlds, self.model, self.device)
         self._take_differences(worlds)
-        poses = self._props.poses_after(standing.geoms, standing)
-        if standing.geom_is_finite is not None:
-            self._lost_in_worlds.warn(None, standing.geom_is_finite.reshape(-1))
-        self._world.update(poses.position, poses.rotation)
-        self._stale, self._worlds = "", worlds.count
+
+    def stand(self, worlds: Worlds, part: slice) -> Standing:
+        """Take some of the worlds that were taken, or all, as they stand. `cast` needs all."""
+        standing = Standing(worlds, part, self.model, self.device, self._gathered)
+        position, rotation = standing.geoms
+        if isinstance(position, np.ndarray):
+            self._warn_of_lost(position, rotation, part.start)
+        if self._props.ids.size:
+            frames = self._props.poses_after_geoms(standing)
+            position, rotation = frames.position, frames.rotation
+        self._part = None if part == worlds.all else part
+        self._world.update(position, rotation, self._part)
+        self._stale = "" if self._part is None else "only some of many worlds stand in it"
+        self._worlds = worlds.count
         return standing
+
+    def _warn_of_lost(
+        self, position: NDArray[np.floating[Any]], rotation: NDArray[np.floating[Any]], first: int
+    ) -> None:
+        """Of geoms of worlds from the `first` on."""
+        if self._lost_in_worlds.any or not (are_within_reach(position) and are_within_reach(rotation)):
+            is_finite = has_finite_pose(position.reshape(-1, 3), rotation.reshape(-1, 9))
+            self._lost_in_worlds.warn(None, is_finite, first * self.model.ngeom)
 
     def _take_differences(self, worlds: Worlds) -> None:
         """Take what has changed in the model, and the sizes and meshes in which worlds differ."""
@@ -197,14 +231,22 @@ class Scene:
         self._differences = differences
         self._sight.forget_visible()
 
+    @property
+    def on_device(self) -> list[object]:
+        """What it has on its device by now, for whoever repeats its launches."""
+        return self._world.on_device
+
     def bytes_per_world(self, worlds: Worlds) -> int:
-        """What each of many worlds takes, beside what is read in it."""
+        """What each of many worlds takes, beside what is read in it: sizes and meshes of its own."""
+        return self.body_of_shape.size * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
+
+    def bytes_per_standing_world(self, worlds: Worlds) -> int:
+        """What each of those that stand at one time takes: its poses, and the tree over its shapes."""
         geoms, props = self.model.ngeom, len(self._props.ids)
         copied = geoms * worlds.bytes_per_pose
         if props:  # the poses of all in one array, and of what carries the props
             copied += (geoms + 2 * props) * BYTES_PER_FRAME
-        sizes = (geoms + props) * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
-        return self._world.bytes_per_world + copied + sizes
+        return self._world.bytes_per_world + copied
 
     def _make_world(self) -> World:
         """A world of all parts, which take over its trees: their triangles are held once."""
@@ -260,6 +302,7 @@ class Scene:
         if not isinstance(cull, str) or cull not in _CULL:
             raise InputError(f"Scene.cast: no cull {cull!r}, {expected_one_of(str(cull), list(_CULL))}")
         wanted = self._wanted(filter)
+        self._sight.update()
         require_type("Scene.cast: max_distance", max_distance, Real)
         if not max_distance >= 0:
             raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
@@ -275,11 +318,18 @@ class Scene:
         return filter if isinstance(filter, Filter) else Filter()
 
     def visible(self, filter: Filter | PerWorld[Filter]) -> wp.array:
-        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit, as the model looks now."""
-        return self._sight.visible(filter, lambda: self._differences.present(self._geoms))
+        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit.
+
+        Of the worlds that stand.
+        """
+        visible = self._sight.visible(filter, lambda: self._differences.present(self._geoms))
+        shapes = self.body_of_shape.size
+        if self._part is None or visible.size == shapes:
+            return visible
+        return visible[self._part.start * shapes : self._part.stop * shapes]
 
     def looks(self) -> Looks:
-        """How the shapes look to a sensor's light, as the model looks now."""
+        """How the shapes look to a sensor's light."""
         return self._sight.looks()
 
     def cast_rays(
@@ -293,11 +343,12 @@ class Scene:
         """The first hit of each ray that is on the device already, among the visible geoms."""
         return cast(self._world.geometry, visible, rays, max_distance, _CULL[cull], out)
 
-    def prepare_cast(
-        self, rays: Rays, visible: wp.array, max_distance: float, out: HitArrays
+    def prepare_readings(
+        self, rays: Rays, visible: wp.array, limits: tuple[float, float], out: HitArrays
     ) -> list[Callable[[], object]]:
-        """The launches of `cast_rays`, for as often as it is wanted, for as long as `visible` gives these geoms."""
-        return prepare_cast(self._world.geometry, visible, rays, max_distance, CULL_NONE, out)
+        """The launches of a cast whose hits are readings between these limits [m], for as often as it is wanted, for
+        as long as `visible` gives these geoms."""
+        return prepare_readings(self._world.geometry, visible, rays, limits, out)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""

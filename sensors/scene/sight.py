@@ -24,7 +24,10 @@ _MOST_FILTERS = 64  # whose geoms are kept on the device
 
 
 class Sight:
-    """Of the shapes of these parts, whose looks are in the table; kept on the device for as long as nothing changes."""
+    """Of the shapes of these parts, whose looks are in the table, as the model was at the last `update`.
+
+    They are kept on the device for as long as nothing changes.
+    """
 
     def __init__(self, model: mujoco.MjModel, parts: Sequence[Part], table: LooksTable, device: wp.Device) -> None:
         self._parts, self._table, self._device = parts, table, device
@@ -33,6 +36,12 @@ class Sight:
         self._read: list[bytes] = []
         self._visible: dict[Filter | PerWorld[Filter], wp.array] = {}
         self._looks: Looks | None = None
+
+    def update(self) -> None:
+        """Take the model as it looks now."""
+        now = [values.tobytes() for values in self._now]
+        if now != self._read:
+            self._read, self._visible, self._looks = now, {}, None
 
     def forget_visible(self) -> None:
         """Other geoms are present."""
@@ -46,21 +55,20 @@ class Sight:
         find_present: (nworld, ngeom), which geoms are there in each of many worlds, None where they all are; the same
         until `forget_visible` is called.
         """
-        self._forget_old_looks()
-        if filter not in self._visible:
-            if len(self._visible) == _MOST_FILTERS:
-                self._visible.clear()
-            seen = filter.each(self._seen_by) if isinstance(filter, PerWorld) else self._seen_by(filter)
-            present = find_present()
-            if present is not None:
-                seen = np.broadcast_to(seen, (len(present), seen.shape[-1])).copy()
-                seen[:, : present.shape[-1]] &= present
-            self._visible[filter] = wp.array(seen.reshape(-1), dtype=wp.bool, device=self._device)
-        return self._visible[filter]
+        visible = self._visible.get(filter)
+        if visible is not None:
+            return visible
+        if len(self._visible) == _MOST_FILTERS:
+            self._visible.clear()
+        seen = filter.each(self._seen_by) if isinstance(filter, PerWorld) else self._seen_by(filter)
+        present = find_present()
+        if present is not None:
+            seen = np.broadcast_to(seen, (len(present), seen.shape[-1])).copy()
+            seen[:, : present.shape[-1]] &= present
+        return self._visible.setdefault(filter, wp.array(seen.reshape(-1), dtype=wp.bool, device=self._device))
 
     def looks(self) -> Looks:
         """How the shapes look to a sensor's light."""
-        self._forget_old_looks()
         if self._looks is None:
             self._looks = self._table.read(self._device)
         return self._looks
@@ -68,8 +76,3 @@ class Sight:
     def _seen_by(self, filter: Filter) -> NDArray[np.bool_]:
         """(shapes,) what a filter lets rays hit."""
         return np.concatenate([part.visible(filter) for part in self._parts])
-
-    def _forget_old_looks(self) -> None:
-        now = [values.tobytes() for values in self._now]
-        if now != self._read:
-            self._read, self._visible, self._looks = now, {}, None

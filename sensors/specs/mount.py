@@ -137,8 +137,9 @@ def placed(
     Summed in the order of `rigcast.kernels.mounts`, and not by BLAS, so that both have the same bits.
     """
     pose = np.eye(4)
-    pose[:3] = rotation[:, :1] * offset[0] + rotation[:, 1:2] * offset[1] + rotation[:, 2:] * offset[2]
-    pose[:3, 3] += position
+    with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
+        pose[:3] = rotation[:, :1] * offset[0] + rotation[:, 1:2] * offset[1] + rotation[:, 2:] * offset[2]
+        pose[:3, 3] += position
     return pose
 
 

@@ -164,6 +164,11 @@ def test_worlds_may_differ_in_sizes_and_meshes(packets: bool) -> None:
     for w, got in enumerate(cast_all(world, sensor(*at, packets))):
         alone = cast_one(plans[w], (position[w], rotation[w]), (at[0][w], at[1][w]), packets)
         assert_same(got, alone, f"world {w}")
+    for part in (slice(2, 5), slice(4, 7), slice(6, 7)):
+        world.update(position[part], rotation[part], part)
+        for w, got in enumerate(cast_all(world, sensor(at[0][part], at[1][part], packets)), start=part.start):
+            alone = cast_one(plans[w], (position[w], rotation[w]), (at[0][w], at[1][w]), packets)
+            assert_same(got, alone, f"world {w}, in worlds {part.start} to {part.stop - 1}")
     with pytest.raises(ValueError, match="poses of 2 worlds, expected 7"):
         world.update(position[:2], rotation[:2])
 
@@ -216,7 +221,6 @@ def test_threads_do_not_show(threads: int, monkeypatch: pytest.MonkeyPatch) -> N
     position, rotation = scattered(plan, 6, 100)
     at = sensor_poses(6, 100)
     monkeypatch.setattr(launch, "thread_count", lambda: threads)
-    monkeypatch.setattr("rigcast.kernels.cast.thread_count", lambda: threads)
     world = World(plan.trees, plan.shapes, "cpu")
     world.update(position, rotation)
     found = cast_all(world, sensor(*at, True))

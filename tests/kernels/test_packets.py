@@ -218,6 +218,5 @@ def test_threads_do_not_show(threads: int, monkeypatch: pytest.MonkeyPatch) -> N
     world = random_plan(2).world()
     expected, _ = in_packets_and_alone(world, (0, 0, 0), PATTERNS["64 beams"])
     monkeypatch.setattr(launch, "thread_count", lambda: threads)
-    monkeypatch.setattr("rigcast.kernels.cast.thread_count", lambda: threads)
     got, _ = in_packets_and_alone(world, (0, 0, 0), PATTERNS["64 beams"])
     assert_same(got, expected)

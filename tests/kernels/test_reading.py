@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
-from made_worlds import Doubles, random_rotations, unit
+from made_worlds import Doubles, random_plan, random_rotations, rays_of, unit
 
 from rigcast.kernels import launch
-from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.cast import HitArrays, cast, prepare_readings
+from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.reading import points, read, take, world_points, z_depth
+from rigcast.kernels.shapes.triangle import CULL_NONE
 
 INF, NAN = np.inf, np.nan
 ROTATION = random_rotations(np.random.default_rng(0), 1)
@@ -47,6 +49,23 @@ def test_hits_nearer_than_the_least_range_are_minus_inf_and_normals_turn_into_th
     np.testing.assert_allclose(
         hits.normal.numpy(), np.where(is_near[:, None], 0, normal @ ROTATION[0]), atol=1e-6, rtol=0
     )
+
+
+@pytest.mark.parametrize("packed", [True, False], ids=["in packets", "alone"])
+def test_what_a_cast_reads_is_its_hits_read_afterwards(packed: bool) -> None:
+    world, directions = random_plan(3).world(), unit(np.random.default_rng(0).normal(size=(3000, 3)))
+    turned = replace(rays_of(np.zeros(3), directions), rotation=device(ROTATION, wp.mat33d))
+    rays = replace(turned, packets=sort_into_packets(directions) if packed else None)
+    visible = device(np.ones(len(world.geometry.kind), bool), wp.bool)
+    far = float(np.quantile(cast(world.geometry, visible, rays, INF, CULL_NONE).distance.numpy(), 0.6))
+    expected, got = cast(world.geometry, visible, rays, far, CULL_NONE), HitArrays.empty(3000, "cpu")
+    near = float(np.quantile(expected.distance.numpy(), 0.2))
+    read(expected, rays, near)
+    for launch_part in prepare_readings(world.geometry, visible, rays, (near, far), got):
+        launch_part()
+    assert {-INF, INF} < set(got.distance.numpy().tolist()), "seed 3: none is too near, or none too far"
+    for name in ("distance", "shape", "normal"):
+        np.testing.assert_array_equal(getattr(got, name).numpy(), getattr(expected, name).numpy(), err_msg=name)
 
 
 @ORIGINS

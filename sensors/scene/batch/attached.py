@@ -19,6 +19,12 @@ class Attached:
     which: NDArray[np.int32]
     on: Attachment
 
+    def of_worlds(self, part: slice) -> "Attached":
+        """In some of the worlds."""
+        if self.which.size == 1:
+            return self
+        return Attached(self.kind, self.which[part], self.on.of_worlds(part))
+
     @staticmethod
     def by(mounts: Sequence[BoundMount], device: wp.Device) -> "Attached":
         """By one mount, or by one in each world, all on things of one kind."""

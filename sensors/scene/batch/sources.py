@@ -37,15 +37,31 @@ class Source(Protocol):
 
     @property
     def bytes_per_pose(self) -> int:
-        """What the copy of the pose of a geom takes on the device, 0 where it is used in place."""
+        """What copies of the pose of a geom take, 0 where it is used in place."""
 
-    def field(self, name: str) -> Any:
-        """An array whose first axis is the world, None where there is none of this name."""
+    def field(self, name: str, part: slice) -> Any:
+        """An array whose first axis is the world, of some of them, or Rows; None where there is none of this name."""
 
     def of_models(self) -> dict[str, NDArray[Any]]:
         """(nworld, ngeom, ...) of SHAPE_FIELDS those in which the worlds' models differ."""
 
     def require_model(self, model: mujoco.MjModel) -> None: ...
+
+
+class Rows:
+    """A field of several MjData, which is still where it was."""
+
+    def __init__(self, rows: Sequence[NDArray[np.float64]]) -> None:
+        self._rows = rows
+
+    def all(self, out: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of all things of all worlds, copied to `out` (nworld, n, ...), which it gives."""
+        np.concatenate(self._rows, out=out.reshape(-1, *self._rows[0].shape[1:]))
+        return out
+
+    def of(self, which: NDArray[np.int32]) -> NDArray[np.float64]:
+        """(nworld, 1, ...) of one thing of each world."""
+        return np.array([row[k] for row, k in zip(self._rows, which.tolist(), strict=True)])[:, None]
 
 
 class _ListOfData:
@@ -58,10 +74,11 @@ class _ListOfData:
             if not isinstance(data, mujoco.MjData):
                 raise InputError(f"Worlds: batch[{k}]: got {type(data).__name__}, expected MjData")
         self._datas = datas
-        self.count, self.bytes_per_pose = len(datas), BYTES_PER_FRAME
+        self.count, self.bytes_per_pose = len(datas), 2 * BYTES_PER_FRAME
 
-    def field(self, name: str) -> Any:
-        return np.array([getattr(data, name) for data in self._datas])
+    def field(self, name: str, part: slice) -> Any:
+        rows = [getattr(data, name) for data in self._datas[part]]
+        return np.array(rows) if name == "time" else Rows(rows)
 
     def of_models(self) -> dict[str, NDArray[Any]]:
         return {}
@@ -83,8 +100,8 @@ class _MujocoBatch:
     def __init__(self, batch: Any) -> None:
         self._batch, self.count, self.bytes_per_pose = batch, batch.nsim, BYTES_PER_FRAME
 
-    def field(self, name: str) -> Any:
-        return self._batch.bind(name)
+    def field(self, name: str, part: slice) -> Any:
+        return self._batch.bind(name)[part]
 
     def of_models(self) -> dict[str, NDArray[Any]]:
         fields = {name: self._batch.expanded(name) for name in SHAPE_FIELDS}
@@ -118,8 +135,15 @@ class _Arrays:
             return 0
         return BYTES_PER_FRAME // 2 if all(is_float32(each) for each in given) else BYTES_PER_FRAME
 
-    def field(self, name: str) -> Any:
-        return self._get(name)
+    def field(self, name: str, part: slice) -> Any:
+        given = self._get(name)
+        if given is None or part == slice(0, self.count):
+            return given
+        if np.ndim(given) == 0 or len(given) != self.count:
+            raise InputError(
+                f"Worlds: {name}: got shape {np.shape(given)}, expected ({self.count}, ...): one per world"
+            )
+        return given[part]
 
     def of_models(self) -> dict[str, NDArray[Any]]:
         return {}

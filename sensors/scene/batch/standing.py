@@ -1,5 +1,6 @@
-"""Many worlds as they stand at one reading, on a device."""
+"""Some of many worlds, or all, as they stand at one reading."""
 
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -9,15 +10,14 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.mounts import Carriers, origin
+from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.scene.geoms import has_finite_pose
-from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.mount import CARRIERS
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 from .arrays import poses, require_array
 from .attached import Attached
-from .per_world import PerWorld
+from .sources import Rows
 from .worlds import Worlds
 
 _POSES = {"geom": ("geom_xpos", "geom_xmat", "ngeom")} | {
@@ -31,93 +31,115 @@ _DEVICE_TYPES: dict[str, tuple[tuple[int, ...], tuple[type, type]]] = {
 
 
 class Standing:
-    """Their poses on the device, each asked for once. Those on the host are copied, of carriers only what is used."""
+    """Poses are asked for once; of carriers on the host only what is used is copied.
 
-    def __init__(self, worlds: Worlds, model: mujoco.MjModel, device: wp.Device) -> None:
-        self.worlds, self.count, self.device = worlds, worlds.count, device
-        self._model = model
+    part: which of the worlds. gathered: where geoms of several MjData are copied together, the same for every reading.
+    """
+
+    def __init__(
+        self,
+        worlds: Worlds,
+        part: slice,
+        model: mujoco.MjModel,
+        device: wp.Device,
+        gathered: dict[str, NDArray[np.float64]],
+    ) -> None:
+        self.part, self.count, self.device = part, part.stop - part.start, device
+        self._worlds, self._model, self._gathered = worlds, model, gathered
         self._carriers: dict[tuple[str, bytes], Carriers] = {}
-        self.geom_is_finite: NDArray[np.bool_] | None = None
-        """(nworld, ngeom), None where poses are on the device."""
 
     @cached_property
     def active(self) -> wp.array:
-        """(nworld,) bool, which worlds are sensed; empty if all are."""
-        return self.worlds.active(self.device)
+        """(n,) bool, which of the worlds are sensed; empty if all are."""
+        return self._worlds.active(self.device, self.part)
 
     @cached_property
     def ids(self) -> wp.array:
-        """(nworld,) uint32, of which the worlds draw their random numbers."""
-        return _uploaded_ids(self.worlds.ids.tobytes(), self.device.alias)
-
-    def times(self, out: wp.array | None = None) -> wp.array:
-        """(nworld,) float64 [s], an array of its own."""
-        return self.worlds.times(self.device, out)
-
-    def filter_of(self, spec: SensorSpec) -> Filter | PerWorld[Filter]:
-        """What a sensor may see: as the worlds say, or else as it says itself."""
-        return self.worlds.filters.get(spec.name, spec.filter)
+        """(n,) uint32, of which the worlds draw their random numbers."""
+        return _uploaded_ids(self._worlds.ids[self.part].tobytes(), self.device.alias)
 
     def attached(self, spec: SensorSpec, own: Attached) -> Attached:
         """Where a sensor is mounted: as the worlds say, or else as it says itself."""
-        return self.worlds.attached(spec, self._model, self.device) or own
+        attached = self._worlds.attached(spec, self._model, self.device)
+        return own if attached is None else attached.of_worlds(self.part)
 
     @cached_property
-    def geoms(self) -> Carriers:
-        """The poses (nworld, ngeom) of all geoms."""
-        position, rotation = self._values("geom")
-        if isinstance(position, np.ndarray) and isinstance(rotation, np.ndarray):
-            flat = position.reshape(-1, 3), rotation.reshape(-1, 9)
-            self.geom_is_finite = has_finite_pose(*flat).reshape(position.shape[:2])
-        return self._uploaded("geom", position, rotation)
+    def geoms(self) -> Sequence[NDArray[np.floating[Any]] | wp.array]:
+        """The positions and rotations of all geoms: Warp arrays (n, ngeom), or (n, ngeom, 3) and (n, ngeom, 3, 3)."""
+        return self._values("geom")
+
+    @cached_property
+    def geoms_on_device(self) -> Carriers:
+        return self._uploaded(*self.geoms)
 
     def carriers(self, attached: Attached) -> Carriers:
-        """The poses of what carries this: of all of its kind (nworld, n), or of this alone (nworld, 1)."""
+        """The poses of what carries this: of all of its kind (n, m), or of this alone (n, 1)."""
         key = attached.kind, attached.which.tobytes()
         if key not in self._carriers:
             self._carriers[key] = origin(self.device) if attached.kind == "world" else self._read(attached)
         return self._carriers[key]
 
     def _read(self, attached: Attached) -> Carriers:
-        # those of one world have the shape (n, ...), where the first axis of a copy is the world's
-        worlds = np.arange(self.count)
-        which = np.broadcast_to(attached.which, self.count)
-        values = [v[worlds, which, None] if isinstance(v, np.ndarray) else v for v in self._values(attached.kind)]
-        return self._uploaded(attached.kind, *values)
+        return self._uploaded(*self._values(attached.kind, np.broadcast_to(attached.which, self.count)))
 
-    def _values(self, kind: str) -> list[Any]:
-        """Position and rotation of all things of a kind, checked: Warp arrays, or copies on the host."""
+    def _values(self, kind: str, which: NDArray[np.int32] | None = None) -> list[Any]:
+        """Position and rotation of all things of a kind, checked, in one precision.
+
+        They are Warp arrays, or numpy arrays, where `which` (n,) says to take one thing of each world only.
+        """
         *names, count = _POSES[kind]
         shape = (self.count, getattr(self._model, count))
         values = []
         for name, (axes, dtypes) in zip(names, _DEVICE_TYPES.values(), strict=True):
-            value = self.worlds.field(name)
+            value = self._worlds.field(name, self.part)
             if value is None:
                 raise InputError(f"Worlds: batch: no {name!r}, which says where a sensor or prop on a {kind} is")
             if isinstance(value, wp.array):
                 require_array(name, value, shape, dtypes, self.device)
+            elif isinstance(value, Rows):
+                value = self._copied(name, value, axes, which)
             else:
                 value = poses(name, value, (*shape, *axes))
+                value = value if which is None else value[np.arange(self.count), which, None]
             values.append(value)
         on_host = [isinstance(value, np.ndarray) for value in values]
         if any(on_host) and not all(on_host):
             raise InputError(f"Worlds: {', '.join(names)}: got one on the host, expected both there or on the device")
-        if all(on_host):
-            self.worlds.require_set(names[1], values[1])
-        return values
+        if not any(on_host):
+            _require_one_precision(names, values)
+            return values
+        require_on_device(f"Worlds: {names[0]}", "an array on the host", self.device)
+        self._worlds.require_set(names[1], values[1], self.part)
+        precision = np.result_type(*values)
+        return [value.astype(precision, copy=False) for value in values]
 
-    def _uploaded(self, kind: str, position: Any, rotation: Any) -> Carriers:
-        """On the device, in one precision."""
-        if isinstance(position, np.ndarray):
-            is_double = np.float64 in (position.dtype, rotation.dtype)
-            vector, matrix = (dtypes[is_double] for _, dtypes in _DEVICE_TYPES.values())
-            position = wp.array(position, dtype=vector, device=self.device)
-            rotation = wp.array(rotation, dtype=matrix, device=self.device)
-        kinds = position.dtype, rotation.dtype
-        if kinds not in ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)):
-            names, got = ", ".join(_POSES[kind][:2]), " and ".join(each.__name__ for each in kinds)
-            raise InputError(f"Worlds: {names}: got arrays of {got}, expected both in one precision")
-        return Carriers(position, rotation)
+    def _copied(
+        self, name: str, rows: Rows, axes: tuple[int, ...], which: NDArray[np.int32] | None
+    ) -> NDArray[np.float64]:
+        """(n, m, *axes) of all things, or (n, 1, *axes)."""
+        if which is not None:
+            return rows.of(which).reshape(self.count, 1, *axes)
+        shape = (self.count, self._model.ngeom, *axes)
+        out = self._gathered.get(name)
+        if out is None or out.shape != shape:
+            out = self._gathered[name] = np.empty(shape)
+        rows.all(out.reshape(*shape[:2], -1))
+        return out
+
+    def _uploaded(self, position: Any, rotation: Any) -> Carriers:
+        if isinstance(position, wp.array):
+            return Carriers(position, rotation)
+        vector, matrix = (dtypes[position.dtype == np.float64] for _, dtypes in _DEVICE_TYPES.values())
+        return Carriers(
+            wp.array(position, dtype=vector, device=self.device), wp.array(rotation, dtype=matrix, device=self.device)
+        )
+
+
+def _require_one_precision(names: Sequence[str], values: Sequence[wp.array]) -> None:
+    kinds = tuple(value.dtype for value in values)
+    if kinds not in ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)):
+        got = " and ".join(kind.__name__ for kind in kinds)
+        raise InputError(f"Worlds: {', '.join(names)}: got arrays of {got}, expected both in one precision")
 
 
 @lru_cache(maxsize=8)

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.filter import Filter
@@ -108,7 +109,7 @@ class Worlds:
 
     @property
     def bytes_per_pose(self) -> int:
-        """What the copy of the pose of a geom takes on the device, 0 where it is used in place."""
+        """What copies of the pose of a geom take, 0 where it is used in place."""
         return self._source.bytes_per_pose
 
     def differ_in_sight(self, sensor: str) -> bool:
@@ -116,18 +117,34 @@ class Worlds:
         given = self.differences.visible is not None or self.differences.dataid is not None
         return given or sensor in self.filters
 
-    def field(self, name: str) -> Any:
-        """A field of the batch as it stands, None where it has none of this name."""
-        return self._source.field(name)
+    @property
+    def all(self) -> slice:
+        return slice(0, self.count)
 
-    def require_set(self, name: str, rotation: NDArray[Any]) -> None:
-        """Raise InputError where a field of rotations (nworld, n, 3, 3) is all zeros in a world that is sensed."""
-        is_unset = ~rotation.reshape(self.count, -1).any(axis=1)
+    def parts(self, most: int) -> list[slice]:
+        """All worlds, so many at a time, or one: slices of one length, the last of which may overlap with another."""
+        size = -(-self.count // -(-self.count // max(most, 1)))
+        firsts = [min(first, self.count - size) for first in range(0, self.count, size)]
+        return [slice(first, first + size) for first in firsts]
+
+    def field(self, name: str, part: slice) -> Any:
+        """A field of some of the worlds as they stand, None where there is none of this name."""
+        return self._source.field(name, part)
+
+    def require_set(self, name: str, rotation: NDArray[Any], part: slice) -> None:
+        """Raise InputError where rotations (n, m, 3, 3) of some of the worlds are all zeros in one that is sensed."""
+        if rotation.size == 0 or rotation[:, 0].any(axis=(1, 2)).all():
+            return
+        is_unset = ~rotation.any(axis=(1, 2, 3))
         if self._active is not None and not isinstance(self._active, wp.array):
-            is_unset &= self._one_each("active", self._active, np.bool_)
-        if rotation.size and is_unset.any():
-            world = int(np.argmax(is_unset))
+            is_unset &= self._one_each("active", self._active, np.bool_)[part]
+        if is_unset.any():
+            world = part.start + int(np.argmax(is_unset))
             raise InputError(f"Worlds: batch: {name} of world {world} {self._source.unset}")
+
+    def filter_of(self, spec: SensorSpec) -> Filter | PerWorld[Filter]:
+        """What a sensor may see: as these worlds say, or else as it says itself."""
+        return self.filters.get(spec.name, spec.filter)
 
     def attached(self, spec: SensorSpec, model: mujoco.MjModel, device: wp.Device) -> Attached | None:
         """Where a sensor is mounted in each world, None where it is as the sensor says."""
@@ -141,23 +158,25 @@ class Worlds:
             self._attached[spec.name] = spec, attached
         return attached
 
-    def active(self, device: wp.Device) -> wp.array:
-        """(nworld,) bool on the device, which worlds are sensed; empty if all are."""
+    def active(self, device: wp.Device, part: slice) -> wp.array:
+        """(n,) bool on the device, which of some of the worlds are sensed; empty if all are."""
         if self._active is None:
             return wp.empty(0, dtype=wp.bool, device=device)
         if isinstance(self._active, wp.array):
             require_array("active", self._active, (self.count,), (wp.bool,), device)
-            return self._active
-        return wp.array(self._one_each("active", self._active, np.bool_), dtype=wp.bool, device=device)
+            return self._active[part]
+        require_on_device("Worlds: active", "an array on the host", device)
+        return wp.array(self._one_each("active", self._active, np.bool_)[part], dtype=wp.bool, device=device)
 
     def times(self, device: wp.Device, out: wp.array | None = None) -> wp.array:
         """(nworld,) float64 [s] on the device, an array of its own."""
-        given = self._source.field("time")
+        given = self._source.field("time", self.all)
         times = wp.empty(self.count, dtype=wp.float64, device=device) if out is None else out
         if isinstance(given, wp.array):
             require_array("time", given, (self.count,), (wp.float32, wp.float64), device)
             wp.utils.array_cast(given, times)
         elif given is not None:
+            require_on_device("Worlds: time", "an array on the host", device)
             times.assign(self._one_each("time", given, np.float64))
         else:
             times.zero_()

@@ -1,0 +1,65 @@
+"""One reading of one sensor in many worlds, of some of them at a time."""
+
+import math
+from collections.abc import Sequence
+from functools import cached_property, partial
+
+import warp as wp
+
+from rigcast.kernels.effects.random import random_source
+from rigcast.sensors.captured import is_captured
+from rigcast.sensors.scene.batch.standing import Standing
+from rigcast.sensors.scene.batch.worlds import Worlds
+
+from .frame import Frame
+from .kept import Kept
+from .mounted import Aim, Mounted
+from .reading import Brightness, frame_of, read
+
+BYTES_AT_ONCE = 2**24
+"""What poses, trees and errors may take of the worlds that are read at one time, if that is enough for one."""
+
+
+class ReadingOfWorlds:
+    """A reading into arrays for all worlds; what poses, trees and errors take meanwhile is there for some at a time."""
+
+    def __init__(self, mounted: Mounted, worlds: Worlds, kept: Kept, seed: int) -> None:
+        self._mounted, self._worlds, self._kept, self._seed = mounted, worlds, kept, seed
+        self._brightness: list[tuple[slice, Brightness]] = []
+
+    @cached_property
+    def _fired(self) -> tuple[Mounted, int]:
+        """The sensor with its next pattern, and the number of the reading; what is refused before has none."""
+        return self._mounted.next_of_worlds(self._worlds), next(self._mounted.frames)
+
+    def read(self, standing: Standing) -> None:
+        """Read in those worlds that stand in the scene now. A world may be read again, which changes nothing."""
+        kept, (fired, number) = self._kept.part(standing.part), self._fired
+        rays = fired.aim_in_worlds(standing, kept)
+        name, of_each = fired.spec.name, math.prod(fired.pattern.shape)
+        random = partial(random_source, self._seed, name, number, standing.ids, of_each)
+        brightness = read(fired, rays, kept, random)
+        if brightness is not None:
+            self._brightness.append((standing.part, brightness))
+        scene = fired.scene
+        if is_captured(scene.device):
+            self._kept.hold(fired, standing, kept, fired.visible(), scene.looks(), *scene.on_device)
+
+    def frame(self) -> Frame:
+        """The frame of all worlds, when they have been read."""
+        fired, kept = self._fired[0], self._kept
+        frames, device = kept.frames(self._worlds.count), kept.range.device
+        time = kept.field("time", partial(self._worlds.times, device))
+        aim = Aim(time, kept.field("pose", frames.poses), kept.aim_in_worlds(fired.rays_at_once), kept)
+        kept.settle()
+        brightness = partial(_joined, self._brightness, kept.range.size, device) if self._brightness else None
+        return frame_of(fired, aim, brightness)
+
+
+def _joined(parts: Sequence[tuple[slice, Brightness]], count: int, device: wp.Device, out: wp.array | None) -> wp.array:
+    """The brightness of `count` rays, part by part of their worlds."""
+    worlds = max(part.stop for part, _ in parts)
+    out = wp.empty(count, dtype=float, device=device) if out is None else out
+    for part, brightness in parts:
+        brightness(out[part.start * count // worlds : part.stop * count // worlds])
+    return out
