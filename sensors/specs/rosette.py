@@ -3,7 +3,7 @@
 Rotating wedges bend a beam by Snell's law. At a face with unit normal n (along the light), between the refractive
 indices n1 before and n2 behind it, with u = n1 / n2 and c = d . n, the unit direction d goes on as
 
-    u d + (sqrt(1 - u^2 (1 - c^2)) - u c) n
+    u d + (sqrt(1 - u^2 + (u c)^2) - u c) n
 
 Background: Brazeal, Wilkinson and Hochmair, A Rigorous Observation Model for the Risley Prism-Based Livox Mid-40
 Lidar Sensor, Sensors 21(14):4722, 2021.
@@ -18,6 +18,8 @@ from pydantic import Field, model_validator
 
 from .pattern import Pattern, directions_at
 from .spec import Spec
+
+Coordinate = float | NDArray[np.float64]
 
 
 class Steered(Spec):
@@ -60,14 +62,12 @@ class Wedge(Spec):
     tilted_first: bool = Field(description="whether the light meets the tilted face before the other one")
 
     def bend(self, beam: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(3, n, lines) directions behind the wedge of those before it, at times (n,) [s]."""
+        """(3, lines, n) directions behind the wedge of those before it, at times (n,) [s]."""
         turned, tilt = 2 * np.pi * self.rpm / 60 * time, np.deg2rad(self.tilt_deg)
-        leaning = np.stack(
-            [np.full_like(time, np.cos(tilt)), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)]
-        )[..., None]
-        square = np.array([1.0, 0.0, 0.0])[:, None, None]
-        first, second = (leaning, square) if self.tilted_first else (square, leaning)
-        return refract(refract(beam, first, 1 / self.index), second, self.index)
+        leaning = np.cos(tilt), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)
+        if self.tilted_first:
+            return refract_at_x(refract(beam, leaning, 1 / self.index), self.index)
+        return refract(refract_at_x(beam, 1 / self.index), leaning, self.index)
 
 
 class Rosette(Steered):
@@ -95,10 +95,10 @@ class Rosette(Steered):
 
     def directions(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         line = np.deg2rad(np.asarray(self.line_elevation_deg))
-        beam = directions_at(np.zeros_like(line), line).T[:, None]
+        beam = np.broadcast_to(directions_at(np.zeros_like(line), line).T[..., None], (3, len(line), len(time)))
         for wedge in self.wedges:
             beam = wedge.bend(beam, time)
-        return np.ascontiguousarray(np.moveaxis(beam, 0, -1))
+        return np.ascontiguousarray(beam.T)
 
 
 class Nodding(Steered):
@@ -122,12 +122,24 @@ class Nodding(Steered):
         return directions_at(np.deg2rad(azimuth)[:, None], np.deg2rad(lines))
 
 
-def refract(beam: NDArray[np.float64], normal: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
-    """(3, ...) unit directions behind a face; `ratio` is n1 / n2. NaN where all of the light is reflected."""
-    along = np.einsum("i...,i...->...", beam, normal)
+def refract(beam: NDArray[np.float64], normal: Sequence[Coordinate], ratio: float) -> NDArray[np.float64]:
+    """(3, ...) unit directions behind a face; `ratio` is n1 / n2. NaN where all of the light is reflected.
+
+    normal: x, y and z of the face's. Coordinate by coordinate: numpy is slow along an axis of 3.
+    """
+    behind = ratio * beam
+    x, y, z = behind
+    along = x * normal[0] + y * normal[1] + z * normal[2]
     with np.errstate(invalid="ignore"):
-        turn = np.sqrt(1 - ratio**2 * (1 - along**2))
-    turn -= ratio * along
-    behind = turn * normal
-    behind += ratio * beam
-    return np.asarray(behind)
+        turn = np.sqrt(along**2 + (1 - ratio**2)) - along
+    for coordinate, leaning in zip(behind, normal, strict=True):
+        coordinate += turn * leaning
+    return behind
+
+
+def refract_at_x(beam: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
+    """As `refract`, at a face whose normal is the x axis."""
+    behind = ratio * beam
+    with np.errstate(invalid="ignore"):
+        behind[0] = np.sqrt(behind[0] ** 2 + (1 - ratio**2))
+    return behind
