@@ -204,6 +204,6 @@ class Frames:
 
 
 def origin(device: wp.DeviceLike) -> Carriers:
-    """The world's own frame, as carrier 0."""
+    """The world's own frame, as carrier 0; filled on the device, as a CUDA graph can do again."""
     zero = wp.zeros((1, 1), dtype=wp.vec3d, device=device)
-    return Carriers(zero, wp.array(np.eye(3)[None, None], dtype=wp.mat33d, device=device))
+    return Carriers(zero, wp.full((1, 1), wp.mat33d(np.eye(3)), dtype=wp.mat33d, device=device))

@@ -45,6 +45,13 @@ class World:
         """What every world of a batch takes, beside its poses and, where they differ, sizes and boxes."""
         return self._top.bytes_per_tree
 
+    @property
+    def on_device(self) -> list[object]:
+        """All that an update and a cast read and write by now, for whoever repeats them."""
+        geometry = Geometry()
+        geometry.assign(self.geometry)
+        return [geometry, self._top.refits]
+
     def set_shapes(self, shapes: Shapes) -> None:
         """Take other sizes and local boxes; the next update makes them count.
 

@@ -102,7 +102,7 @@ def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
     length = wp.empty(hits.distance.size, dtype=float, device=device)
     inputs = [pair.baseline, rays.directions, hits.distance]
     launch_over_rays(look_from_second, towards.size, inputs, [towards, length], device)
-    origin = wp.array([[pair.baseline, 0.0, 0.0]], dtype=wp.vec3d, device=device)
+    origin = wp.full(1, wp.vec3d(pair.baseline, 0.0, 0.0), dtype=wp.vec3d, device=device)
     return SecondView(
         replace(rays, directions=towards.reshape((rays.worlds, -1)), origins=origin, packets=None), length
     )

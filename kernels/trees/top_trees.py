@@ -1,6 +1,6 @@
 """The trees over the shapes of a geometry, one for each span: planted, refitted, and built anew when they are loose."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,11 @@ class TopTrees:
         self._seen: wp.array | None = None
         self._is_seen: wp.Event | None = None
         self._set_nodes(empty_nodes(1))
+
+    @property
+    def refits(self) -> Sequence[Callable[[], object]]:
+        """The launches of a fit, which hold what they read and write besides the geometry."""
+        return self._refits
 
     @property
     def bytes_per_tree(self) -> int:
@@ -141,7 +146,7 @@ class TopTrees:
             return 0.0
         area = float(self._seen.numpy().mean())
         wp.copy(self._seen, self._area)
-        self._is_seen = wp.record_event()
+        self._is_seen = self._device.stream.record_event()
         return area
 
 

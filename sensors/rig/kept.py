@@ -44,6 +44,7 @@ class Kept:
         self._arrays: dict[str, wp.array] = {}
         self._fields: dict[str, wp.array] = {}
         self._current: set[str] = set()
+        self._held: list[object] = []
         self._of_hits = [hits.distance, hits.shape, hits.face, hits.normal, self.range, self.normal]
         self._of_fields: list[wp.array] = []
         self._at_first: list[int] = []
@@ -112,6 +113,10 @@ class Kept:
         for launch in self._launches:
             launch()
         self.settle()
+
+    def hold(self, *used: object) -> None:
+        """Keep what a reading has used, for a graph that repeats it for as long as its frame is there."""
+        self._held += used
 
     def take(self, hits: HitArrays, rays: Rays) -> None:
         """A reading of other arrays, copied here."""

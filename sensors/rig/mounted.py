@@ -18,6 +18,8 @@ from rigcast.kernels.packing.firings import groups_of
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.rays import Rays
+from rigcast.sensors.captured import is_captured
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.physics.depth_camera import DepthPhysics
 from rigcast.sensors.physics.lidar import LidarPhysics
 from rigcast.sensors.scene.batch.attached import Attached
@@ -113,6 +115,9 @@ class Mounted:
         if self.pattern.later is None:
             return self
         pattern, scene, spec = self.pattern.at(time), self.scene, self.spec
+        if is_captured(scene.device):
+            what = "got a pattern that is another one in each reading while a CUDA graph is captured"
+            raise InputError(f"sensor {spec.name!r}: {what}, expected one that stays")
         turned = replace(self, pattern=pattern, rays_at_once=_upload_rays(pattern, scene))
         if all(getattr(pattern, name) is getattr(self.pattern, name) for name in ("firing_times", "ring", "column")):
             return turned

@@ -7,6 +7,7 @@ from functools import cached_property, partial
 import warp as wp
 
 from rigcast.kernels.effects.random import random_source
+from rigcast.sensors.captured import is_captured
 from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import Worlds
 
@@ -40,6 +41,9 @@ class ReadingOfWorlds:
         brightness = read(fired, rays, kept, random)
         if brightness is not None:
             self._brightness.append((standing.part, brightness))
+        scene = fired.scene
+        if is_captured(scene.device):
+            self._kept.hold(fired, standing, kept, fired.visible(), scene.looks(), *scene.on_device)
 
     def frame(self) -> Frame:
         """The frame of all worlds, when they have been read."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import warp as wp
 
+from rigcast.sensors.captured import is_captured
 from rigcast.sensors.errors import InputError
 
 
@@ -16,6 +17,9 @@ def require_room(worlds: int, needs: Mapping[str, int], meanwhile: int, device: 
     """
     each = sum(needs.values())
     free = free_memory(device) + kept
+    if worlds * each + meanwhile > free and device.is_cuda and not is_captured(device):
+        wp.synchronize_device(device)  # after which what has been freed counts as free
+        free = free_memory(device) + kept
     if worlds * each + meanwhile > free:
         parts = ", ".join(f"{name} {_bytes(need)}" for name, need in needs.items() if need)
         raise InputError(

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.geometry import FARTHEST
 from rigcast.kernels.unit import as_double, unit_directions
+from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.errors import InputError
 
 
@@ -23,6 +24,7 @@ def take_rays(origins: ArrayLike | wp.array, directions: ArrayLike | wp.array, d
     """See `Scene.cast`."""
     if isinstance(directions, wp.array):
         return _device_rays(origins, directions, device)
+    require_on_device("Scene.cast: directions", "an array on the host", device)
     host_origins, host_directions = _checked_rays(origins, directions)
     return GivenRays(
         unit_directions(lend(host_directions, device)), lend(host_origins, device), host_directions.shape[:-1]
@@ -41,6 +43,7 @@ def lend(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
 
 def _device_rays(origins: ArrayLike | wp.array, directions: wp.array, device: wp.Device) -> GivenRays:
     if not isinstance(origins, wp.array):
+        require_on_device("Scene.cast: origins", "an array on the host", device)
         origins = upload(_checked_origins(origins), device)
     for name, array in (("origins", origins), ("directions", directions)):
         _require_vectors(name, array, device)

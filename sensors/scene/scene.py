@@ -15,6 +15,7 @@ from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
+from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.device import find_device
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
@@ -149,6 +150,7 @@ class Scene:
 
     def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
         """Of all parts as they stand in `data`; their sizes and trees are taken."""
+        require_on_device("Scene.update: data", "MjData", self.device)
         self._sight.update()
         snapshots = [part.update(data) for part in self._parts]
         if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
@@ -228,6 +230,11 @@ class Scene:
         )
         self._differences = differences
         self._sight.forget_visible()
+
+    @property
+    def on_device(self) -> list[object]:
+        """What it has on its device by now, for whoever repeats its launches."""
+        return self._world.on_device
 
     def bytes_per_world(self, worlds: Worlds) -> int:
         """What each of many worlds takes, beside what is read in it: sizes and meshes of its own."""

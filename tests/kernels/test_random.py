@@ -58,8 +58,8 @@ def philox_reference(counter: NDArray[np.uint32], key: NDArray[np.uint32], round
     return c.T.astype(np.uint32)
 
 
-def worlds(*names: int) -> wp.array:
-    return wp.array(names, dtype=wp.uint32, device="cpu")
+def worlds(*names: int, device: str = "cpu") -> wp.array:
+    return wp.array(names, dtype=wp.uint32, device=device)
 
 
 def drawn(source: RandomSource, draw: int = 0, count: int = COUNT, device: str = "cpu") -> dict[str, NDArray[Any]]:
@@ -107,7 +107,7 @@ def test_integers_are_those_of_the_reference_bit_for_bit(device: str) -> None:
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_draw_is_a_function_of_seed_sensor_world_frame_ray_and_draw(device: str) -> None:
-    source = random_source(SEED, "top", frame=2**32 + 11, worlds=worlds(13), rays=COUNT)
+    source = random_source(SEED, "top", frame=2**32 + 11, worlds=worlds(13, device=device), rays=COUNT)
     counter = np.stack([np.full(1000, 5), np.arange(1000), np.full(1000, 11), np.full(1000, 13)], axis=-1)
     key = np.tile(np.array([source.key[0], source.key[1]], np.uint32), (1000, 1))
     expected = philox_reference(counter.astype(np.uint32), key)

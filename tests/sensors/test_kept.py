@@ -206,31 +206,3 @@ def test_out_without_room_is_refused(out: dict[str, str], message: str) -> None:
     frames = rig.sense(moved(0.0))
     with pytest.raises(InputError, match=message):
         rig.sense(moved(0.1), ["lidar"], out={name: frames[given] for name, given in out.items()})
-
-
-@pytest.mark.cuda
-def test_captured_readings_follow_the_worlds() -> None:
-    rig = Rig(MODEL, [spec for spec in SENSORS if spec.name in IDEAL], "cuda:0")
-
-    def poses(by: float) -> dict[str, wp.array]:
-        names = {"geom_xpos": wp.vec3, "geom_xmat": wp.mat33, "xpos": wp.vec3, "xmat": wp.mat33}
-        states = {name: np.array([getattr(data, name) for data in worlds(by)]) for name in names}
-        return {
-            name: wp.array(states[name].reshape(2, -1, *dtype._shape_), dtype=dtype, device="cuda:0")
-            for name, dtype in names.items()
-        }
-
-    batch = poses(0.1)
-    frames = rig.sense(batch)
-    for frame in frames.values():
-        values(frame)
-    rig.sense(batch, out=frames)
-    with wp.ScopedCapture("cuda:0") as capture:
-        rig.sense(batch, out=frames)
-    for by in (0.4, 0.8):
-        for name, array in poses(by).items():
-            wp.copy(batch[name], array)
-        wp.capture_launch(capture.graph)
-        got = {name: values(frame) for name, frame in frames.items()}
-        for name, frame in rig.sense(batch).items():
-            assert_same(got[name], values(frame), f"{name}, {by}")

@@ -148,3 +148,12 @@ def test_worlds_that_fit_in_parts_are_not_refused(monkeypatch: pytest.MonkeyPatc
         rig.sense(datas)
     monkeypatch.setattr("rigcast.sensors.rig.rig.BYTES_AT_ONCE", 7_000)
     assert rig.sense(datas)["lidar"].range.shape[0] == 20
+
+
+@pytest.mark.cuda
+def test_memory_that_was_freed_on_a_gpu_counts_as_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It does once the device has nothing left to do."""
+    free = iter([0, 10**9])
+    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: next(free))
+    robot = model()
+    assert Rig(robot, [SENSORS["lidar"]], "cuda:0").sense(states(robot, 3))["lidar"].range.shape[0] == 3

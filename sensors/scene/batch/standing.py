@@ -10,6 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.mounts import Carriers, origin
+from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.mount import CARRIERS
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -107,6 +108,7 @@ class Standing:
         if not any(on_host):
             _require_one_precision(names, values)
             return values
+        require_on_device(f"Worlds: {names[0]}", "an array on the host", self.device)
         self._worlds.require_set(names[1], values[1], self.part)
         precision = np.result_type(*values)
         return [value.astype(precision, copy=False) for value in values]

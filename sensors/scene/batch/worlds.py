@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.filter import Filter
@@ -164,6 +165,7 @@ class Worlds:
         if isinstance(self._active, wp.array):
             require_array("active", self._active, (self.count,), (wp.bool,), device)
             return self._active[part]
+        require_on_device("Worlds: active", "an array on the host", device)
         return wp.array(self._one_each("active", self._active, np.bool_)[part], dtype=wp.bool, device=device)
 
     def times(self, device: wp.Device, out: wp.array | None = None) -> wp.array:
@@ -174,6 +176,7 @@ class Worlds:
             require_array("time", given, (self.count,), (wp.float32, wp.float64), device)
             wp.utils.array_cast(given, times)
         elif given is not None:
+            require_on_device("Worlds: time", "an array on the host", device)
             times.assign(self._one_each("time", given, np.float64))
         else:
             times.zero_()

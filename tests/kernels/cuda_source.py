@@ -1,0 +1,98 @@
+"""The source that Warp generates for CUDA, compiled for the host: where there is no GPU, its threads run on the CPU.
+
+That tests what the source says, launched as on CUDA: a thread for each ray, in any order. It tests nothing of a GPU,
+neither NVIDIA's compiler, nor memory of its own, nor threads at the same time. Products and sums are not fused, as
+NVIDIA's compiler is told too.
+"""
+
+import ctypes
+import re
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+from warp._src import build
+from warp._src.types import launch_bounds_t
+
+# Warp's own functions as on the CPU, ours with their branches for CUDA, in blocks of one thread
+_BEFORE = """
+#include <utility>
+#define __CUDA_ARCH__ 750
+#define __global__
+#define __ffs __builtin_ffs
+struct { unsigned x, y, z; } blockIdx, threadIdx, gridDim = {1, 1, 1}, blockDim = {1, 1, 1};
+extern "C" int _wp_isfinite(double x) { return __builtin_isfinite(x); }
+extern "C" int _wp_isnan(double x) { return __builtin_isnan(x); }
+
+template <class... Args, size_t... Index>
+void run_threads(
+    void (*kernel)(Args...), void** args, const unsigned* threads, unsigned count, std::index_sequence<Index...>)
+{
+    gridDim.x = count;
+    for (unsigned k = 0; k < count; ++k) {
+        blockIdx.x = threads[k];
+        kernel(*static_cast<Args*>(args[Index])...);
+    }
+}
+
+template <class... Args>
+void run_threads(void (*kernel)(Args...), void** args, const unsigned* threads, unsigned count)
+{
+    run_threads(kernel, args, threads, count, std::index_sequence_for<Args...>());
+}
+"""
+_AFTER = """
+extern "C" void run(void** args, const unsigned* threads, unsigned count)
+{{
+    run_threads({kernel}, args, threads, count);
+}}
+"""
+
+
+class CudaSource:
+    """One kernel's source for CUDA, compiled by g++ in a folder of its own."""
+
+    def __init__(self, kernel: wp.Kernel, folder: Path) -> None:
+        module = wp.get_module(f"{kernel.key}_alone")
+        module.options.update(kernel.module.options)
+        wp.Kernel(kernel.func, key=kernel.key, module=module)
+        source = _generated(module, folder)
+        (name,) = re.findall(r"__global__ void (\w+)\(", source)
+        path = folder / "kernel.cpp"
+        *heads, body = re.split(r'(?<=\.h")\n', source.replace("#define WP_NO_CRT\n", ""))
+        path.write_text("\n".join([*heads, _BEFORE, body, _AFTER.format(kernel=name)]))
+        headers = Path(wp.__file__).parent / "native"
+        flags = ["-std=c++17", "-O1", "-ffp-contract=off", "-w", "-shared", "-fPIC"]
+        command = ["g++", *flags, f"-I{headers}", str(path), "-o", str(folder / "kernel.so")]
+        subprocess.run(command, check=True)
+        self._run = ctypes.CDLL(str(folder / "kernel.so")).run
+
+    def launch(self, threads: NDArray[np.integer[Any]], arguments: Sequence[Any]) -> None:
+        """Run these threads of a launch over as many, one after the other; arguments as for `wp.launch`."""
+        packed = [launch_bounds_t((len(threads),)), *map(_packed, arguments)]
+        pointers = (ctypes.c_void_p * len(packed))(*map(ctypes.addressof, packed))
+        order = np.ascontiguousarray(threads, np.uint32)
+        self._run(pointers, order.ctypes.data_as(ctypes.c_void_p), len(order))
+
+
+def _generated(module: Any, folder: Path) -> str:
+    """The module's source for CUDA: Warp writes it before it compiles it, which is left out here."""
+    compile_cuda = build.build_cuda
+    build.build_cuda = lambda _source, _arch, output, **_options: Path(output).touch()
+    try:
+        wp.compile_aot_module(module, arch=75, module_dir=folder, use_ptx=True)
+    finally:
+        build.build_cuda = compile_cuda
+    (source,) = folder.glob("*.cu")
+    return source.read_text()
+
+
+def _packed(value: Any) -> Any:
+    """An argument of a kernel as C has it."""
+    if isinstance(value, int):
+        return ctypes.c_int32(value)
+    return ctypes.c_float(value) if isinstance(value, float) else value.__ctype__()

@@ -1,0 +1,84 @@
+"""The cast as Warp writes it for CUDA, run on the CPU: it has the bits of the CPU's own, and no ray slips through."""
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+import watertight
+from cuda_source import CudaSource
+from made_worlds import Hits, assert_same, cast_through, random_plan, random_rays, rays_of, unit
+
+from rigcast.kernels import cast
+from rigcast.kernels.packing.sorting import sort_into_packets
+from rigcast.kernels.rays import Rays
+from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.world import World
+
+pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="no g++ to compile CUDA's source with")
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> CudaSource:
+    return CudaSource(cast.cast_rays, tmp_path_factory.mktemp("cuda_source"))
+
+
+@pytest.fixture
+def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """From when this is called, single rays are cast by CUDA's source, a thread each, in an order drawn at random."""
+    rng = np.random.default_rng(0)
+
+    def prepare(
+        _kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], *_: Any
+    ) -> Callable[[], None]:
+        return lambda: source.launch(rng.permutation(count), [0, *inputs, *outputs])
+
+    def begin() -> None:
+        monkeypatch.setattr(cast, "RAYS_PER_THREAD", 1)
+        monkeypatch.setattr(cast, "prepare_over_rays", prepare)
+
+    return begin
+
+
+def hits_of(world: World, rays: Rays) -> Hits:
+    seen = wp.full(len(world.geometry.kind), True, dtype=wp.bool, device="cpu")
+    hits = cast.cast(world.geometry, seen, rays, np.inf, CULL_NONE)
+    return Hits(hits.distance.numpy(), hits.shape.numpy(), hits.face.numpy(), hits.normal.numpy())
+
+
+@pytest.mark.parametrize("cull", [CULL_NONE, CULL_BACK, CULL_FRONT])
+def test_it_hits_what_single_rays_hit(cull: int, begin_cuda: Callable[[], None]) -> None:
+    world, rays = random_plan(0).world(), random_rays(0, 20_000)
+    expected = cast_through(world, *rays, cull=cull, limit=5.0)
+    begin_cuda()
+    assert_same(cast_through(world, *rays, cull=cull, limit=5.0), expected)
+
+
+def test_it_hits_what_packets_hit(begin_cuda: Callable[[], None]) -> None:
+    directions = unit(np.random.default_rng(1).normal(size=(20_000, 3)))
+    world, rays = random_plan(1).world(), rays_of((0.3, 0.2, 0.1), directions)
+    expected = hits_of(world, replace(rays, packets=sort_into_packets(directions)))
+    begin_cuda()
+    assert_same(hits_of(world, rays), expected)
+
+
+@pytest.mark.parametrize("aim", ["points", "edges", "vertices", "all around"])
+@pytest.mark.parametrize(("offset", "is_baked"), [(0.0, False), (1.5e5, False), (1.5e5, True)])
+def test_no_ray_slips_through(aim: str, offset: float, is_baked: bool, begin_cuda: Callable[[], None]) -> None:
+    placed = watertight.place("icosphere", 1.0, offset, is_baked)
+    assert placed is not None
+    begin_cuda()
+    (leaked,), rays = watertight.count_leaks([placed], aim, 10_000, seed=2)
+    assert leaked == 0, f"{leaked} of {rays} rays"
+
+
+def test_rays_that_are_not_finite_give_nan(begin_cuda: Callable[[], None]) -> None:
+    origins, directions = random_rays(3, 300)
+    origins[::3, 0], directions[1::3, 1] = np.nan, np.inf
+    begin_cuda()
+    got = cast_through(random_plan(3).world(), origins, directions)
+    np.testing.assert_array_equal(np.isnan(got.distance), np.arange(300) % 3 < 2)
+    assert (got.shape[np.isnan(got.distance)] == -1).all()

@@ -1,0 +1,115 @@
+"""Readings in a CUDA graph: it repeats them as they were captured, whatever the rig reads meanwhile."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import warp as wp
+from numpy.typing import NDArray
+from world_states import SENSORS, arrays_of, model, states
+
+from rigcast import Frame, InputError, Rig, Scene, Worlds
+
+pytestmark = pytest.mark.cuda
+MODEL = model()
+STILL = [spec for name, spec in SENSORS.items() if name not in ("moving", "rolling", "rosette")]
+IDEAL = ("lidar", "fixed", "ring", "scan", "camera")
+TYPES = {"xpos": wp.vec3, "xmat": wp.mat33}
+
+
+def on_device(seed: int, count: int = 3, spread: float = 1.0) -> dict[str, wp.array]:
+    """Poses of so many worlds."""
+    arrays = arrays_of(states(MODEL, count, seed))
+    del arrays["time"]
+    arrays["geom_xpos"] *= spread
+    types = {name: TYPES[name.rpartition("_")[2]] for name in arrays}
+    return {
+        name: wp.array(values.reshape(count, -1, *types[name]._shape_), dtype=types[name], device="cuda:0")
+        for name, values in arrays.items()
+    }
+
+
+def values(frames: Mapping[str, Frame]) -> dict[str, NDArray[Any]]:
+    fields = ("range", "normal", "points_world", "geom_id", "body_id")
+    return {f"{name}.{field}": getattr(frames[name], field).numpy() for name in IDEAL for field in fields}
+
+
+def captured(rig: Rig, batch: Mapping[str, wp.array]) -> tuple[dict[str, Frame], wp.Graph]:
+    frames = rig.sense(batch)
+    values(frames)
+    rig.sense(batch, out=frames)
+    with wp.ScopedCapture("cuda:0") as capture:
+        rig.sense(batch, out=frames)
+    return frames, capture.graph
+
+
+def other_readings(rig: Rig) -> None:
+    for count in (1, 5):
+        rig.sense(on_device(count, count))
+    rig.sense(states(MODEL, 1)[0])
+
+
+def trees_built_anew(rig: Rig) -> None:
+    for seed in range(3):
+        rig.sense(on_device(seed, spread=100.0))
+
+
+def other_sizes(rig: Rig) -> None:
+    rig.model.geom_size *= 1.5
+    rig.sense(on_device(0))
+    rig.model.geom_size /= 1.5
+
+
+@pytest.mark.parametrize("meanwhile", [lambda _: None, other_readings, trees_built_anew, other_sizes])
+def test_a_graph_reads_what_a_reading_does(meanwhile: Callable[[Rig], None]) -> None:
+    rig, batch = Rig(model(), STILL, "cuda:0"), on_device(0)
+    frames, graph = captured(rig, batch)
+    meanwhile(rig)
+    for seed in (7, 8):
+        for name, array in on_device(seed).items():
+            wp.copy(batch[name], array)
+        wp.capture_launch(graph)
+        got = values(frames)
+        for name, expected in values(rig.sense(batch)).items():
+            np.testing.assert_array_equal(got[name], expected, err_msg=f"seed {seed}: {name}")
+
+
+REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
+    "MjData": (lambda: states(MODEL, 1)[0], "Scene.update: data: got MjData while a CUDA graph is captured"),
+    "a list": (lambda: states(MODEL, 3), "Worlds: geom_xpos: got an array on the host while"),
+    "time": (lambda: on_device(0) | {"time": np.zeros(3)}, "Worlds: time: got an array on the host while"),
+    "active": (lambda: Worlds(on_device(0), active=[True, False, True]), "Worlds: active: got an array on the host"),
+}
+
+
+@pytest.mark.parametrize(("data", "message"), REFUSED.values(), ids=list(REFUSED))
+def test_what_is_on_the_host_is_refused_in_a_graph(data: Callable[[], Any], message: str) -> None:
+    rig, given = Rig(MODEL, STILL, "cuda:0"), data()
+    rig.sense(given)
+    with wp.ScopedCapture("cuda:0"), pytest.raises(InputError, match=message):
+        rig.sense(given)
+
+
+def test_rays_that_are_others_in_each_reading_are_refused_in_a_graph() -> None:
+    rig, batch = Rig(MODEL, [SENSORS["rosette"]], "cuda:0"), on_device(0)
+    rig.sense(batch)
+    with wp.ScopedCapture("cuda:0"), pytest.raises(InputError, match="sensor 'rosette': got a pattern that is another"):
+        rig.sense(batch)
+
+
+def test_rays_on_the_host_are_refused_in_a_graph() -> None:
+    scene = Scene(MODEL, "cuda:0")
+    scene.update(states(MODEL, 1)[0])
+    with wp.ScopedCapture("cuda:0"), pytest.raises(InputError, match="directions: got an array on the host while"):
+        scene.cast((0, 0, 1), (1, 0, 0))
+
+
+def test_the_default_device_may_be_another() -> None:
+    """The second update once recorded its event on the default device."""
+    with wp.ScopedDevice("cpu"):
+        scene, data = Scene(MODEL, "cuda:0"), mujoco.MjData(MODEL)
+        mujoco.mj_kinematics(MODEL, data)
+        for _ in range(3):
+            scene.update(data)
