@@ -289,7 +289,7 @@ per ray, before and after, on a machine in use (noise of 10 to 30 %); depth came
   alone 13 to 5.2; sorted by numpy 3.7, which takes 35; along a Hilbert curve 4.1).
 - Light through wedges as vectors as long as the refractive index, of which a face changes one coordinate or what is
   along its normal, line by line in place of sample by sample, and directions used where numpy wrote them: a new pattern
-  2.8 to 2.3 ms, packets included, one thread, and with all that is faster since 8.0 to 7.5 ms a frame. Of these 1.2 make
+  2.8 to 2.3 ms, packets included, one thread, and with all that is faster since 8.0 to 7.5 ms a frame. Of them 1.2 make
   the pattern, 0.9 the packets, 3.6 cast, and an even grid of as many rays takes 4.0, of which 3.1 cast.
 - Packets of rays from one origin each, and of all rays of a sensor with `motion` where the world stands still: VLP-16,
   28928 rays, 19.2 to 4.6 ms.
