@@ -1,7 +1,8 @@
-"""Rays in packets as they follow each other, for patterns that are other ones in each reading.
+"""Rays in packets as they follow each other, for rays that are other ones in each reading.
 
-A beam that is steered moves on but little from one ray to the next, so rays that follow each other are neighbours. They
-are packed several times sooner than they are cast, where sorting them would take longer than casting them one by one.
+A beam that is steered moves on but little from one ray to the next, so rays that follow each other are neighbours; so
+are rays to what neighbouring rays have hit. They are packed several times sooner than they are cast, where sorting them
+would take longer than casting them one by one.
 """
 
 import numpy as np
@@ -124,10 +125,18 @@ def pack_tiles(
     is_dense[t] = area < SPARSE * float(end - begin)
 
 
-def pack_in_order(directions: wp.array, group: npt.NDArray[np.int32] | None = None) -> Packets:
-    """Pack rays with unit directions (n,) vec3d; those of a tile belong to one group, (n,), where there are several."""
+def pack_in_order(
+    directions: wp.array, group: npt.NDArray[np.int32] | None = None, order: npt.NDArray[np.int32] | None = None
+) -> Packets:
+    """Pack rays with unit directions (n,) vec3d; those of a tile belong to one group, (n,), where there are several.
+
+    order: all rays, (n,), as they follow each other; None where they do so by number.
+    """
     count = directions.size
-    order = np.arange(count, dtype=np.int32) if group is None else np.argsort(group, kind="stable").astype(np.int32)
+    if order is None:
+        order = np.arange(count, dtype=np.int32)
+    if group is not None:
+        order = order[np.argsort(group[order], kind="stable")]
     starts = _starts(count, None if group is None else group[order])
     tiles = wp.zeros(len(starts) - 1, dtype=Tile, device="cpu")
     packets = wp.empty(PACKETS * tiles.size, dtype=Packet, device="cpu")
