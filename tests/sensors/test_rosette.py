@@ -33,7 +33,7 @@ def test_refraction_keeps_sines_planes_and_lengths(ratio: float) -> None:
     beam /= np.linalg.norm(beam, axis=-1, keepdims=True)
     sine = np.linalg.norm(np.cross(beam, normal), axis=-1)
     k = ratio * beam.T
-    refract(k, normal.T, ratio, 1.0)
+    refract(k, tuple(normal.T), ratio, 1.0)
     behind = k.T
     passes = ratio * sine < 1
     assert passes.sum() > 1000
