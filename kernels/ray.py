@@ -167,7 +167,7 @@ def reach_of_ray(best: Hit) -> float:
 
 
 @wp.func
-def visit_block(g: wp.array[Geometry], ray: Ray, index: int, lanes: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
+def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
     """The ray against the triangles of one block."""
     spans = triage_block(g[0].blocks[index], ray)
     near = spans.near
@@ -181,7 +181,7 @@ def visit_block(g: wp.array[Geometry], ray: Ray, index: int, lanes: int, distanc
 
 
 @wp.func
-def enter_in_range(node: Node, ray: Ray, lanes: int, reach: float) -> Entered:  # noqa: ARG001
+def enter_in_range(node: Node, ray: Ray, reach: float) -> Entered:
     return enter_boxes(node, ray, smaller(reach, ray.limit))
 
 
@@ -189,7 +189,7 @@ cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_in_
 
 
 @wp.func
-def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, lanes: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
+def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
     """The ray against one shape, if it is visible."""
     scope = ray.scope
     if not g[0].visible[scope.first_visible + shape]:

@@ -4,11 +4,11 @@ import warp as wp
 
 from rigcast.kernels.hits import APART
 from rigcast.kernels.ray import inverse_of
-from rigcast.kernels.traverse import Entered, sign_bits
+from rigcast.kernels.traverse import Entered, EnteredByLanes, sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
-from .packet import LANES, PACKETS, Packet, Tile, Vectors, View, lanes
+from .packet import LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, lanes
 
 TINY = wp.constant(1.0e-30)
 LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
@@ -188,7 +188,9 @@ def lanes_at_box(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
 
 
 @wp.func
-def enter_lane_by_lane(boxes: Node, inverse: Vectors, far: lanes, which: int, limit: float) -> Entered:
+def enter_lane_by_lane(
+    boxes: Node, inverse: Vectors, best: wp.array[PacketHits], slot: int, which: int, limit: float
+) -> EnteredByLanes:
     """The boxes of boxes_from that these rays enter before the limit and their best hits. As enter_boxes."""
     center_x = boxes.center_x
     center_y = boxes.center_y
@@ -209,7 +211,7 @@ def enter_lane_by_lane(boxes: Node, inverse: Vectors, far: lanes, which: int, li
         x = inverse_x[i]
         y = inverse_y[i]
         z = inverse_z[i]
-        end = smaller(far[i] * APART, limit)
+        end = smaller(best[slot].far[i] * APART, limit)
         lane = 1 << i
         for j in range(WIDTH):
             cx = center_x[j] * x
@@ -223,7 +225,7 @@ def enter_lane_by_lane(boxes: Node, inverse: Vectors, far: lanes, which: int, li
             is_entered = enter <= leave and half_x[j] >= 0.0
             distance[j] = smaller(distance[j], wp.where(is_entered, enter, wp.inf))
             entering[j] = entering[j] | wp.where(is_entered, lane, 0)
-    entered = Entered()
+    entered = EnteredByLanes()
     entered.children = sign_bits(-entering)
     entered.distance = distance
     entered.lanes = entering

@@ -64,14 +64,7 @@ def visit_closed_form(
 
 
 @wp.func
-def visit_shape_of_tile(
-    g: Geometry,
-    tile: TileSought,
-    shape: int,
-    lanes: int,  # noqa: ARG001
-    distance: float,
-    reach: vec8,
-) -> vec8:
+def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: float, reach: vec8) -> vec8:
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
     rays = tile.rays
     kind = g.kind[shape]
@@ -95,7 +88,7 @@ def visit_shape_of_tile(
 
 
 @wp.func
-def enter_of_tile(node: Node, sought: TileSought, lanes: int, reach: float) -> Entered:  # noqa: ARG001
+def enter_of_tile(node: Node, sought: TileSought, reach: float) -> Entered:
     return enter_frustum(node, sought.frustum, smaller(reach, sought.rays.limit))
 
 

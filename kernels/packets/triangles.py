@@ -8,7 +8,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import APART
-from rigcast.kernels.traverse import Entered, sign_bits, traversal
+from rigcast.kernels.traverse import EnteredByLanes, sign_bits, traversal
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8i
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
@@ -25,18 +25,17 @@ FEW = wp.constant(6)
 @wp.func
 def visit_block_lane_by_lane(g: Geometry, sought: Sought, index: int, lanes: int, reach: float) -> float:
     """These rays of a packet against the triangles of one block; returns how far all of its rays still reach."""
-    packet = sought.packet
-    at = packet.packet
-    slot = packet.slot
+    at = sought.packet.packet
+    slot = sought.packet.slot
     edges = edges_of(g.blocks[index], sought)
     some = int(0)
     while lanes != 0:
         i = lowest_bit(lanes)
         lanes = lanes & (lanes - 1)
-        limit = packet.best[slot].far[i] * APART
-        p = packet.packets[at].p[i]
-        q = packet.packets[at].q[i]
-        met = meet_triangles(edges, p, q, packet.packets[at].length[i], sought.cull, limit)
+        limit = sought.packet.best[slot].far[i] * APART
+        p = sought.packet.packets[at].p[i]
+        q = sought.packet.packets[at].q[i]
+        met = meet_triangles(edges, p, q, sought.packet.packets[at].length[i], sought.cull, limit)
         near = met.near
         far = met.far
         possible = met.possible
@@ -44,16 +43,16 @@ def visit_block_lane_by_lane(g: Geometry, sought: Sought, index: int, lanes: int
         while possible != 0:
             j = lowest_bit(possible)
             possible = possible & (possible - 1)
-            if far[j] * APART < packet.best[slot].near[i]:
-                packet.best[slot].near[i] = near[j]
-                packet.best[slot].far[i] = far[j]
-                packet.best[slot].shape[i] = sought.shape
-                packet.best[slot].triangle[i] = index * WIDTH + j
-            elif near[j] <= packet.best[slot].far[i] * APART:
-                decide_lane_of_packet(packet, i, near[j], far[j], sought.shape, index * WIDTH + j)
+            if far[j] * APART < sought.packet.best[slot].near[i]:
+                sought.packet.best[slot].near[i] = near[j]
+                sought.packet.best[slot].far[i] = far[j]
+                sought.packet.best[slot].shape[i] = sought.shape
+                sought.packet.best[slot].triangle[i] = index * WIDTH + j
+            elif near[j] <= sought.packet.best[slot].far[i] * APART:
+                decide_lane_of_packet(sought.packet, i, near[j], far[j], sought.shape, index * WIDTH + j)
     if some == 0:
         return reach
-    return APART * farthest(packet.best[slot].far)
+    return APART * farthest(sought.packet.best[slot].far)
 
 
 @wp.func
@@ -103,14 +102,7 @@ def visit_block_at_once(g: Geometry, sought: Sought, index: int, reach: float) -
 
 
 @wp.func
-def visit_block_of_packet(
-    g: Geometry,
-    sought: Sought,
-    index: int,
-    lanes: int,
-    distance: float,  # noqa: ARG001
-    reach: float,
-) -> float:
+def visit_block_of_packet(g: Geometry, sought: Sought, index: int, lanes: int, reach: float) -> float:
     """A packet against the triangles of one block, whose box these rays enter."""
     if count_bits(lanes) <= FEW:
         return visit_block_lane_by_lane(g, sought, index, lanes, reach)
@@ -118,33 +110,8 @@ def visit_block_of_packet(
 
 
 @wp.func
-def enter_at_once(node: Node, boxes: Node, sought: Sought, lanes: int, reach: float) -> Entered:
-    """The boxes that these rays of a packet enter, of those that are within its frustum."""
-    entered = enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
-    center_x = boxes.center_x
-    center_y = boxes.center_y
-    center_z = boxes.center_z
-    half_x = boxes.half_x
-    half_y = boxes.half_y
-    half_z = boxes.half_z
-    entering = vec8i()
-    todo = entered.children
-    while todo != 0:
-        j = lowest_bit(todo)
-        todo = todo & (todo - 1)
-        entering[j] = lanes & lanes_at_box(
-            sought.inverse,
-            sought.packet.best[sought.packet.slot].far,
-            wp.vec3(center_x[j], center_y[j], center_z[j]),
-            wp.vec3(half_x[j], half_y[j], half_z[j]),
-        )
-    entered.children = sign_bits(-entering)
-    entered.lanes = entering
-    return entered
-
-
-@wp.func
 def prefetch_children(node: Node, sought: Sought, children: int) -> None:
+    """Ask for these children of a node."""
     child = node.child
     while children != 0:
         j = lowest_bit(children)
@@ -156,17 +123,45 @@ def prefetch_children(node: Node, sought: Sought, children: int) -> None:
 
 
 @wp.func
-def enter_of_packet(node: Node, sought: Sought, lanes: int, reach: float) -> Entered:
-    """The boxes that some of these rays of the packet enter."""
-    boxes = boxes_from(node, sought.view, sought.widest)
-    entered = Entered()
-    if count_bits(lanes) <= FEW:
-        far = sought.packet.best[sought.packet.slot].far
-        entered = enter_lane_by_lane(boxes, sought.inverse, far, lanes, sought.packet.ray.limit)
-    else:
-        entered = enter_at_once(node, boxes, sought, lanes, reach)
+def enter_at_once(node: Node, boxes: Node, sought: Sought, lanes: int, reach: float) -> EnteredByLanes:
+    """The boxes that these rays of a packet enter, of those that are within its frustum."""
+    in_frustum = enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
+    center_x = boxes.center_x
+    center_y = boxes.center_y
+    center_z = boxes.center_z
+    half_x = boxes.half_x
+    half_y = boxes.half_y
+    half_z = boxes.half_z
+    entering = vec8i()
+    todo = in_frustum.children
+    while todo != 0:
+        j = lowest_bit(todo)
+        todo = todo & (todo - 1)
+        entering[j] = lanes & lanes_at_box(
+            sought.inverse,
+            sought.packet.best[sought.packet.slot].far,
+            wp.vec3(center_x[j], center_y[j], center_z[j]),
+            wp.vec3(half_x[j], half_y[j], half_z[j]),
+        )
+    entered = EnteredByLanes()
+    entered.children = sign_bits(-entering)
+    entered.distance = in_frustum.distance
+    entered.lanes = entering
     prefetch_children(node, sought, entered.children)
     return entered
+
+
+@wp.func
+def enter_of_packet(node: Node, sought: Sought, lanes: int, reach: float) -> EnteredByLanes:
+    """The boxes that some of these rays of the packet enter."""
+    boxes = boxes_from(node, sought.view, sought.widest)
+    if count_bits(lanes) <= FEW:
+        entered = enter_lane_by_lane(
+            boxes, sought.inverse, sought.packet.best, sought.packet.slot, lanes, sought.packet.ray.limit
+        )
+        prefetch_children(node, sought, entered.children)
+        return entered
+    return enter_at_once(node, boxes, sought, lanes, reach)
 
 
 @wp.func
@@ -175,5 +170,11 @@ def reach_of_packet(reach: float) -> float:
 
 
 cast_packet_through_triangles = traversal(
-    "cast_packet_through_triangles", Sought, float, enter_of_packet, reach_of_packet, visit_block_of_packet
+    "cast_packet_through_triangles",
+    Sought,
+    float,
+    enter_of_packet,
+    reach_of_packet,
+    visit_block_of_packet,
+    by_lanes=True,
 )

@@ -9,7 +9,7 @@ from made_worlds import random_rotations
 from numpy.typing import NDArray
 
 from rigcast.kernels.packets.frustum import boxes_from, enter_lane_by_lane, inverse_directions, lanes_at_box
-from rigcast.kernels.packets.packet import LANES, Packet, View, lanes
+from rigcast.kernels.packets.packet import LANES, Packet, PacketHits, View, lanes
 from rigcast.kernels.ray import box_margin
 from rigcast.kernels.traverse import ALL_LANES
 from rigcast.kernels.trees.nodes import empty_node
@@ -29,6 +29,7 @@ def _enter(
     origin: wp.array[wp.vec3],
     center: wp.array[wp.vec3],
     half: wp.array[wp.vec3],
+    best: wp.array[PacketHits],
     at_once: wp.array[int],
     one_by_one: wp.array[int],
     distance: wp.array[float],
@@ -44,11 +45,10 @@ def _enter(
     packet = Packet()
     packet.p = p[i]
     packet.q = q[i]
-    every = lanes()
     for k in range(LANES):
         d = view.axis + packet.p[k] * view.u + packet.q[k] * view.v
         packet.length[k] = wp.length(d)
-        every[k] = far[i]
+        best[i].far[k] = far[i]
     node = empty_node()
     node.center_x[0] = center[i][0]
     node.center_y[0] = center[i][1]
@@ -60,8 +60,8 @@ def _enter(
     c = wp.vec3(box.center_x[0], box.center_y[0], box.center_z[0])
     h = wp.vec3(box.half_x[0], box.half_y[0], box.half_z[0])
     inverse = inverse_directions(packet, view)
-    at_once[i] = lanes_at_box(inverse, every, c, h)
-    entered = enter_lane_by_lane(box, inverse, every, ALL_LANES, wp.inf)
+    at_once[i] = lanes_at_box(inverse, best[i].far, c, h)
+    entered = enter_lane_by_lane(box, inverse, best, i, ALL_LANES, wp.inf)
     one_by_one[i] = wp.where(entered.children == 1, entered.lanes[0], 0)
     distance[i] = entered.distance[0]
 
@@ -83,7 +83,7 @@ class Packets:
 
     def enter(self, center: Doubles, half: Doubles, far: Doubles | float = np.inf) -> NDArray[np.bool_]:
         """Whether any ray enters a box: of each the same, taken with the others or by itself."""
-        out = [wp.empty(CASES, dtype=kind, device="cpu") for kind in (int, int, float)]
+        out = [wp.empty(CASES, dtype=kind, device="cpu") for kind in (PacketHits, int, int, float)]
         arrays = [
             wp.array(np.ascontiguousarray(values, np.float32), dtype=kind, device="cpu")
             for values, kind in (
@@ -97,7 +97,7 @@ class Packets:
             )
         ]
         wp.launch(_enter, CASES, inputs=arrays, outputs=out, device="cpu")
-        at_once, one_by_one, self.distance = (array.numpy() for array in out)
+        at_once, one_by_one, self.distance = (array.numpy() for array in out[1:])
         np.testing.assert_array_equal(at_once, one_by_one)
         return np.asarray(at_once != 0)
 
