@@ -82,8 +82,10 @@ class Mount(Spec):
             return []
         kind, count = _objects(model, self.parent)
         name = str(getattr(self, self.parent))
-        names = model_names(model, kind, count)
-        return [Fault((self.parent,), f"no {self.parent} {name!r} in the model, {expected_one_of(name, names)}")]
+        others = [other for other in CARRIERS if mujoco.mj_name2id(model, _objects(model, other)[0], name) >= 0]
+        but = f", but a {' and a '.join(others)}" if others else ""
+        expected = expected_one_of(name, model_names(model, kind, count))
+        return [Fault((self.parent,), f"no {self.parent} {name!r} in the model{but}, {expected}")]
 
     def bind(self, model: mujoco.MjModel) -> "BoundMount":
         """This mount on `model`. Raises InputError for a name that the model does not have."""
