@@ -15,7 +15,11 @@ from .spec import Spec
 
 Parent = Literal["world", "body", "site", "camera"]
 
-CARRIERS = {"body": ("xpos", "xmat"), "site": ("site_xpos", "site_xmat"), "camera": ("cam_xpos", "cam_xmat")}
+CARRIERS: dict[Parent, tuple[str, str]] = {
+    "body": ("xpos", "xmat"),
+    "site": ("site_xpos", "site_xmat"),
+    "camera": ("cam_xpos", "cam_xmat"),
+}
 """The fields of a MuJoCo data in which the poses of a mount's parents are."""
 
 # A MuJoCo camera looks along its -z with +y up. Columns: the mount's forward, left and up in camera axes.
