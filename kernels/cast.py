@@ -255,20 +255,27 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
 
 def _prepare_alone(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
     """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
-    device = which.device
-    if device.is_cpu:
-        return [prepare_over_tiles(cast_turns, -(-count // RAYS_PER_RUN), partial(_alone, geometry, job, which, count))]
-    held, alone = wp.empty(1, dtype=Geometry, device=device), Alone()
-    alone.count, alone.which = count, which
+    prepare = _in_turns if which.device.is_cpu else _in_threads
+    return prepare(geometry, job, which, count)
+
+
+def _in_turns(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
+    def inputs(threads: int) -> list[Any]:
+        return [geometry, job, _alone(which, count, threads)]
+
+    return [prepare_over_tiles(cast_turns, -(-count // RAYS_PER_RUN), inputs)]
+
+
+def _in_threads(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
+    held = wp.empty(1, dtype=Geometry, device=which.device)
     return [
-        recorded(hold, 1, [geometry, job, held], [], device),
-        prepare_over_rays(cast_rays, count, [held, job, alone], [], device),
+        recorded(hold, 1, [geometry, job, held], [], which.device),
+        prepare_over_rays(cast_rays, count, [held, job, _alone(which, count)], [], which.device),
     ]
 
 
-def _alone(geometry: Geometry, job: Job, which: wp.array, count: int, threads: int) -> list[Any]:
-    """What `cast_turns` takes in so many threads."""
+def _alone(which: wp.array, count: int, threads: int = 0) -> Alone:
     alone = Alone()
     alone.count, alone.which = count, which
-    alone.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
-    return [geometry, job, alone]
+    alone.copies = wp.empty((threads, 1), dtype=Geometry, device=which.device)
+    return alone
