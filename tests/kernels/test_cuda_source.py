@@ -37,7 +37,7 @@ def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[
         return lambda: source.launch(rng.permutation(count), [0, *inputs, *outputs])
 
     def begin() -> None:
-        monkeypatch.setattr(cast, "RAYS_PER_THREAD", 1)
+        monkeypatch.setattr(cast, "_in_turns", cast._in_threads)
         monkeypatch.setattr(cast, "prepare_over_rays", prepare)
 
     return begin
