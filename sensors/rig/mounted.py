@@ -24,6 +24,7 @@ from rigcast.sensors.scene.batch.attached import Attached
 from rigcast.sensors.scene.batch.per_world import PerWorld
 from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import Worlds
+from rigcast.sensors.scene.given_rays import lend
 from rigcast.sensors.scene.packet_cache import cached_packets
 from rigcast.sensors.scene.placed_rays import in_pose, rays_in_frame
 from rigcast.sensors.scene.scene import Scene
@@ -120,7 +121,8 @@ class Mounted:
         if is_captured(scene.device):
             what = "got a pattern that is another one in each reading while a CUDA graph is captured"
             raise InputError(f"sensor {spec.name!r}: {what}, expected one that stays")
-        turned = replace(self, pattern=pattern, rays_at_once=_upload_rays(pattern, scene))
+        rays = replace(self.rays_at_once, directions=lend(pattern.directions, scene.device), packets=None)
+        turned = replace(self, pattern=pattern, rays_at_once=_packed(pattern, rays, scene))
         if all(getattr(pattern, name) is getattr(self.pattern, name) for name in ("firing_times", "ring", "column")):
             return turned
         return replace(
@@ -259,7 +261,10 @@ def _in_packets(pattern: Pattern, scene: Scene) -> bool:
 def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
     """The rays of a pattern on the device."""
     origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
-    rays = rays_in_frame(pattern.directions, origins, np.eye(4), scene.device)
+    return _packed(pattern, rays_in_frame(pattern.directions, origins, np.eye(4), scene.device), scene)
+
+
+def _packed(pattern: Pattern, rays: Rays, scene: Scene) -> Rays:
     return replace(rays, packets=_packets(pattern, rays)) if _in_packets(pattern, scene) else rays
 
 
