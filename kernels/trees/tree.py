@@ -162,9 +162,7 @@ def grow(first_thread: int, plot: Plot) -> None:
     while left_to_do > 0:
         left_to_do -= 1
         parent = pending[base + left_to_do]
-        bud = unfold(
-            plot.boxes, parent.run, plot.leaf_size, plot.run_size, plot.balanced, plot.bins, thread * 3 * BINS
-        )
+        bud = unfold(plot.boxes, parent.run, plot.leaf_size, plot.run_size, plot.balanced, plot.bins, thread * 3 * BINS)
         room = parent.room - 1 + bud.members
         growth.stack = wp.max(growth.stack, room)
         for j in range(bud.members):
