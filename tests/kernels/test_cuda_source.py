@@ -12,7 +12,8 @@ import watertight
 from cuda_source import CudaSource
 from made_worlds import Hits, assert_same, cast_through, random_plan, random_rays, rays_of, unit
 
-from rigcast.kernels import alone, cast
+from rigcast.kernels import cast
+from rigcast.kernels.alone import cast_rays, hold
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays import Rays
@@ -24,7 +25,7 @@ pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="no g++ to c
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> CudaSource:
-    return CudaSource(alone.cast_rays, tmp_path_factory.mktemp("cuda_source"))
+    return CudaSource(cast_rays, tmp_path_factory.mktemp("cuda_source"))
 
 
 @pytest.fixture
@@ -37,7 +38,7 @@ def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[
         held = wp.empty(1, dtype=Geometry, device="cpu")
 
         def launch() -> None:
-            wp.launch(alone.hold, 1, inputs=[geometry, job, held], device="cpu")
+            wp.launch(hold, 1, inputs=[geometry, job, held], device="cpu")
             source.launch(rng.permutation(alone.count), [0, held, job, alone])
 
         return launch
