@@ -7,25 +7,26 @@ from typing import Any
 
 import warp as wp
 
-from .geometry import FARTHEST, Geometry
-from .hits import NO_SHAPE, Hit, WorldRay, place_of
-from .launch import RAYS_PER_SLICE, TURN, prepare_over_rays, prepare_over_tiles
+from .alone import Job, cast_run, is_castable
+from .geometry import Geometry
+from .hits import NO_SHAPE
+from .launch import TURN, prepare_over_rays, prepare_over_tiles, recorded
 from .moving import at_firings
-from .out import Out, read_hit, write_miss, write_place
+from .out import Out, read_hit, write_miss
 from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
 from .packets.places import write_closed_form, write_triangles
 from .packets.prefetch import prefetch_hit, prefetch_packet
 from .packets.tile import cast_tile, clear_packet
 from .packing.sorting import Packets
 from .poses import scope_of
-from .ray import cast_ray
-from .rays import RayArrays, Rays, direction_of, firing_of, origin_of, span_of
+from .rays import Rays, firing_of, origin_of, span_of
 from .shapes.solids import has_triangles
 from .shapes.triangle import CULL_NONE
 from .vectors import lowest_bit
 
-RAYS_PER_THREAD = 32
-"""On the CPU: for each thread that a kernel is launched over, Warp copies its arguments."""
+RAYS_PER_RUN = 32
+RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
+"""Of rays that a thread of the CPU casts one by one."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -69,82 +70,49 @@ class HitArrays:
         )
 
 
-@wp.func
-def is_castable(ray: WorldRay) -> bool:
-    near_enough = wp.max(wp.abs(ray.origin)) <= wp.float64(FARTHEST)
-    return wp.isfinite(ray.origin) and wp.isfinite(ray.direction) and near_enough
-
-
-@wp.func
-def write_hit(g: Geometry, out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
-    if hit.shape == NO_SHAPE:
-        write_miss(out, i, wp.inf)
-        return
-    place = place_of(g, hit, ray)
-    write_place(out, i, hit.shape, place.distance, place.face, place.normal, ray.limit)
-
-
-@wp.struct
-class Job:
-    """What is cast at a geometry, and where its hits go."""
-
-    rays: RayArrays
-    visible: wp.array[wp.bool]
-    limit: float
-    cull: int
-    out: Out
-
-
-@wp.func
-def cast_run(
-    begin: int,
-    end: int,
-    g: Geometry,
-    visible: wp.array[wp.bool],
-    which: wp.array[int],
-    rays: RayArrays,
-    limit: float,
-    cull: int,
-    out: Out,
-) -> None:
-    """Rays begin to end - 1, as for cast_rays."""
-    for k in range(begin, end):
-        i = int(k)
-        if which.shape[0] > 0:
-            i = k / which.shape[0] * rays.count + which[k % which.shape[0]]
-        firing = firing_of(rays, i)
-        rotation = rays.rotation[firing]
-        ray = WorldRay()
-        ray.origin = rays.position[firing] + rotation * origin_of(rays, i)
-        ray.direction = rotation * direction_of(rays, i)
-        ray.scope = scope_of(g, visible, span_of(rays, firing), firing)
-        ray.limit = limit
-        ray.cull = cull
-        if is_castable(ray):
-            write_hit(g, out, i, cast_ray(g, visible, ray), ray)
-        else:
-            write_miss(out, i, wp.nan)
-        if out.is_read:
-            read_hit(out, i, rotation)
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return atomicAdd(&turns.data[0], 1);
+#else
+    return __atomic_fetch_add(&turns.data[0], 1, __ATOMIC_RELAXED);
+#endif
+""")
+def turn_of(turns: wp.array[int]) -> int:  # type: ignore[empty-body]
+    """The number of a turn that no other thread has: atomically, which `wp.atomic_add` is not on a CPU."""
 
 
 @wp.struct
 class Alone:
-    """Which rays are cast one by one, so many of them by each thread."""
+    """Which rays are cast one by one, and scratch of each thread of the CPU."""
 
     count: int
-    per_thread: int
     which: wp.array[int]  # of each world; empty for all
+    copies: wp.array2d[Geometry]  # (threads, 1)
 
 
 @wp.kernel
-def cast_rays(first: int, g: Geometry, job: Job, alone: Alone) -> None:
-    """The loop is a function of its own, for Warp compiles the body of a kernel twice, and what is called from two
-    places is not inlined: each call would copy the geometry.
-    """
-    begin = (first + wp.tid()) * alone.per_thread
-    end = wp.min(begin + alone.per_thread, alone.count)
-    cast_run(begin, end, g, job.visible, alone.which, job.rays, job.limit, job.cull, job.out)
+def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: Alone) -> None:
+    """On the CPU, rays that no other thread takes, RAYS_PER_TURN at a time. turns: how many were taken."""
+    g.visible = job.visible
+    alone.copies[thread, 0] = g
+    begin = turn_of(turns) * RAYS_PER_TURN
+    while begin < alone.count:
+        cast_run(begin, wp.min(begin + RAYS_PER_TURN, alone.count), alone.copies[thread], job, alone.which)
+        begin = turn_of(turns) * RAYS_PER_TURN
+
+
+@wp.kernel
+def hold(g: Geometry, job: Job, held: wp.array[Geometry]) -> None:
+    """The geometry, for functions that must not copy it."""
+    g.visible = job.visible
+    held[0] = g
+
+
+@wp.kernel
+def cast_rays(first: int, held: wp.array[Geometry], job: Job, alone: Alone) -> None:
+    """On CUDA, a ray in each thread."""
+    k = first + wp.tid()
+    cast_run(k, wp.min(k + 1, alone.count), held, job, alone.which)
 
 
 @wp.func
@@ -198,17 +166,6 @@ def prefetch_out(out: Out, rays: TileRays, k: int) -> None:
             prefetch_hit(out, rays.first_ray + i)
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return atomicAdd(&turns.data[0], 1);
-#else
-    return __atomic_fetch_add(&turns.data[0], 1, __ATOMIC_RELAXED);
-#endif
-""")
-def turn_of(turns: wp.array[int]) -> int:  # type: ignore[empty-body]
-    """The number of a turn that no other thread has: atomically, which `wp.atomic_add` is not on a CPU."""
-
-
 @wp.func
 def tile_after(index: int, turns: wp.array[int]) -> int:
     """The next tile of a thread. A turn is a run of neighbouring tiles, whose hits share cache lines."""
@@ -225,7 +182,7 @@ class InPackets:
     tiles: wp.array[Tile]
     packets: wp.array[Packet]
     # scratch:
-    copies: wp.array[Geometry]
+    copies: wp.array2d[Geometry]  # (threads, 1)
     best: wp.array[PacketHits]
     world_directions: wp.array[Directions]
 
@@ -233,7 +190,9 @@ class InPackets:
 @wp.kernel
 def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these: InPackets) -> None:
     """Tiles that no other thread takes, one after the other, of all worlds. turns: how many were taken."""
-    these.copies[thread] = g
+    g.visible = job.visible
+    these.copies[thread, 0] = g
+    held = these.copies[thread]
     tiles = these.tiles
     packets = these.packets
     own = job.rays
@@ -251,14 +210,13 @@ def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
         rays.axis = rotation * rays.tile.axis
         rays.u = rotation * rays.tile.u
         rays.v = rotation * rays.tile.v
-        rays.scope = scope_of(g, job.visible, span_of(own, firing), firing)
+        rays.scope = scope_of(held, span_of(own, firing), firing)
         rays.first_ray = world * own.count
         rays.limit = job.limit
         rays.cull = job.cull
-        rays.visible = job.visible
         rays.first_packet = index * PACKETS
         rays.packets = packets
-        rays.geometry = these.copies
+        rays.geometry = held
         rays.first_slot = thread * PACKETS
         rays.best = these.best
         rays.directions = these.world_directions
@@ -328,14 +286,14 @@ def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Callable[[], obje
     device = rays.directions.device
     placed = geometry if geometry.instants == 1 else at_firings(geometry, rays)
     if rays.packets is None:
-        return [_prepare_alone(placed, job, wp.empty(0, dtype=int, device=device), rays.total, device)]
+        return _prepare_alone(placed, job, wp.empty(0, dtype=int, device=device), rays.total)
     packets, worlds = rays.packets, rays.worlds
     launches: list[Callable[[], object]] = []
     if packets.tiles.size:
         inputs = partial(_in_packets, placed, job, packets, worlds)
         launches.append(prepare_over_tiles(cast_packets, worlds * packets.tiles.size, inputs))
     if packets.singles.size:
-        launches.append(_prepare_alone(placed, job, packets.singles, worlds * packets.singles.size, device))
+        launches += _prepare_alone(placed, job, packets.singles, worlds * packets.singles.size)
     return launches
 
 
@@ -343,17 +301,28 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     """What `cast_packets` takes in so many threads."""
     these = InPackets()
     these.worlds, these.tiles, these.packets = worlds, packets.tiles, packets.packets
-    these.copies = wp.empty(threads, dtype=Geometry, device="cpu")
+    these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
     these.best = wp.empty(threads * PACKETS, dtype=PacketHits, device="cpu")
     these.world_directions = wp.empty(threads * PACKETS, dtype=Directions, device="cpu")
     return [geometry, job, these]
 
 
-def _prepare_alone(
-    geometry: Geometry, job: Job, which: wp.array, count: int, device: wp.DeviceLike
-) -> Callable[[], object]:
+def _prepare_alone(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
     """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
-    alone, per_thread = Alone(), RAYS_PER_THREAD if wp.get_device(device).is_cpu else 1
-    alone.count, alone.per_thread, alone.which = count, per_thread, which
-    threads, slice_size = -(-count // per_thread), max(1, RAYS_PER_SLICE // per_thread)
-    return prepare_over_rays(cast_rays, threads, [geometry, job, alone], [], device, slice_size)
+    device = which.device
+    if device.is_cpu:
+        return [prepare_over_tiles(cast_turns, -(-count // RAYS_PER_RUN), partial(_alone, geometry, job, which, count))]
+    held, alone = wp.empty(1, dtype=Geometry, device=device), Alone()
+    alone.count, alone.which = count, which
+    return [
+        recorded(hold, 1, [geometry, job, held], [], device),
+        prepare_over_rays(cast_rays, count, [held, job, alone], [], device),
+    ]
+
+
+def _alone(geometry: Geometry, job: Job, which: wp.array, count: int, threads: int) -> list[Any]:
+    """What `cast_turns` takes in so many threads."""
+    alone = Alone()
+    alone.count, alone.which = count, which
+    alone.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
+    return [geometry, job, alone]

@@ -47,6 +47,8 @@ class TriangleBlock:
 class Geometry:
     """All that a cast reads.
 
+    Casts have it in an array of one: Warp gives functions copies of structs, and of this one they are large.
+
     Shapes 0..n-1 have a kind (PLANE..SHEET of rigcast.kernels.shapes.solids), a size as there, and a pose in the world.
     With I instants in each of W worlds, I > 1, there are S = (I - 1) W spans, else S = W.
     """
@@ -56,6 +58,7 @@ class Geometry:
     blocks: wp.array[TriangleBlock]
     # shapes:
     kind: wp.array[int]  # (n,)
+    visible: wp.array[wp.bool]  # of a cast, or empty; (n,) for all worlds, or (W n,)
     # (n,) for all worlds, or (W n,):
     size: wp.array[wp.vec3]
     root: wp.array[int]  # node of the triangle tree's root

@@ -71,29 +71,29 @@ def decide_lane(block: TriangleBlock, j: int, origin: wp.vec3d, direction: wp.ve
 
 
 @wp.func
-def distance_of(g: Geometry, shape: int, triangle: int, ray: WorldRay) -> wp.float64:
+def distance_of(g: wp.array[Geometry], shape: int, triangle: int, ray: WorldRay) -> wp.float64:
     """Distance to a closed form, or to one triangle of a shape, +inf on a miss."""
     pose = pose_of(g, shape, ray.scope)
     to_local = wp.transpose(pose.rotation)
     origin = to_local * (ray.origin - pose.position)
     direction = to_local * ray.direction
-    kind = g.kind[shape]
+    kind = g[0].kind[shape]
     if has_triangles(kind):
         cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
-        return decide_lane(g.blocks[triangle / WIDTH], triangle % WIDTH, origin, direction, cull)
-    return decide_closed_form(kind, g.size[ray.scope.first_shape + shape], origin, direction, ray.cull)
+        return decide_lane(g[0].blocks[triangle / WIDTH], triangle % WIDTH, origin, direction, cull)
+    return decide_closed_form(kind, g[0].size[ray.scope.first_shape + shape], origin, direction, ray.cull)
 
 
 @wp.func
-def follows(g: Geometry, hit: Hit, ray: WorldRay) -> int:
+def follows(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> int:
     """1 if the triangle is seen from behind, else 0."""
-    n = lane_normal(g.blocks[hit.triangle / WIDTH], hit.triangle % WIDTH)
+    n = lane_normal(g[0].blocks[hit.triangle / WIDTH], hit.triangle % WIDTH)
     normal = pose_of(g, hit.shape, ray.scope).rotation * to_double(n)
     return wp.where(wp.dot(ray.direction, normal) > wp.float64(0.0), 1, 0)
 
 
 @wp.func
-def is_before(g: Geometry, t: wp.float64, a: Hit, t_b: wp.float64, b: Hit, ray: WorldRay) -> bool:
+def is_before(g: wp.array[Geometry], t: wp.float64, a: Hit, t_b: wp.float64, b: Hit, ray: WorldRay) -> bool:
     """Whether hit a at distance t is nearer than b; or as near, and comes first as this module's docstring says."""
     if a.shape == b.shape:
         if t != t_b:
@@ -102,7 +102,7 @@ def is_before(g: Geometry, t: wp.float64, a: Hit, t_b: wp.float64, b: Hit, ray: 
         behind_b = follows(g, b, ray)
         return behind < behind_b or (behind == behind_b and a.triangle < b.triangle)
     apart = wp.float64(1.0)
-    if not (has_triangles(g.kind[a.shape]) and has_triangles(g.kind[b.shape])):
+    if not (has_triangles(g[0].kind[a.shape]) and has_triangles(g[0].kind[b.shape])):
         apart = wp.float64(APART)
     if wp.max(t, t_b) > apart * wp.min(t, t_b):
         return t < t_b
@@ -110,7 +110,7 @@ def is_before(g: Geometry, t: wp.float64, a: Hit, t_b: wp.float64, b: Hit, ray: 
 
 
 @wp.func
-def decided(g: Geometry, best: Hit, hit: Hit, ray: WorldRay) -> Hit:
+def decided(g: wp.array[Geometry], best: Hit, hit: Hit, ray: WorldRay) -> Hit:
     """The first of two hits, by their distances in float64. What is open has its distance from there."""
     t = distance_of(g, hit.shape, hit.triangle, ray)
     if t == wp.float64(wp.inf):
@@ -124,7 +124,7 @@ def decided(g: Geometry, best: Hit, hit: Hit, ray: WorldRay) -> Hit:
 
 
 @wp.func
-def first_of(g: Geometry, best: Hit, hit: Hit, ray: WorldRay) -> Hit:
+def first_of(g: wp.array[Geometry], best: Hit, hit: Hit, ray: WorldRay) -> Hit:
     if hit.near > best.far * APART or hit.near == wp.inf:
         return best
     if hit.far * APART < best.near:
@@ -142,13 +142,13 @@ class Place:
 
 
 @wp.func
-def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
-    kind = g.kind[hit.shape]
+def place_of(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> Place:
+    kind = g[0].kind[hit.shape]
     pose = pose_of(g, hit.shape, ray.scope)
     offset = ray.origin - pose.position
     place = Place()
     if has_triangles(kind):
-        block = g.blocks[hit.triangle / WIDTH]
+        block = g[0].blocks[hit.triangle / WIDTH]
         lane = hit.triangle % WIDTH
         n = lane_normal(block, lane)
         normal = pose.rotation * to_double(n)
@@ -160,7 +160,7 @@ def place_of(g: Geometry, hit: Hit, ray: WorldRay) -> Place:
         place.face = block.face[lane]
     else:
         place.distance = middle(hit.near, hit.far)
-        size = g.size[ray.scope.first_shape + hit.shape]
+        size = g[0].size[ray.scope.first_shape + hit.shape]
         place.normal = normal_of_closed_form(kind, size, pose.rotation, offset, ray.direction, place.distance)
         place.face = -1
     return place

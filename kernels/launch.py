@@ -70,7 +70,7 @@ def prepare_over_rays(
     Of one slice the arguments are packed only now, which takes longer than a kernel needs for a few rays.
     """
     if count and (wp.get_device(device).is_cuda or count <= slice_size):
-        return _recorded(kernel, count, [0, *inputs], outputs, device)
+        return recorded(kernel, count, [0, *inputs], outputs, device)
     return partial(launch_over_rays, kernel, count, inputs, outputs, device, slice_size)
 
 
@@ -81,7 +81,7 @@ def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Se
     Its first arguments are the number of a thread, and the number of turns that were taken, in an array; then those
     for so many threads.
     """
-    most = -(-count // TURN)
+    most = max(1, -(-count // TURN))
     turns = wp.zeros(1, dtype=int, device="cpu")
     taken = turns.numpy()
     of_threads: list[Callable[[], None]] = []
@@ -90,7 +90,7 @@ def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Se
         threads = 1 if most == 1 else min(most, thread_count())
         if threads != len(of_threads):
             given = inputs(threads)
-            of_threads[:] = [_recorded(kernel, 1, [k, turns, *given], [], "cpu") for k in range(threads)]
+            of_threads[:] = [recorded(kernel, 1, [k, turns, *given], [], "cpu") for k in range(threads)]
         taken[0] = 0
         others = [_threads(thread_count()).submit(own) for own in of_threads[1:]]
         of_threads[0]()
@@ -100,7 +100,7 @@ def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Se
     return launch
 
 
-def _recorded(
+def recorded(
     kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
 ) -> Callable[[], None]:
     """A launch whose arguments are packed now, and kept for as long as it is: Warp 1.12 does not keep them."""
@@ -123,3 +123,7 @@ def thread_count() -> int:
 @cache
 def _threads(count: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(count, thread_name_prefix="rigcast")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_threads.cache_clear)  # threads stay with the parent

@@ -15,7 +15,7 @@ import warp as wp
 
 from .geometry import Geometry
 from .launch import launch_over_rays
-from .poses import first_instant_of, pose_at, worlds_of
+from .poses import first_instant_of, pose_at, world_of
 from .rays import RayArrays, Rays, fraction_of, span_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -51,7 +51,7 @@ def place_shapes(
 ) -> None:
     i = first + wp.tid()
     shapes = g.kind.shape[0]
-    still = worlds_of(g) * shapes
+    still = world_of(g.instants, g.anchor.shape[0]) * shapes
     if i < still:
         start = pose_at(g, first_instant_of(g, i / shapes * (g.instants - 1)) + i % shapes)
         position[i] = start.position

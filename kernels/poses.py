@@ -26,34 +26,27 @@ class Pose:
 
 
 @wp.func
-def scope_of(g: Geometry, visible: wp.array[wp.bool], span: int, firing: int) -> Scope:
-    shapes = g.kind.shape[0]
-    world = world_of(g, span)
+def scope_of(g: wp.array[Geometry], span: int, firing: int) -> Scope:
+    shapes = g[0].kind.shape[0]
+    instants = g[0].instants
+    world = world_of(instants, span)
     scope = Scope()
     scope.span = span
     scope.first_pose = span * shapes
-    if g.instants > 1:
+    if instants > 1:
         scope.first_still = world * shapes
-        scope.first_pose = worlds_of(g) * shapes + firing * g.movers.shape[0]
-    scope.first_shape = first_of_world(g.size.shape[0], shapes, world)
-    scope.first_visible = first_of_world(visible.shape[0], shapes, world)
+        scope.first_pose = world_of(instants, g[0].anchor.shape[0]) * shapes + firing * g[0].movers.shape[0]
+    scope.first_shape = first_of_world(g[0].size.shape[0], shapes, world)
+    scope.first_visible = first_of_world(g[0].visible.shape[0], shapes, world)
     return scope
 
 
 @wp.func
-def world_of(g: Geometry, span: int) -> int:
-    if g.instants == 1:
+def world_of(instants: int, span: int) -> int:
+    """The world of a span; of the number of all spans, the number of worlds."""
+    if instants == 1:
         return span
-    return int(span / (g.instants - 1))
-
-
-@wp.func
-def worlds_of(g: Geometry) -> int:
-    """How many worlds there are."""
-    spans = g.anchor.shape[0]
-    if g.instants == 1:
-        return spans
-    return int(spans / (g.instants - 1))
+    return int(span / (instants - 1))
 
 
 @wp.func
@@ -63,25 +56,36 @@ def first_of_world(size: int, shapes: int, world: int) -> int:
 
 
 @wp.func
-def pose_of(g: Geometry, shape: int, scope: Scope) -> Pose:
+def pose_of(g: wp.array[Geometry], shape: int, scope: Scope) -> Pose:
     """Where a shape stands for a ray."""
     entry = scope.first_pose + shape
-    if g.place.shape[0] > 0:
+    if g[0].place.shape[0] > 0:
         entry = scope.first_still + shape
-        if g.place[shape] >= 0:
-            entry = scope.first_pose + g.place[shape]
-    return pose_at(g, entry)
+        if g[0].place[shape] >= 0:
+            entry = scope.first_pose + g[0].place[shape]
+    return pose_among(g[0].position, g[0].rotation, g[0].position_float, g[0].rotation_float, entry)
 
 
 @wp.func
 def pose_at(g: Geometry, entry: int) -> Pose:
+    return pose_among(g.position, g.rotation, g.position_float, g.rotation_float, entry)
+
+
+@wp.func
+def pose_among(
+    position: wp.array[wp.vec3d],
+    rotation: wp.array[wp.mat33d],
+    position_float: wp.array[wp.vec3],
+    rotation_float: wp.array[wp.mat33],
+    entry: int,
+) -> Pose:
     pose = Pose()
-    if g.position.shape[0] > 0:
-        pose.position = g.position[entry]
-        pose.rotation = g.rotation[entry]
+    if position.shape[0] > 0:
+        pose.position = position[entry]
+        pose.rotation = rotation[entry]
     else:
-        pose.position = to_double(g.position_float[entry])
-        pose.rotation = wp.mat33d(g.rotation_float[entry])
+        pose.position = to_double(position_float[entry])
+        pose.rotation = wp.mat33d(rotation_float[entry])
     return pose
 
 
@@ -91,4 +95,4 @@ def first_instant_of(g: Geometry, span: int) -> int:
     shapes = g.kind.shape[0]
     if g.instants == 1:
         return span * shapes
-    return (span + world_of(g, span)) * shapes
+    return (span + world_of(g.instants, span)) * shapes

@@ -33,7 +33,6 @@ class Ray:
     scope: Scope
     limit: float
     world_cull: int
-    visible: wp.array[wp.bool]
 
 
 @wp.func
@@ -60,7 +59,8 @@ def box_margin(origin: wp.vec3, reach: float) -> float:
     It covers, for a box of centre c and half size h, the roundings of o, c - o, its product with 1 / d, and the sums
     with h: fewer than 8u (|o| + reach) in all, u = 2^-24.
     """
-    return MARGIN * (wp.max(wp.abs(origin)) + reach)
+    farthest = larger(larger(wp.abs(origin[0]), wp.abs(origin[1])), wp.abs(origin[2]))
+    return MARGIN * (farthest + reach)
 
 
 @wp.func
@@ -167,9 +167,9 @@ def reach_of_ray(best: Hit) -> float:
 
 
 @wp.func
-def visit_block(g: Geometry, ray: Ray, index: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
+def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
     """The ray against the triangles of one block."""
-    spans = triage_block(g.blocks[index], ray)
+    spans = triage_block(g[0].blocks[index], ray)
     near = spans.near
     far = spans.far
     possible = spans.possible
@@ -189,24 +189,24 @@ cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_in_
 
 
 @wp.func
-def visit_shape(g: Geometry, ray: Ray, shape: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
+def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
     """The ray against one shape, if it is visible."""
     scope = ray.scope
-    if not ray.visible[scope.first_visible + shape]:
+    if not g[0].visible[scope.first_visible + shape]:
         return best
     pose = pose_of(g, shape, scope)
     to_local = wp.transpose(pose.rotation)
     origin = to_local * (ray.world_origin - pose.position)
     direction = to_local * ray.world_direction
-    kind = g.kind[shape]
+    kind = g[0].kind[shape]
     if kind == SHEET and ray.cull == CULL_FRONT:
         return best
     if has_triangles(kind):
-        local = in_frame_of_tree(ray, origin, direction, g.reach[scope.first_shape + shape])
+        local = in_frame_of_tree(ray, origin, direction, g[0].reach[scope.first_shape + shape])
         local.shape = shape
         local.cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
-        return cast_through_triangles(g, g.nodes, g.root[scope.first_shape + shape], local, best)
-    size = g.size[scope.first_shape + shape]
+        return cast_through_triangles(g, g[0].nodes, g[0].root[scope.first_shape + shape], local, best)
+    size = g[0].size[scope.first_shape + shape]
     span = triage_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
     return first_of(g, best, hit_within(span[0], span[1], shape, 0), in_world(ray))
 
@@ -215,7 +215,7 @@ cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_in_range,
 
 
 @wp.func
-def cast_ray(g: Geometry, visible: wp.array[wp.bool], world: WorldRay) -> Hit:
+def cast_ray(g: wp.array[Geometry], world: WorldRay) -> Hit:
     """The first hit of a ray among the visible shapes; it may lie beyond the limit."""
     ray = Ray()
     ray.world_origin = world.origin
@@ -223,8 +223,7 @@ def cast_ray(g: Geometry, visible: wp.array[wp.bool], world: WorldRay) -> Hit:
     ray.scope = world.scope
     ray.limit = world.limit
     ray.world_cull = world.cull
-    ray.visible = visible
     ray.cull = world.cull
     span = world.scope.span
-    ray = in_frame_of_tree(ray, world.origin - g.anchor[span], world.direction, g.top_reach[span])
-    return cast_through_shapes(g, g.top, span * g.top_count, ray, no_hit())
+    ray = in_frame_of_tree(ray, world.origin - g[0].anchor[span], world.direction, g[0].top_reach[span])
+    return cast_through_shapes(g, g[0].top, span * g[0].top_count, ray, no_hit())

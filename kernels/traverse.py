@@ -5,7 +5,6 @@ from typing import Any
 
 import warp as wp
 
-from .geometry import Geometry
 from .trees.nodes import NO_CHILD, Node, vec8, vec8i
 from .trees.tree import STACK
 from .vectors import lowest_bit
@@ -42,6 +41,13 @@ def sign_bits(a: vec8i) -> int:  # type: ignore[empty-body]
     """Bit by bit, which of eight numbers are below 0: one instruction, which no loop is turned into."""
 
 
+@wp.func_native("""
+    return wp::address(nodes, at)->child[j];
+""")
+def child_of(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[empty-body]
+    """Child j of a node, read alone: the others would be copied first."""
+
+
 def traversal(
     name: str, query: type, found: type, enter: Callable[..., Any], reach: Callable[..., Any], visit: Callable[..., Any]
 ) -> Any:
@@ -54,7 +60,7 @@ def traversal(
         visit: (geometry, query, leaf, distance of its box, found) -> found.
     """
 
-    def traverse(g: Geometry, nodes: wp.array[Node], root: int, sought: query, best: found) -> found:
+    def traverse(g: Any, nodes: wp.array[Node], root: int, sought: query, best: found) -> found:
         stack = stack_of_nodes()
         distances = stack_of_distances()
         top = int(0)
@@ -69,19 +75,20 @@ def traversal(
                 children = entered.children
             if children != 0:
                 distance = entered.distance
-                child = nodes[at].child
+                node = int(at)
                 j = lowest_bit(children)
-                at = child[j]
+                at = child_of(nodes, node, j)
                 near = distance[j]
                 children = children & (children - 1)
                 floor = int(top)
                 while children != 0:
                     j = lowest_bit(children)
                     children = children & (children - 1)
+                    child = child_of(nodes, node, j)
                     is_nearer = distance[j] < near
-                    farther = wp.where(is_nearer, at, child[j])
+                    farther = wp.where(is_nearer, at, child)
                     far = wp.where(is_nearer, near, distance[j])
-                    at = wp.where(is_nearer, child[j], at)
+                    at = wp.where(is_nearer, child, at)
                     near = wp.where(is_nearer, distance[j], near)
                     # insert where those farther still are below
                     k = int(top)

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from .launch import launch_over_rays
+from .launch import launch_over_runs
 from .vectors import to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
@@ -15,11 +15,12 @@ def widen(narrow: wp.array[wp.vec3], wide: wp.array[wp.vec3d]) -> None:
 
 
 @wp.kernel
-def normalize(first: int, vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]) -> None:
-    i = first + wp.tid()
-    # scaled by the largest component first: squares of 1e-200 would vanish, those of 1e200 overflow
-    scaled = vectors[i] / wp.max(wp.abs(vectors[i]))
-    unit[i] = scaled / wp.length(scaled)
+def normalize(first: int, run: int, vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]) -> None:
+    begin = (first + wp.tid()) * run
+    for i in range(begin, wp.min(begin + run, vectors.shape[0])):
+        # scaled by the largest component first: squares of 1e-200 would vanish, those of 1e200 overflow
+        scaled = vectors[i] / wp.max(wp.abs(vectors[i]))
+        unit[i] = scaled / wp.length(scaled)
 
 
 def as_double(vectors: wp.array) -> wp.array:
@@ -34,5 +35,5 @@ def as_double(vectors: wp.array) -> wp.array:
 def unit_directions(vectors: wp.array) -> wp.array:
     """(n,) vec3d of length 1, NaN where (n,) vec3 or vec3d vectors have none."""
     unit = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
-    launch_over_rays(normalize, vectors.size, [as_double(vectors)], [unit], vectors.device)
+    launch_over_runs(normalize, vectors.size, [as_double(vectors)], [unit], vectors.device)
     return unit

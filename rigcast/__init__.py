@@ -3,6 +3,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .collector import paused_collector
+
 if TYPE_CHECKING:
     from .dataset.reading import open_dataset as open_dataset
     from .export.options import Export as Export
@@ -81,7 +83,8 @@ def __getattr__(name: str) -> Any:
         return import_module("importlib.metadata").version("rigcast")
     if name not in _HOME:
         raise AttributeError(f"module 'rigcast' has no attribute {name!r}")
-    value = getattr(import_module(f"rigcast.{_HOME[name]}"), name)
+    with paused_collector():
+        value = getattr(import_module(f"rigcast.{_HOME[name]}"), name)
     globals()[name] = value
     return value
 

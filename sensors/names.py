@@ -3,8 +3,10 @@
 import difflib
 import re
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
-import mujoco
+if TYPE_CHECKING:
+    import mujoco
 
 _SHOWN = 12  # names listed in a message before it is cut short
 
@@ -39,7 +41,9 @@ def usable_name(name: str, taken: set[str]) -> str:
     return free
 
 
-def model_names(model: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> list[str]:
+def model_names(model: "mujoco.MjModel", kind: "mujoco.mjtObj", count: int) -> list[str]:
     """The names of the `count` objects of one kind in a model; nameless ones are left out."""
+    import mujoco  # here, as the command line names its commands without it
+
     names = (mujoco.mj_id2name(model, kind, i) for i in range(count))
     return [name for name in names if name]

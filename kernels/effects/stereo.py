@@ -16,6 +16,8 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.packing.firings import groups_of
+from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.vectors import of_ray, to_double, to_float
 
@@ -56,12 +58,16 @@ def look_from_second(
     towards: wp.array[wp.vec3d],
     length: wp.array[float],
 ) -> None:
-    """Rays from the second imager to the points; not finite where there is no point."""
+    """Rays from the second imager to the points; where there is no point, to one that is infinitely far away."""
     i = first + wp.tid()
-    point = wp.float64(distance[i]) * of_ray(directions, i)
-    offset = point - wp.vec3d(wp.float64(baseline), wp.float64(0.0), wp.float64(0.0))
-    towards[i] = offset / wp.length(offset)
-    length[i] = float(wp.length(offset))
+    direction = of_ray(directions, i)
+    towards[i] = direction
+    length[i] = wp.inf
+    if wp.isfinite(distance[i]):
+        point = wp.float64(distance[i]) * direction
+        offset = point - wp.vec3d(wp.float64(baseline), wp.float64(0.0), wp.float64(0.0))
+        towards[i] = offset / wp.length(offset)
+        length[i] = float(wp.length(offset))
 
 
 @wp.kernel
@@ -103,9 +109,11 @@ def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
     inputs = [pair.baseline, rays.directions, hits.distance]
     launch_over_rays(look_from_second, towards.size, inputs, [towards, length], device)
     origin = wp.full(1, wp.vec3d(pair.baseline, 0.0, 0.0), dtype=wp.vec3d, device=device)
-    return SecondView(
-        replace(rays, directions=towards.reshape((rays.worlds, -1)), origins=origin, packets=None), length
-    )
+    packets = None
+    if rays.packets is not None and rays.worlds == 1:  # packets are of the same rays in every world
+        packets = pack_in_order(towards, groups_of(rays), rays.packets.order)
+    seen = replace(rays, directions=towards.reshape((rays.worlds, -1)), origins=origin, packets=packets)
+    return SecondView(seen, length)
 
 
 def hide(hits: HitArrays, view: SecondView, met: HitArrays, pair: StereoPair) -> None:

@@ -88,11 +88,10 @@ class TileRays:
     scope: Scope
     limit: float
     cull: int
-    visible: wp.array[wp.bool]
     first_ray: int  # of their world
     first_packet: int
     packets: wp.array[Packet]
-    geometry: wp.array[Geometry]  # for each thread, that of the cast
+    geometry: wp.array[Geometry]
     first_slot: int  # of PACKETS of this thread
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
@@ -224,10 +223,10 @@ def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int
 
 @wp.func
 def decide_lane_of_packet(packet: PacketRays, i: int, near: float, far: float, shape: int, triangle: int) -> None:
-    """Float64 decides. The geometry comes by reference: it is large, and where it is an argument it is copied."""
+    """Float64 decides."""
     hit = hit_within(near, far, shape, triangle)
     hits = packet.best[packet.slot]
-    first = decided(packet.geometry[packet.slot / PACKETS], hit_of_lane(hits, i), hit, ray_of_lane(packet, i))
+    first = decided(packet.geometry, hit_of_lane(hits, i), hit, ray_of_lane(packet, i))
     hits.near[i] = first.near
     hits.far[i] = first.far
     hits.shape[i] = first.shape

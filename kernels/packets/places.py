@@ -27,7 +27,7 @@ def write_triangles(g: Geometry, out: Out, rays: TileRays, k: int, which: int, s
     z = rays.directions[slot].z
     hit = rays.best[slot].triangle
     kind = g.kind[shape]
-    pose = pose_of(g, shape, rays.scope)
+    pose = pose_of(rays.geometry, shape, rays.scope)
     rotation = pose.rotation
     offset = rays.origin - pose.position
     todo = int(which)
@@ -43,7 +43,7 @@ def write_triangles(g: Geometry, out: Out, rays: TileRays, k: int, which: int, s
         slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
         distance = distance_to_plane(v0, n, normal, slope, offset)
         if wp.abs(slope) <= wp.float64(GRAZING):
-            distance = float(distance_of(g, shape, triangle, world_ray(rays, slot, i)))
+            distance = float(distance_of(rays.geometry, shape, triangle, world_ray(rays, slot, i)))
         facing = outward(kind, normal, slope)
         write_place(out, rays.first_ray + numbers[i], shape, distance, g.blocks[block].face[j], facing, rays.limit)
 
@@ -58,7 +58,7 @@ def write_closed_form(g: Geometry, out: Out, rays: TileRays, k: int, which: int,
     z = rays.directions[slot].z
     near = rays.best[slot].near
     far = rays.best[slot].far
-    pose = pose_of(g, shape, rays.scope)
+    pose = pose_of(rays.geometry, shape, rays.scope)
     rotation = pose.rotation
     to_local = wp.transpose(rotation)
     offset = rays.origin - pose.position

@@ -68,9 +68,9 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
     rays = tile.rays
     kind = g.kind[shape]
-    if not rays.visible[rays.scope.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
+    if not rays.geometry[0].visible[rays.scope.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
         return reach
-    pose = pose_of(g, shape, rays.scope)
+    pose = pose_of(rays.geometry, shape, rays.scope)
     to_local = wp.transpose(pose.rotation)
     at = rays.scope.first_shape + shape
     view = view_from(to_local * (rays.origin - pose.position), to_local, rays, g.reach[at])

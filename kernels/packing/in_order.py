@@ -1,7 +1,8 @@
-"""Rays in packets as they follow each other, for patterns that are other ones in each reading.
+"""Rays in packets as they follow each other, for rays that are other ones in each reading.
 
-A beam that is steered moves on but little from one ray to the next, so rays that follow each other are neighbours. They
-are packed several times sooner than they are cast, where sorting them would take longer than casting them one by one.
+A beam that is steered moves on but little from one ray to the next, so rays that follow each other are neighbours; so
+are rays to what neighbouring rays have hit. They are packed several times sooner than they are cast, where sorting them
+would take longer than casting them one by one.
 """
 
 import numpy as np
@@ -13,6 +14,9 @@ from rigcast.kernels.packets.packet import LANES, PACKETS, Packet, Tile, double_
 from rigcast.kernels.vectors import larger, smaller
 
 from .sorting import SLACK, SPARSE, TILE, WIDEST, Packets
+
+_TILES_PER_SLICE = 256
+"""Fewer are packed sooner than another thread begins."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -48,14 +52,14 @@ def packet_in_order(directions: wp.array[wp.vec3d], order: wp.array[int], begin:
     for i in range(LANES):
         at = order[wp.min(begin + i, end - 1)]
         d = directions[at]
-        along = wp.dot(d, tile.axis)
+        per_along = wp.float64(1.0) / wp.dot(d, tile.axis)
         ray[i] = wp.where(begin + i < end, at, -1)
         x[i] = d[0]
         y[i] = d[1]
         z[i] = d[2]
-        p[i] = float(wp.dot(d, tile.u) / along)
-        q[i] = float(wp.dot(d, tile.v) / along)
-        length[i] = float(wp.float64(1.0) / along)
+        p[i] = float(wp.dot(d, tile.u) * per_along)
+        q[i] = float(wp.dot(d, tile.v) * per_along)
+        length[i] = float(per_along)
     packet = Packet()
     packet.ray = ray
     packet.x = x
@@ -96,8 +100,10 @@ def pack_tiles(
     area = float(0.0)
     for k in range(PACKETS):
         at = t * PACKETS + k
-        packets[at].ray = int_lanes(-1)
-        if begin + k * LANES < end:
+        if begin + k * LANES >= end:
+            packets[at] = Packet()
+            packets[at].ray = int_lanes(-1)
+        else:
             packet = packet_in_order(directions, order, begin + k * LANES, end, tile)
             packets[at] = packet
             tile.packets = tile.packets | (1 << k)
@@ -119,16 +125,24 @@ def pack_tiles(
     is_dense[t] = area < SPARSE * float(end - begin)
 
 
-def pack_in_order(directions: wp.array, group: npt.NDArray[np.int32] | None = None) -> Packets:
-    """Pack rays with unit directions (n,) vec3d; those of a tile belong to one group, (n,), where there are several."""
+def pack_in_order(
+    directions: wp.array, group: npt.NDArray[np.int32] | None = None, order: npt.NDArray[np.int32] | None = None
+) -> Packets:
+    """Pack rays with unit directions (n,) vec3d; those of a tile belong to one group, (n,), where there are several.
+
+    order: all rays, (n,), as they follow each other; None where they do so by number.
+    """
     count = directions.size
-    order = np.arange(count, dtype=np.int32) if group is None else np.argsort(group, kind="stable").astype(np.int32)
+    if order is None:
+        order = np.arange(count, dtype=np.int32)
+    if group is not None:
+        order = order[np.argsort(group[order], kind="stable")]
     starts = _starts(count, None if group is None else group[order])
     tiles = wp.zeros(len(starts) - 1, dtype=Tile, device="cpu")
-    packets = wp.zeros(PACKETS * tiles.size, dtype=Packet, device="cpu")
+    packets = wp.empty(PACKETS * tiles.size, dtype=Packet, device="cpu")
     dense = wp.empty(tiles.size, dtype=wp.bool, device="cpu")
     inputs = [directions, wp.array(order, dtype=int, device="cpu"), wp.array(starts, dtype=int, device="cpu")]
-    launch_over_rays(pack_tiles, tiles.size, inputs, [tiles, packets, dense], "cpu", slice_size=64)
+    launch_over_rays(pack_tiles, tiles.size, inputs, [tiles, packets, dense], "cpu", slice_size=_TILES_PER_SLICE)
     is_dense = dense.numpy()
     if is_dense.all():
         return Packets(tiles, packets, wp.empty(0, dtype=int, device="cpu"))

@@ -10,6 +10,7 @@ Rays that have no near neighbours go alone.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +46,12 @@ class Packets:
     tiles: wp.array
     packets: wp.array
     singles: wp.array
+
+    @cached_property
+    def order(self) -> npt.NDArray[np.int32]:
+        """(n,) all rays, as they follow each other in the packets; those that go alone are the last."""
+        rays = self.packets.numpy()["ray"].reshape(-1)
+        return np.concatenate([rays[rays >= 0], self.singles.numpy()])
 
 
 @dataclass(frozen=True)

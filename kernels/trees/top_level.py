@@ -60,7 +60,7 @@ def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
     """The box of a shape during a span, relative to the anchor; empty where it has none at either end."""
     shapes = g.kind.shape[0]
     entry = first_instant_of(g, span) + shape
-    sized = first_of_world(g.size.shape[0], shapes, world_of(g, span)) + shape
+    sized = first_of_world(g.size.shape[0], shapes, world_of(g.instants, span)) + shape
     center = g.center[sized]
     half = g.half[sized]
     box = shape_box(pose_at(g, entry), center, half, anchor)

@@ -84,7 +84,8 @@ class TopTrees:
         if bounded.size:
             # near the median, as one shape that has gone astray must not loosen the boxes of all others
             center = 0.5 * lower[bounded] + 0.5 * upper[bounded]
-            offset = np.abs(center - np.median(center, axis=0)).max(axis=1)
+            median = np.sort(center, axis=0)[len(center) // 2]
+            offset = np.abs(center - median).max(axis=1)
             self._anchor_shape = int(bounded[np.argmin(offset)])
         self._set_nodes(nodes)
         self._plant()

@@ -19,7 +19,7 @@ from .splits import BINS, Bin, Boxes, bounds, split_boxes
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
-STACK = 96
+STACK = 72
 """Entries of a traversal stack; no tree needs more."""
 LARGE = 2**15
 """Boxes from which on a tree is grown in two rounds, for any number of threads."""
@@ -199,7 +199,7 @@ def build_tree(lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], l
     """Build a tree over the boxes lower, upper (n, 3), with at most leaf_size boxes in a leaf; n may be 0."""
     if len(lower) == 0:
         return Tree(empty_nodes(1), *(np.zeros(0, np.int32) for _ in range(3)))
-    # SAH trees of real meshes need about half of STACK; a balanced tree over 2^31 boxes needs 78
+    # SAH trees of real meshes need up to 56; a balanced tree over 2^27 leaves needs 64
     tree, stack_needed = _build(lower, upper, leaf_size, balanced=False)
     if stack_needed > STACK - WIDTH:  # some are left for the node that join_trees adds
         tree, _ = _build(lower, upper, leaf_size, balanced=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 def main() -> None:
     """Import, load the demo's rig, read one frame of each sensor."""
     clock = [0.0]  # of this process, so the interpreter's own start counts
-    mujoco, load_rig = import_module("mujoco"), import_module("rigcast.rig_file").load_rig
+    mujoco, load_rig = import_module("mujoco"), import_module("rigcast").load_rig
     clock.append(time.process_time())
     rig = load_rig(Path(str(files("rigcast.configs"))) / "demo.yaml", device="cpu")
     data = mujoco.MjData(rig.model)

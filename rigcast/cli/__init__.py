@@ -4,7 +4,6 @@ An InputError anywhere becomes its message on stderr and exit code 2; Ctrl-C is 
 """
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -119,6 +118,8 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version  # here, as nothing else waits for it
+
         typer.echo(f"rigcast {version('rigcast')}")
         raise typer.Exit
 

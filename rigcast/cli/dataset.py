@@ -19,6 +19,7 @@ from rigcast.dataset.episode import Result
 from rigcast.dataset.generate import Done, Report, make_dataset, missing_units, warm_kernels
 from rigcast.dataset.manifest import MANIFEST_NAME
 from rigcast.dataset.reading import open_dataset
+from rigcast.dataset.stores import is_url
 from rigcast.sensors.errors import InputError
 
 _SHOWN = 20  # failed episodes that are listed on the terminal; the manifest has them all
@@ -27,7 +28,9 @@ EngineName = Literal["in-process", "processes", "ray"]
 
 def dataset(
     config: Annotated[Path, typer.Argument(help="the data set, a YAML file", show_default=False)],
-    out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<config>]")] = None,
+    out: Annotated[
+        str | None, typer.Option(help="folder to write to, with --verify also a URL  [default: out/<config>]")
+    ] = None,
     engine: Annotated[EngineName, typer.Option(help="where episodes are made")] = "in-process",
     workers: Annotated[int | None, typer.Option(min=1, help="how many at a time  [default: one per CPU]")] = None,
     address: Annotated[str | None, typer.Option(help="of a Ray cluster to join, such as auto; implies ray")] = None,
@@ -38,10 +41,12 @@ def dataset(
 ) -> None:
     """Make a data set, or what is missing of it; the same command goes on after any interruption."""
     console = Console(highlight=False)
-    folder = (Path("out") / config.stem if out is None else out).absolute()
     if verify:
-        _verify(console, folder)
+        _verify(console, out if out is not None and is_url(out) else _folder(config, out))
         return
+    if out is not None and is_url(out):
+        raise InputError(f"--out: got {out}: data sets are written to folders; copy what is finished there")
+    folder = _folder(config, out)
     read = read_dataset(config, overrides or ())
     part = _part(shard)
     chosen = _engine("ray" if address is not None else engine, address, workers)
@@ -62,6 +67,10 @@ def dataset(
     _tell(console, read, folder, done, chosen.workers)
     if done.manifest["failed"]:
         raise typer.Exit(1)
+
+
+def _folder(config: Path, out: str | None) -> Path:
+    return (Path("out") / config.stem if out is None else Path(out)).absolute()
 
 
 def _part(shard: str | None) -> tuple[int, int]:
@@ -95,8 +104,8 @@ def _counting(report: Callable[[float, int], None], duration: float) -> Report:
     return add
 
 
-def _verify(console: Console, folder: Path) -> None:
-    read = open_dataset(folder)
+def _verify(console: Console, place: str | Path) -> None:
+    read = open_dataset(place)
     faults = read.verify()
     for fault in faults:
         console.print(escape(fault), soft_wrap=True)
@@ -104,7 +113,7 @@ def _verify(console: Console, folder: Path) -> None:
     files = sum(len(entry["files"]) for entry in shards)
     words = f"{len(faults)} wrong" if faults else "all as they were written"
     console.print(
-        escape(f"{folder}: {files} files of {len(shards)} episodes, {len(read)} frames, {words}"), soft_wrap=True
+        escape(f"{place}: {files} files of {len(shards)} episodes, {len(read)} frames, {words}"), soft_wrap=True
     )
     if faults:
         raise typer.Exit(1)

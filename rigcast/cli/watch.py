@@ -14,7 +14,7 @@ from rigcast.cli.options import Overrides, RigPath
 from rigcast.export.files import make_writable, replacing
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.preview import draw_preview
+from rigcast.sensors.preview.draw import draw_preview
 from rigcast.simulation import initial_data
 
 _PERIOD = 0.3  # s between two looks at the files

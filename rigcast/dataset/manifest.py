@@ -24,6 +24,7 @@ from rigcast.sensors.errors import InputError
 from .config import DatasetConfig, Unit
 from .shards import ENTRY_NAME
 from .statistics import combined
+from .stores import FolderStore, Store
 
 MANIFEST_NAME = "dataset.json"
 FORMAT = "rigcast dataset 1"
@@ -43,7 +44,7 @@ def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> Non
                 part.unlink()
     path = folder / MANIFEST_NAME
     if path.is_file():
-        _require_same(path, read_manifest(folder), {**config.identity(), "made_with": made_with})
+        _require_same(path, read_manifest(FolderStore(folder)), {**config.identity(), "made_with": made_with})
     else:
         write_manifest(config, folder, made_with)
 
@@ -77,15 +78,16 @@ def write_manifest(config: DatasetConfig, folder: Path, made_with: dict[str, str
             return manifest
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of the data set in a folder. Raises InputError where there is none."""
-    path = folder / MANIFEST_NAME
+def read_manifest(store: Store) -> dict[str, Any]:
+    """The manifest of a data set. Raises InputError where there is none."""
+    where = store.where(MANIFEST_NAME)
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        with store.open(MANIFEST_NAME) as file:
+            manifest = json.loads(file.read())
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not the manifest of a data set: {error}") from None
+        raise InputError(f"{where}: not the manifest of a data set: {error}") from None
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
-        raise InputError(f"{path}: not the manifest of a data set: expected format {FORMAT!r}")
+        raise InputError(f"{where}: not the manifest of a data set: expected format {FORMAT!r}")
     return manifest
 
 

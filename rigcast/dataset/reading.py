@@ -1,7 +1,11 @@
 """Reading data sets: frames by their number, each array when it is asked for."""
 
+import hashlib
 import os
+import weakref
+import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from io import BufferedReader
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -12,9 +16,10 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.names import expected_one_of
 
-from .config import Unit, digest
-from .manifest import read_manifest
+from .config import Unit
+from .manifest import MANIFEST_NAME, read_manifest
 from .shards import FRAMES_NAME
+from .stores import Store, store_at
 
 if TYPE_CHECKING:
     from .in_torch import TorchFrames
@@ -66,8 +71,8 @@ class Dataset(Sequence[StoredFrame]):
     manifest: what dataset.json says: statistics, provenance, previews, failed episodes. See `open_dataset`.
     """
 
-    def __init__(self, folder: Path, manifest: Mapping[str, Any], sensors: Sequence[str] | None = None) -> None:
-        self.folder, self.manifest = folder, manifest
+    def __init__(self, store: Store, manifest: Mapping[str, Any], sensors: Sequence[str] | None = None) -> None:
+        self.manifest, self._store = manifest, store
         self._shards: list[dict[str, Any]] = manifest["shards"]
         self._places = [place for k, entry in enumerate(self._shards) for place in _places(k, entry, sensors)]
         self._open: tuple[int, int, _Archive] | None = None
@@ -87,12 +92,13 @@ class Dataset(Sequence[StoredFrame]):
         known = list(self.manifest["statistics"])
         for name in sensors:
             if name not in known:
-                raise InputError(f"{self.folder}: no sensor {name!r}, {expected_one_of(name, known)}")
-        return Dataset(self.folder, self.manifest, sensors)
+                where = self._store.where(MANIFEST_NAME)
+                raise InputError(f"{where}: no sensor {name!r}, {expected_one_of(name, known)}")
+        return Dataset(self._store, self.manifest, sensors)
 
     def verify(self) -> list[str]:
         """What is wrong with the files, a line for each: those that are missing, or are not as they were written."""
-        faults = [fault for entry in self._shards for fault in _shard_faults(self.folder, entry)]
+        faults = [fault for entry in self._shards for fault in _shard_faults(self._store, entry)]
         return faults + [fault for scene in self.manifest["scenes"] for fault in self._scene_faults(scene)]
 
     def torch(self, *fields: str) -> "TorchFrames":
@@ -117,7 +123,7 @@ class Dataset(Sequence[StoredFrame]):
     def _archive(self, shard: int) -> "_Archive":
         """The shard, kept open until a frame of another is asked for; a forked process opens it anew."""
         if self._open is None or self._open[:2] != (os.getpid(), shard):
-            self._open = (os.getpid(), shard, _archive_of(self.folder, self._shards[shard]))
+            self._open = (os.getpid(), shard, _archive_of(self._store, self._shards[shard]))
         return self._open[2]
 
     def _scene_faults(self, scene: str) -> list[str]:
@@ -128,18 +134,22 @@ class Dataset(Sequence[StoredFrame]):
 
 
 def open_dataset(path: str | Path, *, verify: bool = False) -> Dataset:
-    """Open the data set in a folder: its frames by number, lazily loaded.
+    """Open a data set: its frames by number, lazily loaded.
 
-    verify: compare every file with its checksum first.
+    Args:
+        path: a folder, or a URL that fsspec knows, such as "s3://bucket/rooms". From a URL, too, no more comes than
+            what is asked for: the manifest, then of the files of shards their tables of contents and the arrays.
+        verify: compare every file with its checksum first, for which all of it is read.
 
     Raises:
-        InputError: there is no data set, or with `verify` a file is not as it was written.
+        InputError: there is no data set, with `verify` a file is not as it was written, or a URL needs a library that
+            is not installed.
 
     >>> frames = rigcast.open_dataset("out/rooms").of("top")
     >>> frames[0]["range"]  # float32 [m], +inf where nothing was hit
     """
-    folder = Path(path)
-    dataset = Dataset(folder, read_manifest(folder))
+    store = store_at(path)
+    dataset = Dataset(store, read_manifest(store))
     faults = dataset.verify() if verify else []
     if faults:
         raise InputError("\n".join(faults))
@@ -156,17 +166,21 @@ def _places(shard: int, entry: Mapping[str, Any], sensors: Sequence[str] | None)
     return sorted(places, key=lambda place: place.time)
 
 
-def _shard_folder(folder: Path, entry: Mapping[str, Any]) -> Path:
-    return folder / Unit(entry["scene"], entry["episode"], entry["seed"]).name
+def _shard_name(entry: Mapping[str, Any]) -> str:
+    return Unit(entry["scene"], entry["episode"], entry["seed"]).name
 
 
-def _shard_faults(folder: Path, entry: Mapping[str, Any]) -> Iterator[str]:
-    for name, about in entry["files"].items():
-        path = _shard_folder(folder, entry) / name
-        if not path.is_file():
-            yield f"{path}: missing"
-        elif digest(path) != about["sha256"]:
-            yield f"{path}: got another checksum than the manifest's, expected {about['sha256']}"
+def _shard_faults(store: Store, entry: Mapping[str, Any]) -> Iterator[str]:
+    for file_name, about in entry["files"].items():
+        name = f"{_shard_name(entry)}/{file_name}"
+        try:
+            with store.open(name) as file:
+                found = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            yield f"{store.where(name)}: {'missing' if isinstance(error, FileNotFoundError) else error}"
+            continue
+        if found != about["sha256"]:
+            yield f"{store.where(name)}: got another checksum than the manifest's, expected {about['sha256']}"
 
 
 class _Archive(Protocol):
@@ -180,8 +194,10 @@ class _Archive(Protocol):
 
 
 class _NpzArchive:
-    def __init__(self, path: Path) -> None:
-        self._file = np.load(path, allow_pickle=False)
+    def __init__(self, store: Store, name: str) -> None:
+        file = store.open(name)
+        weakref.finalize(self, file.close)
+        self._file = np.load(file, allow_pickle=False)
 
     def read(self, sensor: str, number: int, name: str) -> NDArray[Any]:
         return self._file[f"{sensor}/{number:06d}/{name}"]
@@ -191,10 +207,32 @@ class _NpzArchive:
         return [name.removeprefix(prefix) for name in self._file.files if name.startswith(prefix)]
 
 
+class _ZarrParts(Mapping[str, Any]):
+    """The parts of a Zarr store that is packed in one file, as buffers of this kind, read when they are asked for."""
+
+    def __init__(self, file: BufferedReader, buffer: Any) -> None:
+        weakref.finalize(self, file.close)
+        self._archive, self._buffer = zipfile.ZipFile(file), buffer
+        self._names = frozenset(self._archive.namelist())
+
+    def __getitem__(self, name: str) -> Any:
+        return self._buffer.from_bytes(self._archive.read(name))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
 class _ZarrArchive:
-    def __init__(self, path: Path) -> None:
+    def __init__(self, store: Store, name: str) -> None:
         zarr: Any = load_extra("a data set of format zarr", "zarr", "zarr")
-        self._root = zarr.open_group(zarr.storage.ZipStore(path, mode="r"), mode="r")
+        parts = _ZarrParts(store.open(name), zarr.core.buffer.cpu.Buffer)
+        self._root = zarr.open_group(zarr.storage.MemoryStore(parts, read_only=True), mode="r")
 
     def read(self, sensor: str, number: int, name: str) -> NDArray[Any]:
         group = self._root[sensor]
@@ -205,7 +243,7 @@ class _ZarrArchive:
         return [*group.array_keys(), *(name for name in group.attrs if name not in ("type", "spec"))]
 
 
-def _archive_of(folder: Path, entry: Mapping[str, Any]) -> _Archive:
-    kinds: dict[str, Callable[[Path], _Archive]] = {"npz": _NpzArchive, "zarr": _ZarrArchive}
+def _archive_of(store: Store, entry: Mapping[str, Any]) -> _Archive:
+    kinds: dict[str, Callable[[Store, str], _Archive]] = {"npz": _NpzArchive, "zarr": _ZarrArchive}
     (form,) = [name for name, file in FRAMES_NAME.items() if file in entry["files"]]
-    return kinds[form](_shard_folder(folder, entry) / FRAMES_NAME[form])
+    return kinds[form](store, f"{_shard_name(entry)}/{FRAMES_NAME[form]}")

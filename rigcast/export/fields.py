@@ -1,13 +1,14 @@
 """The per-ray fields of a frame, on the host, as every exporter takes them."""
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.sensors.rig.frame import CameraFrame, Frame
+if TYPE_CHECKING:
+    from rigcast.sensors.rig.frame import CameraFrame, Frame
 
 Fields = dict[str, NDArray[Any]]
 
@@ -36,7 +37,7 @@ _OWN = {"lidar": ("intensity", "ring", "column"), "depth_camera": ("depth", "dep
 
 # What has been brought from the device of frames that are still in use, None for what a frame does not have: several
 # formats take the same fields.
-_on_host: WeakKeyDictionary[Frame, dict[str, NDArray[Any] | None]] = WeakKeyDictionary()
+_on_host: "WeakKeyDictionary[Frame, dict[str, NDArray[Any] | None]]" = WeakKeyDictionary()
 
 
 def field_names(kind: str) -> list[str]:
@@ -45,7 +46,7 @@ def field_names(kind: str) -> list[str]:
     return [name for name in _TYPES if name not in others]
 
 
-def fields_of(frame: Frame, names: Iterable[str] = FIELD_NAMES) -> Fields:
+def fields_of(frame: "Frame", names: Iterable[str] = FIELD_NAMES) -> Fields:
     """Those of the per-ray fields `names` that this frame has, in the frame's own shapes.
 
     Raises InputError for a batch of worlds: a file holds the frames of one.
@@ -59,7 +60,7 @@ def fields_of(frame: Frame, names: Iterable[str] = FIELD_NAMES) -> Fields:
     return {name: field for name, field in found if field is not None}
 
 
-def camera_fields(frame: CameraFrame) -> dict[str, NDArray[Any]]:
+def camera_fields(frame: "CameraFrame") -> dict[str, NDArray[Any]]:
     """What turns pixels into rays and steps of `depth_16bit` into depth.
 
     `intrinsics` (3, 3), `depth_scale` () [m], and with a lens `distortion_model` () and `distortion`, OpenCV's order.
@@ -70,7 +71,7 @@ def camera_fields(frame: CameraFrame) -> dict[str, NDArray[Any]]:
     return fields
 
 
-def rays_of(frame: Frame) -> Fields:
+def rays_of(frame: "Frame") -> Fields:
     """The fields of `frame` with one row per ray and return, all of one length; vectors (n, 3).
 
     Where a ray has several returns, in the last axis of `range`, fields that are per ray are repeated and
@@ -84,7 +85,7 @@ def rays_of(frame: Frame) -> Fields:
     return rays
 
 
-def points_of(frame: Frame) -> Fields:
+def points_of(frame: "Frame") -> Fields:
     """The rows of `rays_of(frame)` whose range is finite."""
     rays = rays_of(frame)
     hit = np.isfinite(rays["range"])
@@ -100,7 +101,7 @@ def intensity_of(rays: Fields, white: float, most: float) -> NDArray[np.float32]
     return np.clip(white * intensity, 0, most).astype(np.float32)
 
 
-def _fetch(frame: Frame, name: str) -> NDArray[Any] | None:
+def _fetch(frame: "Frame", name: str) -> NDArray[Any] | None:
     value = getattr(frame, name, None)
     return None if value is None else np.ascontiguousarray(value.numpy(), dtype=_TYPES[name])
 

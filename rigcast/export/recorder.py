@@ -30,7 +30,7 @@ from rigcast.export.index import FrameIndex
 from rigcast.export.options import Export
 from rigcast.export.run_files import RunFile, open_run_file
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.preview import draw_preview
+from rigcast.sensors.preview.draw import draw_preview
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
+from rigcast.collector import paused_collector
 from rigcast.export.options import Export
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.faults import Fault
@@ -121,8 +122,9 @@ def load_rig(
     >>> rig = load_rig("rig.yaml", overrides=["sensors.top.rate_hz=5"])
     >>> frames = rig.sense(data)
     """
-    config, compiled = open_rig(path, model, overrides)
-    return config.build(compiled, device, seed)
+    with paused_collector():
+        config, compiled = open_rig(path, model, overrides)
+        return config.build(compiled, device, seed)
 
 
 def compile_model(path: Path) -> mujoco.MjModel:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from PIL import Image
 
 from rigcast.kernels import reading
 from rigcast.kernels.stamps import stamps
@@ -22,9 +21,10 @@ from .kept import Kept
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from PIL import Image
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """One reading of one sensor.
 
@@ -52,6 +52,9 @@ class Frame:
     _body_of_shape: wp.array
     _firing_times: wp.array | None
     _pattern: Pattern
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(sensor={self.sensor!r}, time={self.time!r}, shape={self.shape})"
 
     @cached_property
     def range(self) -> wp.array:
@@ -147,12 +150,12 @@ class Frame:
             "_kept": self._kept.of_world(k),
         }
 
-    def picture(self) -> Image.Image:
+    def picture(self) -> "Image.Image":
         """The reading as a picture, 1200 pixels wide, with scales in metres; notebooks show it by themselves.
 
         A camera: z-depth, normals, geoms. A lidar: range image above a top-down view. Others: their grid.
         """
-        from rigcast.sensors.preview import draw_preview  # which knows frames
+        from rigcast.sensors.preview.draw import draw_preview  # which knows frames
 
         self.require_one_world()
         return draw_preview(self._pattern, self)
@@ -191,7 +194,7 @@ class Frame:
         return kept.field(name, partial(work_out, kept.hits.distance, kept.rays), partial(kept.vectors, scalar=scalar))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LidarFrame(Frame):
     """A reading of a lidar. ring, column: (...) int32, the row or line of each ray, and its place in that.
 
@@ -215,7 +218,7 @@ class LidarFrame(Frame):
         return super()._of_world(k) | own
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CameraFrame(Frame):
     """A reading of a depth camera.
 

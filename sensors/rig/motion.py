@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from rigcast.kernels.packing.firings import same_rows
 from rigcast.sensors.scene.part import ShapePoses
 
 SLOT, PACKED_SLOT = 2e-5, 1e-4
@@ -44,11 +45,11 @@ class Firings:
     @staticmethod
     def _in_slots(times: Doubles, slot: float) -> "Firings":
         # times that a period makes up are multiples of it but for rounding
-        _, of_ray = np.unique(np.floor(times / slot + 1e-6), return_inverse=True)
+        of_ray = same_rows(np.floor(times / slot + 1e-6)[:, None])
         first, last = np.full(of_ray.max() + 1, np.inf), np.full(of_ray.max() + 1, -np.inf)
         np.minimum.at(first, of_ray, times)
         np.maximum.at(last, of_ray, times)
-        return Firings(of_ray.astype(np.int32), (first + last) / 2, float(times.max()))
+        return Firings(of_ray, (first + last) / 2, float(times.max()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
@@ -14,18 +14,17 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.kernels.mounts import BYTES_PER_FRAME
-from rigcast.kernels.packing.firings import groups_of
+from rigcast.kernels.packing.firings import groups_of, same_rows
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.captured import is_captured
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.physics.depth_camera import DepthPhysics
-from rigcast.sensors.physics.lidar import LidarPhysics
 from rigcast.sensors.scene.batch.attached import Attached
 from rigcast.sensors.scene.batch.per_world import PerWorld
 from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import Worlds
+from rigcast.sensors.scene.given_rays import lend
 from rigcast.sensors.scene.packet_cache import cached_packets
 from rigcast.sensors.scene.placed_rays import in_pose, rays_in_frame
 from rigcast.sensors.scene.scene import Scene
@@ -38,6 +37,10 @@ from rigcast.sensors.specs.pattern import Pattern
 
 from .kept import Kept, Pool
 from .motion import FEWEST, Firings, Track
+
+if TYPE_CHECKING:
+    from rigcast.sensors.physics.depth_camera import DepthPhysics
+    from rigcast.sensors.physics.lidar import LidarPhysics
 
 Sensor = Lidar | DepthCamera | HeightScan
 
@@ -78,8 +81,8 @@ class Mounted:
     firing_times: wp.array | None
     ring: wp.array | None
     column: wp.array | None
-    physics: LidarPhysics | None
-    depth_physics: DepthPhysics | None
+    physics: "LidarPhysics | None"
+    depth_physics: "DepthPhysics | None"
     frames: Iterator[int]
     batches: Iterator[int]
     pool: Pool
@@ -101,8 +104,8 @@ class Mounted:
             _upload(pattern.firing_times, wp.float64, spec, scene.device),
             _upload(pattern.ring, wp.int32, spec, scene.device),
             _upload(pattern.column, wp.int32, spec, scene.device),
-            LidarPhysics(scene, spec, rays.directions.size) if isinstance(spec, Lidar) and spec.has_effects else None,
-            DepthPhysics(scene, spec, pattern) if isinstance(spec, DepthCamera) and spec.has_effects else None,
+            _lidar_physics(scene, spec, rays.directions.size),
+            _depth_physics(scene, spec, pattern),
             count(),
             count(),
             Pool(),
@@ -118,7 +121,8 @@ class Mounted:
         if is_captured(scene.device):
             what = "got a pattern that is another one in each reading while a CUDA graph is captured"
             raise InputError(f"sensor {spec.name!r}: {what}, expected one that stays")
-        turned = replace(self, pattern=pattern, rays_at_once=_upload_rays(pattern, scene))
+        rays = replace(self.rays_at_once, directions=lend(pattern.directions, scene.device), packets=None)
+        turned = replace(self, pattern=pattern, rays_at_once=_packed(pattern, rays, scene))
         if all(getattr(pattern, name) is getattr(self.pattern, name) for name in ("firing_times", "ring", "column")):
             return turned
         return replace(
@@ -223,6 +227,22 @@ def _same_in_each(values: wp.array | None, worlds: int) -> wp.array | None:
     return repeated
 
 
+def _lidar_physics(scene: Scene, spec: Sensor, count: int) -> "LidarPhysics | None":
+    if not isinstance(spec, Lidar) or not spec.has_effects:
+        return None
+    from rigcast.sensors.physics.lidar import LidarPhysics  # here, as sensors without effects need none of its kernels
+
+    return LidarPhysics(scene, spec, count)
+
+
+def _depth_physics(scene: Scene, spec: Sensor, pattern: Pattern) -> "DepthPhysics | None":
+    if not isinstance(spec, DepthCamera) or not spec.has_effects:
+        return None
+    from rigcast.sensors.physics.depth_camera import DepthPhysics  # here, as for lidars
+
+    return DepthPhysics(scene, spec, pattern)
+
+
 def _firings(spec: Sensor, pattern: Pattern, scene: Scene) -> Firings | None:
     if not spec.moves:
         return None
@@ -234,14 +254,17 @@ def _in_packets(pattern: Pattern, scene: Scene) -> bool:
     """Whether rays are cast in packets: on the CPU, where enough of them leave from one origin."""
     if not scene.device.is_cpu or pattern.origins is None:
         return scene.device.is_cpu
-    origins = pattern.origins.reshape(-1, 3)
-    return FEWEST * len(np.unique(origins, axis=0)) <= len(origins)
+    group = same_rows(pattern.origins.reshape(-1, 3))
+    return FEWEST * (group.max() + 1) <= len(group)
 
 
 def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
     """The rays of a pattern on the device."""
     origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
-    rays = rays_in_frame(pattern.directions, origins, np.eye(4), scene.device)
+    return _packed(pattern, rays_in_frame(pattern.directions, origins, np.eye(4), scene.device), scene)
+
+
+def _packed(pattern: Pattern, rays: Rays, scene: Scene) -> Rays:
     return replace(rays, packets=_packets(pattern, rays)) if _in_packets(pattern, scene) else rays
 
 

@@ -50,6 +50,8 @@ class Rig:
         surfaces: how some of the model and props reflects, as for `Scene`.
         on_unsupported: "error" or "warn", as for `Scene`.
 
+    They are attributes of the rig as well: `model`, `sensors`, `props`, `seed`; and `scene`, on which it casts.
+
     Raises:
         InputError: two sensors of one name, mounts or filters that name what the model does not have (all of
             them at once), or geometry that rays cannot hit.
@@ -90,6 +92,10 @@ class Rig:
         self._under_way = UnderWay(self.scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
+
+    def __repr__(self) -> str:
+        sensors = ", ".join(f"{sensor.name}: {sensor.type}" for sensor in self.sensors)
+        return f"Rig({sensors}; on {self.scene.device})"
 
     def sense(
         self,

@@ -13,6 +13,9 @@ from .lost import Lost
 from .model_geometry import assets_in_use, hfield_data, needs_asset, read_model, read_shapes
 from .part import Owner, Snapshot
 
+MOST_OF_ONE_THREAD = 8192
+"""Numbers up to which BLAS takes one thread for a product, and not all, which would wait for each other."""
+
 _Field = tuple[NDArray[np.float64], NDArray[np.float32]]  # size and elevations of a height field, as the model has them
 
 
@@ -138,6 +141,8 @@ def _equal(a: _Field, b: _Field) -> bool:
 
 def have_small_poses(position: NDArray[np.float64], rotation: NDArray[np.float64]) -> bool:
     """Whether all poses are finite, as far as one product of each array shows: some that are may be too large."""
+    if rotation.size > MOST_OF_ONE_THREAD:
+        return are_within_reach(position) and are_within_reach(rotation)
     p, r = position.reshape(-1), rotation.reshape(-1)
     return bool(p.dot(p) <= FARTHEST and r.dot(r) <= FARTHEST)
 

@@ -27,7 +27,7 @@ def take_rays(origins: ArrayLike | wp.array, directions: ArrayLike | wp.array, d
     require_on_device("Scene.cast: directions", "an array on the host", device)
     host_origins, host_directions = _checked_rays(origins, directions)
     return GivenRays(
-        unit_directions(_lent(host_directions, device)), _lent(host_origins, device), host_directions.shape[:-1]
+        unit_directions(lend(host_directions, device)), lend(host_origins, device), host_directions.shape[:-1]
     )
 
 
@@ -36,8 +36,8 @@ def upload(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
     return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=device)
 
 
-def _lent(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
-    """As `upload`, but on the CPU without a copy: for what is read before the cast returns."""
+def lend(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
+    """As `upload`, but on the CPU without a copy."""
     return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=device, copy=False)
 
 

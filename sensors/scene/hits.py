@@ -1,7 +1,7 @@
 """What a cast gives back."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -37,8 +37,8 @@ class Hits:
     """
 
     shape: tuple[int, ...]
-    _arrays: HitArrays
-    _ids_of_shape: Mapping[Owner, wp.array]
+    _arrays: HitArrays = field(repr=False)
+    _ids_of_shape: Mapping[Owner, wp.array] = field(repr=False)
 
     @cached_property
     def distance(self) -> wp.array:

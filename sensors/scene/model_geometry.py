@@ -98,8 +98,8 @@ def assets_in_use(model: mujoco.MjModel, dataid: NDArray[np.int32]) -> list[Asse
     """The meshes and height fields that geoms have by `dataid` (..., ngeom), by kind and id."""
     present = needs_asset(model) & (dataid >= 0)
     is_hfield = np.broadcast_to(model.geom_type == _GEOM.mjGEOM_HFIELD, dataid.shape)
-    hfields, meshes = np.unique(dataid[present & is_hfield]), np.unique(dataid[present & ~is_hfield])
-    return [Asset("hfield", int(k)) for k in hfields] + [Asset("mesh", int(k)) for k in meshes]
+    hfields, meshes = set(dataid[present & is_hfield].tolist()), set(dataid[present & ~is_hfield].tolist())
+    return [Asset("hfield", k) for k in sorted(hfields)] + [Asset("mesh", k) for k in sorted(meshes)]
 
 
 def needs_asset(model: mujoco.MjModel) -> NDArray[np.bool_]:

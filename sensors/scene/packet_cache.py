@@ -22,7 +22,8 @@ def cached_packets(directions: wp.array, group: NDArray[np.int32] | None) -> Pac
         return sort_into_packets(unit, group)
     sources = [unit] if group is None else [unit, group]
     arrays = kept_arrays(_TYPES, sources, lambda: _arrays(sort_into_packets(unit, group)))
-    return Packets(**{name: wp.array(array, dtype=_TYPES[name], device="cpu") for name, array in arrays.items()})
+    kept = {name: wp.array(arrays[name], dtype=kind, device="cpu", copy=False) for name, kind in _TYPES.items()}
+    return Packets(**kept)
 
 
 def _arrays(packets: Packets) -> Arrays:

@@ -9,14 +9,17 @@ from numpy.typing import NDArray
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.errors import InputError
 
-from .given_rays import GivenRays, upload
+from .given_rays import GivenRays, lend, upload
 
 
 def rays_in_frame(
     directions: NDArray[np.float64], origins: NDArray[np.float64], pose: NDArray[np.float64], device: wp.Device
 ) -> Rays:
-    """Rays on the device: unit directions (..., 3) and origins (..., 3) or (3,) in a frame with this pose (4, 4)."""
-    return in_pose(Rays(upload(directions, device), upload(origins, device), position=None, rotation=None), pose)
+    """Rays on the device: unit directions (..., 3) and origins (..., 3) or (3,) in a frame with this pose (4, 4).
+
+    On the CPU directions and origins are used where they are.
+    """
+    return in_pose(Rays(lend(directions, device), lend(origins, device), position=None, rotation=None), pose)
 
 
 def in_pose(rays: Rays, pose: NDArray[np.float64]) -> Rays:

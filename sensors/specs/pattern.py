@@ -24,7 +24,7 @@ class Pattern:
     lens: of a camera, None where it is a pinhole.
     subrays: (*shape, k, 3) unit, the rays that are cast in place of each of `directions`; None: these themselves.
     later: for a pattern that is another one in each reading, the one of a reading that begins at a time [s];
-        these are the rays of a reading at time 0, and the shape is always the same.
+        these are the rays of a reading at time 0, and the shape and the origins are always the same.
     """
 
     directions: NDArray[np.float64]

@@ -1,9 +1,10 @@
 """Scanners whose beam is steered without end, never twice along the same path: every reading has other rays.
 
-Rotating wedges bend a beam by Snell's law. At a face with unit normal n (along the light), between the refractive
-indices n1 before and n2 behind it, with u = n1 / n2 and c = d . n, the unit direction d goes on as
+Rotating wedges bend a beam by Snell's law. Let k be its unit direction times the refractive index of where it is. At a
+face with unit normal n (along the light), what of k is along the face stays, and its length goes from the index n1
+before the face to n2 behind it, so that with c = k . n it goes on as
 
-    u d + (sqrt(1 - u^2 (1 - c^2)) - u c) n
+    k + (sqrt(c^2 + n2^2 - n1^2) - c) n
 
 Background: Brazeal, Wilkinson and Hochmair, A Rigorous Observation Model for the Risley Prism-Based Livox Mid-40
 Lidar Sensor, Sensors 21(14):4722, 2021.
@@ -18,6 +19,8 @@ from pydantic import Field, model_validator
 
 from .pattern import Pattern, directions_at
 from .spec import Spec
+
+Coordinate = float | NDArray[np.float64]
 
 
 class Steered(Spec):
@@ -59,15 +62,16 @@ class Wedge(Spec):
     index: float = Field(ge=1, description="refractive index of the glass")
     tilted_first: bool = Field(description="whether the light meets the tilted face before the other one")
 
-    def bend(self, beam: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(3, n, lines) directions behind the wedge of those before it, at times (n,) [s]."""
+    def bend(self, beam: NDArray[np.float64], time: NDArray[np.float64]) -> None:
+        """Make unit directions (3, lines, n) before the wedge those behind it, at times (n,) [s]."""
         turned, tilt = 2 * np.pi * self.rpm / 60 * time, np.deg2rad(self.tilt_deg)
-        leaning = np.stack(
-            [np.full_like(time, np.cos(tilt)), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)]
-        )[..., None]
-        square = np.array([1.0, 0.0, 0.0])[:, None, None]
-        first, second = (leaning, square) if self.tilted_first else (square, leaning)
-        return refract(refract(beam, first, 1 / self.index), second, self.index)
+        leaning = np.cos(tilt), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)
+        if self.tilted_first:
+            refract(beam, leaning, 1.0, self.index)
+            refract_at_x(beam, self.index, 1.0)
+        else:
+            refract_at_x(beam, 1.0, self.index)
+            refract(beam, leaning, self.index, 1.0)
 
 
 class Rosette(Steered):
@@ -95,10 +99,11 @@ class Rosette(Steered):
 
     def directions(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         line = np.deg2rad(np.asarray(self.line_elevation_deg))
-        beam = directions_at(np.zeros_like(line), line).T[:, None]
+        beam = np.empty((3, len(line), len(time)))
+        beam[:] = directions_at(np.zeros_like(line), line).T[..., None]
         for wedge in self.wedges:
-            beam = wedge.bend(beam, time)
-        return np.ascontiguousarray(np.moveaxis(beam, 0, -1))
+            wedge.bend(beam, time)
+        return np.ascontiguousarray(beam.T)
 
 
 class Nodding(Steered):
@@ -122,12 +127,19 @@ class Nodding(Steered):
         return directions_at(np.deg2rad(azimuth)[:, None], np.deg2rad(lines))
 
 
-def refract(beam: NDArray[np.float64], normal: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
-    """(3, ...) unit directions behind a face; `ratio` is n1 / n2. NaN where all of the light is reflected."""
-    along = np.einsum("i...,i...->...", beam, normal)
+def refract(k: NDArray[np.float64], normal: Sequence[Coordinate], before: float, behind: float) -> None:
+    """Make vectors k (3, ...) before a face those behind it, between these indices; NaN where all light is reflected.
+
+    normal: x, y and z of the face's. Coordinate by coordinate: numpy is slow along an axis of 3.
+    """
+    along = k[0] * normal[0] + k[1] * normal[1] + k[2] * normal[2]
     with np.errstate(invalid="ignore"):
-        turn = np.sqrt(1 - ratio**2 * (1 - along**2))
-    turn -= ratio * along
-    behind = turn * normal
-    behind += ratio * beam
-    return np.asarray(behind)
+        turn = np.sqrt(along**2 + (behind**2 - before**2)) - along
+    for coordinate, leaning in zip(k, normal, strict=True):
+        coordinate += turn * leaning
+
+
+def refract_at_x(k: NDArray[np.float64], before: float, behind: float) -> None:
+    """As `refract`, at a face whose normal is the x axis."""
+    with np.errstate(invalid="ignore"):
+        k[0] = np.sqrt(k[0] ** 2 + (behind**2 - before**2))

@@ -4,12 +4,12 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, Self, cast
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic.config import JsonDict
 
 from rigcast.sensors.errors import InputError
@@ -78,6 +78,19 @@ class SensorSpec(Spec):
         description="farther hits read as +inf [m]; unlimited if not given",
         json_schema_extra=no_default,
     )
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:  # noqa: ARG002
+        """The same, with the values of `update` in place of its own and of its preset's.
+
+        Raises InputError for values that the constructor refuses, and for another preset.
+        """
+        given = dict(update or {})
+        if self.preset is not None and given.pop("preset", self.preset) != self.preset:
+            raise InputError(f"{type(self).__name__} {self.name!r}: preset: got another, expected {self.preset!r}")
+        own = {key: getattr(self, key) for key in self.model_fields_set - {"preset"}}
+        changed = type(self)(**self._over(given, own))
+        # its values are there already, and its file may be in a folder that only the rig's file knows
+        return changed if self.preset is None else BaseModel.model_copy(changed, update={"preset": self.preset})
 
     @property
     def moves(self) -> bool:

@@ -4,9 +4,10 @@ A specification is a frozen record with keyword arguments only. The keys of a YA
 checked by the same rules: unknown keys, text in place of numbers, and NaN are refused.
 """
 
+from collections.abc import Mapping
 from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
@@ -48,6 +49,14 @@ class Spec(BaseModel, metaclass=_RefusesInput):
         """Add the arguments to the docstring, as their fields describe them."""
         lines = [f"    {name}: {field.description}." for name, field in cls.model_fields.items() if field.description]
         cls.__doc__ = "\n".join([cleandoc(cls.__doc__ or ""), "", "Args:", *lines])
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:  # noqa: ARG002
+        """The same, with the values of `update` in place of its own.
+
+        Raises InputError for those that the constructor refuses, as pydantic's `model_copy` does not.
+        """
+        own = {key: getattr(self, key) for key in self.model_fields_set}
+        return type(self)(**{**own, **(update or {})})
 
     @model_validator(mode="before")
     @classmethod

@@ -9,6 +9,7 @@ from made_worlds import Doubles, Hits, assert_same, random_plan, random_rotation
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import cast
+from rigcast.kernels.effects.stereo import StereoPair, second_view
 from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.firings import groups_of
 from rigcast.kernels.packing.in_order import pack_in_order
@@ -59,6 +60,18 @@ def test_rays_in_order_are_in_one_place_each(name: str) -> None:
     assert_every_ray_is_in_one_place(packets, group)
 
 
+@pytest.mark.parametrize("name", GROUPS)
+def test_rays_are_packed_in_the_order_that_is_given(name: str) -> None:
+    """Shuffled, they would all go alone."""
+    group = GROUPS[name]
+    shuffled = np.random.default_rng(2).permutation(len(group)).astype(np.int32)
+    directions = vectors(path(len(group), turns=1)[shuffled])
+    order = np.argsort(shuffled).astype(np.int32)
+    packets = pack_in_order(directions, None if name == "one" else group[shuffled], order)
+    assert packets.singles.size == 0
+    assert_every_ray_is_in_one_place(packets, group[shuffled])
+
+
 def test_none_in_order_are_no_packets() -> None:
     packets = pack_in_order(vectors(np.empty((0, 3))))
     assert packets.tiles.size == packets.packets.size == packets.singles.size == 0
@@ -100,6 +113,34 @@ def test_rays_from_several_origins_hit_what_they_hit_alone(seed: int) -> None:
     assert_every_ray_is_in_one_place(packets, group)
     assert packets.tiles.size > 0
     assert_same(hits_of(world, replace(alone, packets=packets)), hits_of(world, alone), f"seed {seed}")
+
+
+@pytest.mark.parametrize("firings", [1, 6])
+@pytest.mark.parametrize("seed", range(3))
+def test_rays_from_the_second_imager_hit_what_they_hit_alone(seed: int, firings: int) -> None:
+    """In the packets of the camera's own rays, with those that see nothing among them."""
+    rng = np.random.default_rng(seed)
+    world, pair = random_plan(seed).world(), StereoPair()
+    x, y = np.meshgrid(np.linspace(-0.6, 0.6, 60), np.linspace(-0.4, 0.4, 40))
+    directions = unit(np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3))
+    firing = None if firings == 1 else (np.arange(len(directions)) * firings // len(directions)).astype(np.int32)
+    pair.baseline = rng.uniform(-0.1, 0.1)
+    rays = replace(
+        rays_of(np.zeros(3), directions),
+        position=vectors(rng.uniform(-3, 3, (firings, 3))),
+        rotation=wp.array(random_rotations(rng, firings), dtype=wp.mat33d),
+        packets=sort_into_packets(directions, firing),
+        firing=None if firing is None else wp.array(firing, dtype=int, device="cpu"),
+    )
+    visible = wp.full(world.geometry.kind.size, True, dtype=wp.bool, device="cpu")
+    limit = float(np.median(hits_of(world, rays).distance))
+    seen = cast(world.geometry, visible, rays, limit, CULL_NONE)
+    assert 0 < np.isfinite(seen.distance.numpy()).sum() < len(directions), f"seed {seed}"
+    view = second_view(seen, rays, pair).rays
+    assert view.packets is not None
+    assert view.packets.tiles.size > 0
+    assert_every_ray_is_in_one_place(view.packets, np.zeros(len(directions), np.int32) if firing is None else firing)
+    assert_same(hits_of(world, view), hits_of(world, replace(view, packets=None)), f"seed {seed}")
 
 
 def test_groups_have_one_origin_and_one_firing() -> None:

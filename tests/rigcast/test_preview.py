@@ -6,7 +6,6 @@ import pytest
 from made_frames import make_frame, random_range
 from PIL import Image
 
-from rigcast.sensors.preview import draw_preview
 from rigcast.sensors.preview.colour import (
     INVALID,
     NO_RETURN,
@@ -16,6 +15,7 @@ from rigcast.sensors.preview.colour import (
     normal_colours,
     turbo,
 )
+from rigcast.sensors.preview.draw import draw_preview
 from rigcast.sensors.preview.lidar import picture_order
 from rigcast.sensors.preview.page import WIDTH, ticks
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame

@@ -53,6 +53,16 @@ def test_a_preset_beside_the_rig_is_found(folder: Path, monkeypatch: pytest.Monk
     assert spec.preset == "own/lidar.yaml"
 
 
+def test_a_copy_keeps_its_preset_wherever_that_is(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder.parent)
+    spec = sensor(folder)
+    copy = spec.model_copy(update={"columns": 7})
+    assert (copy.columns, copy.max_range, copy.preset) == (7, 20, "own/lidar.yaml")
+    assert copy.model_copy(update={"columns": 90}) == spec
+    with pytest.raises(InputError, match=r"Lidar 'a': preset: got another, expected 'own/lidar\.yaml'"):
+        spec.model_copy(update={"preset": "velodyne_vlp16"})
+
+
 def test_keys_of_the_rig_win(folder: Path) -> None:
     spec = sensor(folder, RIG.replace("mount", "columns: 7, elevation_deg: [5], mount"))
     assert (spec.elevation_deg, spec.columns, spec.max_range) == ((5,), 7, 20)

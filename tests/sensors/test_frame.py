@@ -253,3 +253,12 @@ def test_a_frame_keeps_its_values_after_later_steps(name: str) -> None:
         np.testing.assert_array_equal(getattr(asked, field).numpy(), before[field], err_msg=f"{field} asked before")
         np.testing.assert_array_equal(getattr(waiting, field).numpy(), before[field], err_msg=f"{field} asked after")
     np.testing.assert_array_equal(asked.pose, pose)
+
+
+def test_a_frame_in_a_terminal_says_what_it_is() -> None:
+    model = mujoco.MjModel.from_xml_string(XML)
+    rig = Rig(model, SENSORS.values(), "cpu")
+    frame = rig.sense(mujoco.MjData(model))["lidar"]
+    assert repr(frame) == "LidarFrame(sensor='lidar', time=0.0, shape=(5, 24))"
+    assert repr(rig) == "Rig(lidar: lidar, camera: depth_camera, scan: height_scan; on cpu)"
+    assert repr(rig.cast(mujoco.MjData(model))["lidar"]) == "Hits(shape=(5, 24))"

@@ -199,6 +199,24 @@ def test_bad_arguments_are_refused(arguments: dict[str, Any], message: str) -> N
         lidar(**arguments)
 
 
+@pytest.mark.parametrize(
+    "arguments", [{"colums": 5}, {"columns": 0}, {"min_range": 5, "max_range": 5}, {"name": "a b"}]
+)
+def test_a_copy_is_refused_what_the_constructor_is(arguments: dict[str, Any]) -> None:
+    with pytest.raises(InputError) as caught:
+        lidar(**arguments)
+    with pytest.raises(InputError) as of_copy:
+        lidar().model_copy(update=arguments)
+    assert str(of_copy.value).split(": ", 1)[1] == str(caught.value).split(": ", 1)[1]
+
+
+def test_a_copy_takes_other_values_and_drops_those_that_they_replace() -> None:
+    assert lidar(rate_hz=10).model_copy(update={"columns": 8}) == lidar(rate_hz=10, columns=8)
+    copy = lidar(rate_hz=10).model_copy(update={"column_period_us": 50.0})
+    assert (copy.columns, copy.column_period_us) == (0, 50)  # 0: given by the period
+    assert Mount(body="a").model_copy(update={"pos": (1, 2, 3)}) == Mount(body="a", pos=(1, 2, 3))
+
+
 def test_optics_are_required() -> None:
     with pytest.raises(InputError, match="elevation_deg and columns: required where no preset is given"):
         Lidar(name="top", mount=Mount())

@@ -1,5 +1,8 @@
 """The number of CPU threads: what sets it, what is refused, and that no frame shows it."""
 
+import multiprocessing
+import os
+
 import mujoco
 import numpy as np
 import pytest
@@ -56,6 +59,26 @@ def test_frames_of_one_thread_are_those_of_many() -> None:
         hits = scene.cast(0.1 * directions[::-1], directions).numpy()
         read[-1] += [hits.distance.tobytes(), hits.normal.tobytes()]
     assert read[0] == read[1] == read[2]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
+def test_forked_process_has_threads_of_its_own() -> None:
+    """A child waited forever for the threads of its parent, which a fork leaves behind."""
+    set_threads(2)
+    scene = Scene(MODEL, "cpu")
+    scene.update(_posed())
+    directions = np.random.default_rng(0).normal(size=(20_000, 3))
+    expected = scene.cast((0, 0, 0), directions).numpy().distance
+
+    def cast_again() -> None:
+        os._exit(0 if np.array_equal(scene.cast((0, 0, 0), directions).numpy().distance, expected) else 1)
+
+    child = multiprocessing.get_context("fork").Process(target=cast_again)
+    child.start()
+    child.join(60)
+    child.kill()  # in vain, unless it hangs
+    assert child.exitcode == 0
 
 
 def _posed() -> mujoco.MjData:

@@ -1,0 +1,67 @@
+"""Rays cast one by one, whatever they have in common: on CUDA, and those with unrelated origins on the CPU."""
+
+import warp as wp
+
+from .geometry import FARTHEST, Geometry
+from .hits import NO_SHAPE, Hit, WorldRay, place_of
+from .out import Out, read_hit, write_miss, write_place
+from .poses import scope_of
+from .ray import cast_ray
+from .rays import RayArrays, direction_of, firing_of, origin_of, span_of
+
+
+@wp.struct
+class Job:
+    """What is cast at a geometry, and where its hits go."""
+
+    rays: RayArrays
+    visible: wp.array[wp.bool]
+    limit: float
+    cull: int
+    out: Out
+
+
+@wp.func
+def is_castable(ray: WorldRay) -> bool:
+    """Whether a ray is finite and starts no farther away than FARTHEST. What is compared with NaN is false."""
+    x = wp.abs(ray.origin[0]) <= wp.float64(FARTHEST)
+    y = wp.abs(ray.origin[1]) <= wp.float64(FARTHEST)
+    z = wp.abs(ray.origin[2]) <= wp.float64(FARTHEST)
+    return x and y and z and wp.dot(ray.direction, ray.direction) < wp.float64(wp.inf)
+
+
+@wp.func
+def write_hit(g: wp.array[Geometry], out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
+    if hit.shape == NO_SHAPE:
+        write_miss(out, i, wp.inf)
+        return
+    place = place_of(g, hit, ray)
+    write_place(out, i, hit.shape, place.distance, place.face, place.normal, ray.limit)
+
+
+@wp.func
+def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.array[int]) -> None:
+    """Rays begin to end - 1, of each world those that `which` names, or all if it is empty.
+
+    A loop within a function, for Warp compiles the body of a kernel twice.
+    """
+    rays = job.rays
+    out = job.out
+    for k in range(begin, end):
+        i = int(k)
+        if which.shape[0] > 0:
+            i = k / which.shape[0] * rays.count + which[k % which.shape[0]]
+        firing = firing_of(rays, i)
+        rotation = rays.rotation[firing]
+        ray = WorldRay()
+        ray.origin = rays.position[firing] + rotation * origin_of(rays, i)
+        ray.direction = rotation * direction_of(rays, i)
+        ray.scope = scope_of(g, span_of(rays, firing), firing)
+        ray.limit = job.limit
+        ray.cull = job.cull
+        if is_castable(ray):
+            write_hit(g, out, i, cast_ray(g, ray), ray)
+        else:
+            write_miss(out, i, wp.nan)
+        if out.is_read:
+            read_hit(out, i, rotation)
