@@ -62,6 +62,8 @@ class Kept:
     @property
     def is_free(self) -> bool:
         """Whether nobody holds any of the arrays."""
+        if not self._at_first:  # a reading that failed has not given any of it to anybody
+            return True
         return _references(self._of_hits) == self._at_first and _references(self._of_fields) == self._fields_at_first
 
     def start(self) -> None:

@@ -16,8 +16,9 @@ from .kept import Kept
 from .mounted import Aim, Mounted
 from .reading import Brightness, frame_of, read
 
-BYTES_AT_ONCE = 2**24
-"""What poses, trees and errors may take of the worlds that are read at one time, if that is enough for one."""
+BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA = 2**24, 2**28
+"""What poses, trees and errors may take of the worlds that are read at one time, if that is enough for one. A GPU needs
+more rays at a time than a CPU."""
 
 
 class ReadingOfWorlds:

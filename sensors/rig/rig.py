@@ -26,7 +26,7 @@ from rigcast.sensors.specs.surface import Surface
 from .frame import Frame
 from .kept import Kept
 from .mounted import Mounted, Sensor, WorldRays
-from .of_worlds import BYTES_AT_ONCE, ReadingOfWorlds
+from .of_worlds import BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA, ReadingOfWorlds
 from .reading import read_frame
 from .room import require_countable, require_room
 from .schedule import Schedule
@@ -226,7 +226,8 @@ class Rig:
         require_countable(worlds.count, {m.spec.name: math.prod(m.frame_shape) for m in mounted})
         standing = self.scene.bytes_per_standing_world(worlds)
         standing += max((m.bytes_per_standing_world for m in mounted), default=0)
-        parts = worlds.parts(BYTES_AT_ONCE // standing)
+        at_once = BYTES_AT_ONCE_ON_CUDA if self.scene.device.is_cuda else BYTES_AT_ONCE
+        parts = worlds.parts(at_once // standing)
         needs = {m.spec.name: m.bytes_per_world(worlds) for m in mounted}
         needs = {"scene": self.scene.bytes_per_world(worlds), **needs}
         meanwhile, kept = standing * parts[0].stop, sum(m.pool.free_bytes for m in mounted)

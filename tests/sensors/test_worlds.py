@@ -76,6 +76,20 @@ def test_worlds_are_told_apart_where_the_scenes_differ(robot: mujoco.MjModel) ->
         assert (seen[k] == robot.geom(name).id).any(), name
 
 
+def test_worlds_that_are_made_once_follow_their_data(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    known, once, anew = Worlds(datas), rig_of(robot), rig_of(robot)
+    for _ in range(2):
+        frames, expected = once.sense(known), anew.sense(datas)
+        for name in frames:
+            assert_same(frames[name], expected[name], "made once")
+        for data in datas[::2]:
+            mujoco.mj_resetData(robot, data)
+            data.qpos[:7] += 0.3
+            mujoco.mj_forward(robot, data)
+    with pytest.raises(InputError, match=r"batch\[0\] belongs to another model than the rig"):
+        Rig(mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>"), []).sense(known)
+
+
 def plain(datas: list[mujoco.MjData]) -> Any:
     return arrays_of(datas)
 
@@ -297,7 +311,10 @@ CLOTH = """
 FAULTS: dict[str, tuple[Any, str]] = {
     "nothing": ([], "got no world, expected one or more"),
     "another thing in the list": ([3], r"batch\[0\]: got int, expected MjData"),
-    "no poses": ({"xpos": np.zeros((2, 5, 3))}, "expected 'geom_xpos' and 'geom_xmat', got none"),
+    "no poses": (
+        {"xpos": np.zeros((2, 5, 3))},
+        "expected 'geom_xpos' and 'geom_xmat', got no geom_xpos and no geom_xmat",
+    ),
     "a name that is none": ({"geom_pos": 0}, "no field 'geom_pos', expected one of .*did you mean 'geom_xpos'"),
     "another number of geoms": (
         {"geom_xpos": np.zeros((2, 3, 3)), "geom_xmat": np.zeros((2, 3, 9))},

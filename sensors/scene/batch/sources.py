@@ -40,7 +40,7 @@ class Source(Protocol):
         """What copies of the pose of a geom take, 0 where it is used in place."""
 
     def field(self, name: str, part: slice) -> Any:
-        """An array whose first axis is the world, of some of them, or Rows; None where there is none of this name."""
+        """An array whose first axis is the world, of some of them, or Rows of all; None where there is none."""
 
     def of_models(self) -> dict[str, NDArray[Any]]:
         """(nworld, ngeom, ...) of SHAPE_FIELDS those in which the worlds' models differ."""
@@ -49,19 +49,22 @@ class Source(Protocol):
 
 
 class Rows:
-    """A field of several MjData, which is still where it was."""
+    """A field of several MjData, which is still where it was: where that is is found out once."""
 
     def __init__(self, rows: Sequence[NDArray[np.float64]]) -> None:
         self._rows = rows
+        self._of: dict[tuple[int, bytes], list[NDArray[np.float64]]] = {}
 
-    def all(self, out: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of all things of all worlds, copied to `out` (nworld, n, ...), which it gives."""
-        np.concatenate(self._rows, out=out.reshape(-1, *self._rows[0].shape[1:]))
-        return out
+    def all(self, part: slice, out: NDArray[np.float64]) -> None:
+        """Of all things of some of the worlds, copied to `out` (n, m, ...)."""
+        np.concatenate(self._rows[part], out=out.reshape(-1, *self._rows[0].shape[1:]))
 
-    def of(self, which: NDArray[np.int32]) -> NDArray[np.float64]:
-        """(nworld, 1, ...) of one thing of each world."""
-        return np.array([row[k] for row, k in zip(self._rows, which.tolist(), strict=True)])[:, None]
+    def of(self, part: slice, which: NDArray[np.int32]) -> NDArray[np.float64]:
+        """(n, ...) of one thing of each of some of the worlds."""
+        key = part.start, which.tobytes()
+        if key not in self._of:
+            self._of[key] = [row[k] for row, k in zip(self._rows[part], which.tolist(), strict=True)]
+        return np.array(self._of[key])
 
 
 class _ListOfData:
@@ -69,24 +72,33 @@ class _ListOfData:
 
     unset = "has not been worked out, expected mj_forward or mj_kinematics first"
 
-    def __init__(self, datas: Sequence[object]) -> None:
+    def __init__(self, datas: Sequence[Any]) -> None:
         for k, data in enumerate(datas):
             if not isinstance(data, mujoco.MjData):
                 raise InputError(f"Worlds: batch[{k}]: got {type(data).__name__}, expected MjData")
-        self._datas = datas
+        self._datas = tuple(datas)
+        self._rows: dict[str, Rows] = {}
+        self._model: mujoco.MjModel | None = None  # that all of them have been seen to be of
         self.count, self.bytes_per_pose = len(datas), 2 * BYTES_PER_FRAME
 
     def field(self, name: str, part: slice) -> Any:
-        rows = [getattr(data, name) for data in self._datas[part]]
-        return np.array(rows) if name == "time" else Rows(rows)
+        if name == "time":
+            return np.array([data.time for data in self._datas[part]])
+        if name not in self._rows:
+            self._rows[name] = Rows([getattr(data, name) for data in self._datas])
+        return self._rows[name]
 
     def of_models(self) -> dict[str, NDArray[Any]]:
         return {}
 
     def require_model(self, model: mujoco.MjModel) -> None:
+        if self._model is model:
+            return
+        signature = model.signature
         for k, data in enumerate(self._datas):
-            if data.signature != model.signature:  # type: ignore[attr-defined]
+            if data.signature != signature:
                 raise InputError(f"Worlds: batch[{k}] belongs to another model than the rig")
+        self._model = model
 
 
 class _MujocoBatch:
@@ -122,8 +134,9 @@ class _Arrays:
     def __init__(self, get: Callable[[str], Any]) -> None:
         self._get = get
         position = get("geom_xpos")
-        if position is None or get("geom_xmat") is None:
-            raise InputError("Worlds: batch: expected 'geom_xpos' and 'geom_xmat', got none")
+        missing = [name for name in ("geom_xpos", "geom_xmat") if get(name) is None]
+        if missing:
+            raise InputError(f"Worlds: batch: expected 'geom_xpos' and 'geom_xmat', got no {' and no '.join(missing)}")
         if not hasattr(position, "__len__"):
             raise InputError(f"Worlds: geom_xpos: got {position!r}, expected an array (nworld, ngeom, 3)")
         self.count = len(position)

@@ -118,12 +118,12 @@ class Standing:
     ) -> NDArray[np.float64]:
         """(n, m, *axes) of all things, or (n, 1, *axes)."""
         if which is not None:
-            return rows.of(which).reshape(self.count, 1, *axes)
+            return rows.of(self.part, which).reshape(self.count, 1, *axes)
         shape = (self.count, self._model.ngeom, *axes)
         out = self._gathered.get(name)
         if out is None or out.shape != shape:
             out = self._gathered[name] = np.empty(shape)
-        rows.all(out.reshape(*shape[:2], -1))
+        rows.all(self.part, out.reshape(*shape[:2], -1))
         return out
 
     def _uploaded(self, position: Any, rotation: Any) -> Carriers:
