@@ -9,20 +9,17 @@ import warp as wp
 
 from .alone import Job, cast_run, is_castable
 from .geometry import Geometry
-from .hits import NO_SHAPE
 from .launch import TURN, prepare_over_rays, prepare_over_tiles, recorded
 from .moving import at_firings
-from .out import Out, read_hit, write_miss
-from .packets.packet import LANES, PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
-from .packets.places import write_closed_form, write_triangles
-from .packets.prefetch import prefetch_hit, prefetch_packet
+from .out import Out
+from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
+from .packets.places import miss_packet, read_packet, write_packet
+from .packets.prefetch import prefetch_out, prefetch_packet
 from .packets.tile import cast_tile, clear_packet
 from .packing.sorting import Packets
 from .poses import scope_of
 from .rays import Rays, firing_of, origin_of, span_of
-from .shapes.solids import has_triangles
 from .shapes.triangle import CULL_NONE
-from .vectors import lowest_bit
 
 RAYS_PER_RUN = 32
 RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
@@ -113,57 +110,6 @@ def cast_rays(first: int, held: wp.array[Geometry], job: Job, alone: Alone) -> N
     """On CUDA, a ray in each thread."""
     k = first + wp.tid()
     cast_run(k, wp.min(k + 1, alone.count), held, job, alone.which)
-
-
-@wp.func
-def miss_packet(out: Out, rays: TileRays, k: int, distance: float) -> None:
-    for lane in range(LANES):
-        i = rays.packets[rays.first_packet + k].ray[lane]
-        if i >= 0:
-            write_miss(out, rays.first_ray + i, distance)
-
-
-@wp.func
-def write_packet(g: Geometry, out: Out, rays: TileRays, k: int) -> None:
-    """Write what the rays of a packet hit, shape by shape."""
-    slot = rays.first_slot + k
-    numbers = rays.packets[rays.first_packet + k].ray
-    shapes = rays.best[slot].shape
-    todo = int(0)
-    for lane in range(LANES):
-        todo = todo | wp.where(numbers[lane] >= 0, 1 << lane, 0)
-    while todo != 0:
-        shape = shapes[lowest_bit(todo)]
-        same = int(0)
-        for lane in range(LANES):
-            same = same | wp.where(shapes[lane] == shape, 1 << lane, 0)
-        same = same & todo
-        todo = todo & ~same
-        if shape == NO_SHAPE:
-            for lane in range(LANES):
-                if same & (1 << lane) != 0:
-                    write_miss(out, rays.first_ray + numbers[lane], wp.inf)
-        elif has_triangles(g.kind[shape]):
-            write_triangles(g, out, rays, k, same, shape)
-        else:
-            write_closed_form(g, out, rays, k, same, shape)
-
-
-@wp.func
-def read_packet(out: Out, rays: TileRays, k: int, rotation: wp.mat33d) -> None:
-    for lane in range(LANES):
-        i = rays.packets[rays.first_packet + k].ray[lane]
-        if i >= 0:
-            read_hit(out, rays.first_ray + i, rotation)
-
-
-@wp.func
-def prefetch_out(out: Out, rays: TileRays, k: int) -> None:
-    """Ask for where the hits of a packet will be written, which are all over the rows of an image."""
-    for lane in range(LANES):
-        i = rays.packets[rays.first_packet + k].ray[lane]
-        if i >= 0:
-            prefetch_hit(out, rays.first_ray + i)
 
 
 @wp.func
@@ -309,20 +255,27 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
 
 def _prepare_alone(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
     """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
-    device = which.device
-    if device.is_cpu:
-        return [prepare_over_tiles(cast_turns, -(-count // RAYS_PER_RUN), partial(_alone, geometry, job, which, count))]
-    held, alone = wp.empty(1, dtype=Geometry, device=device), Alone()
-    alone.count, alone.which = count, which
+    prepare = _in_turns if which.device.is_cpu else _in_threads
+    return prepare(geometry, job, which, count)
+
+
+def _in_turns(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
+    def inputs(threads: int) -> list[Any]:
+        return [geometry, job, _alone(which, count, threads)]
+
+    return [prepare_over_tiles(cast_turns, -(-count // RAYS_PER_RUN), inputs)]
+
+
+def _in_threads(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
+    held = wp.empty(1, dtype=Geometry, device=which.device)
     return [
-        recorded(hold, 1, [geometry, job, held], [], device),
-        prepare_over_rays(cast_rays, count, [held, job, alone], [], device),
+        recorded(hold, 1, [geometry, job, held], [], which.device),
+        prepare_over_rays(cast_rays, count, [held, job, _alone(which, count)], [], which.device),
     ]
 
 
-def _alone(geometry: Geometry, job: Job, which: wp.array, count: int, threads: int) -> list[Any]:
-    """What `cast_turns` takes in so many threads."""
+def _alone(which: wp.array, count: int, threads: int = 0) -> Alone:
     alone = Alone()
     alone.count, alone.which = count, which
-    alone.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
-    return [geometry, job, alone]
+    alone.copies = wp.empty((threads, 1), dtype=Geometry, device=which.device)
+    return alone

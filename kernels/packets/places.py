@@ -6,9 +6,10 @@ It is written at once: to hand it on would be to copy a dozen arrays of lanes.
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits import distance_of, distance_to_plane, middle, outward
-from rigcast.kernels.out import Out, write_place
+from rigcast.kernels.hits import NO_SHAPE, distance_of, distance_to_plane, middle, outward
+from rigcast.kernels.out import Out, read_hit, write_miss, write_place
 from rigcast.kernels.poses import pose_of
+from rigcast.kernels.shapes.solids import has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
 from rigcast.kernels.trees.nodes import WIDTH
 from rigcast.kernels.vectors import lowest_bit, to_double, to_float
@@ -101,3 +102,45 @@ def vectors(x: lanes, y: lanes, z: lanes) -> Vectors:
     made.y = y
     made.z = z
     return made
+
+
+@wp.func
+def miss_packet(out: Out, rays: TileRays, k: int, distance: float) -> None:
+    for lane in range(LANES):
+        i = rays.packets[rays.first_packet + k].ray[lane]
+        if i >= 0:
+            write_miss(out, rays.first_ray + i, distance)
+
+
+@wp.func
+def write_packet(g: Geometry, out: Out, rays: TileRays, k: int) -> None:
+    """Write what the rays of a packet hit, shape by shape."""
+    slot = rays.first_slot + k
+    numbers = rays.packets[rays.first_packet + k].ray
+    shapes = rays.best[slot].shape
+    todo = int(0)
+    for lane in range(LANES):
+        todo = todo | wp.where(numbers[lane] >= 0, 1 << lane, 0)
+    while todo != 0:
+        shape = shapes[lowest_bit(todo)]
+        same = int(0)
+        for lane in range(LANES):
+            same = same | wp.where(shapes[lane] == shape, 1 << lane, 0)
+        same = same & todo
+        todo = todo & ~same
+        if shape == NO_SHAPE:
+            for lane in range(LANES):
+                if same & (1 << lane) != 0:
+                    write_miss(out, rays.first_ray + numbers[lane], wp.inf)
+        elif has_triangles(g.kind[shape]):
+            write_triangles(g, out, rays, k, same, shape)
+        else:
+            write_closed_form(g, out, rays, k, same, shape)
+
+
+@wp.func
+def read_packet(out: Out, rays: TileRays, k: int, rotation: wp.mat33d) -> None:
+    for lane in range(LANES):
+        i = rays.packets[rays.first_packet + k].ray[lane]
+        if i >= 0:
+            read_hit(out, rays.first_ray + i, rotation)

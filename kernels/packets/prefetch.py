@@ -6,7 +6,7 @@ from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.out import Out
 from rigcast.kernels.trees.nodes import Node
 
-from .packet import Packet
+from .packet import LANES, Packet, TileRays
 
 CACHE_LINE = 64
 
@@ -47,3 +47,12 @@ def prefetch_packet(packets: wp.array[Packet], i: int):  # type: ignore[no-untyp
 """)
 def prefetch_hit(out: Out, i: int):  # type: ignore[no-untyped-def]
     """Ask for where hit i will be written."""
+
+
+@wp.func
+def prefetch_out(out: Out, rays: TileRays, k: int) -> None:
+    """Ask for where the hits of a packet will be written, which are all over the rows of an image."""
+    for lane in range(LANES):
+        i = rays.packets[rays.first_packet + k].ray[lane]
+        if i >= 0:
+            prefetch_hit(out, rays.first_ray + i)

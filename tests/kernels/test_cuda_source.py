@@ -13,7 +13,6 @@ from cuda_source import CudaSource
 from made_worlds import Hits, assert_same, cast_through, random_plan, random_rays, rays_of, unit
 
 from rigcast.kernels import cast
-from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
@@ -32,18 +31,14 @@ def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[
     """From when this is called, single rays are cast by CUDA's source, a thread each, in an order drawn at random."""
     rng = np.random.default_rng(0)
 
-    def prepare(_kernel: wp.Kernel, _count: int, inputs: Callable[[int], Sequence[Any]]) -> Callable[[], None]:
-        geometry, job, alone = inputs(1)
-        held = wp.empty(1, dtype=Geometry, device="cpu")
-
-        def launch() -> None:
-            wp.launch(cast.hold, 1, inputs=[geometry, job, held], device="cpu")
-            source.launch(rng.permutation(alone.count), [0, held, job, alone])
-
-        return launch
+    def prepare(
+        _kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], *_: Any
+    ) -> Callable[[], None]:
+        return lambda: source.launch(rng.permutation(count), [0, *inputs, *outputs])
 
     def begin() -> None:
-        monkeypatch.setattr(cast, "prepare_over_tiles", prepare)
+        monkeypatch.setattr(cast, "_in_turns", cast._in_threads)
+        monkeypatch.setattr(cast, "prepare_over_rays", prepare)
 
     return begin
 
