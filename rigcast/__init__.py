@@ -1,4 +1,13 @@
-"""Ray-cast lidars and depth cameras for MuJoCo, on CPU and CUDA, checked against mj_ray."""
+"""Ray-cast lidars and depth cameras for MuJoCo, on CPU and CUDA, checked against mj_ray.
+
+    rig = rigcast.load_rig("rig.yaml")      or rigcast.Rig(model, [rigcast.Lidar(...), ...])
+    frames = rig.sense(data)                what each sensor sees now, by name; of many worlds too
+    for frame in rig.step(data): ...        after each mj_step, the frames that fell due
+    frame.range.numpy()                     or torch.from_dlpack(frame.range)
+
+`Lidar`, `DepthCamera` and `HeightScan` say what a sensor is, `Mount` where, `Filter` what it may hit; `Frame` has what
+it sees. Below a rig is a `Scene`, which takes any rays. What is given wrongly raises `InputError`.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

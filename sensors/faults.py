@@ -15,11 +15,12 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from .errors import InputError
-from .names import expected_one_of
+from .names import expected_one_of, listing
 
 Where = tuple[str | int, ...]
 
-_NUMBER_KINDS = ("float_type", "int_type", "int_from_float")
+_KINDS_WITH_MEANING = ("float_type", "int_type", "int_from_float", "tuple_type")
+_MAPPING_KINDS = ("model_type", "model_attributes_type", "dict_type")
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,8 @@ def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
         return Fault(where, "required, but not given")
     if kind == "value_error":
         return Fault(where, str(detail["ctx"]["error"]))
-    return Fault(where, f"{_sentence(detail)}, got {_shown(given)}{_meaning(kind, where, owner)}")
+    keys = _keys(annotation) if kind in _MAPPING_KINDS else ""
+    return Fault(where, f"{_sentence(detail)}{keys}, got {_shown(given)}{_meaning(kind, where, owner)}")
 
 
 def _resolve(spec: type[BaseModel], loc: Where) -> tuple[Where, type[BaseModel] | None, Any]:
@@ -131,7 +133,7 @@ def _length_message(detail: ErrorDetails) -> str:
 
 def _sentence(detail: ErrorDetails) -> str:
     kind = detail["type"]
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
+    if kind in _MAPPING_KINDS:
         return "must be a mapping"
     if kind in ("tuple_type", "sequence_str", "is_instance_of"):
         return "must be a list"
@@ -140,10 +142,16 @@ def _sentence(detail: ErrorDetails) -> str:
     return detail["msg"].replace("Input should be", "must be").replace("a valid ", "a ").replace("a int", "an int")
 
 
+def _keys(annotation: Any) -> str:
+    """What a mapping may have, where its keys are known."""
+    is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel)
+    return f" of {listing(list(annotation.model_fields))}" if is_model else ""
+
+
 def _meaning(kind: str, where: Where, owner: type[BaseModel] | None) -> str:
-    """What a number that is not one should have been, with its unit, as its field says."""
+    """What a number or list that is not one should have been, with its unit, as its field says."""
     key = next((step for step in reversed(where) if isinstance(step, str)), None)
-    if kind not in _NUMBER_KINDS or owner is None or key not in owner.model_fields:
+    if kind not in _KINDS_WITH_MEANING or owner is None or key not in owner.model_fields:
         return ""
     return f" ({owner.model_fields[key].description})"
 
@@ -156,4 +164,4 @@ def _shown(value: Any) -> str:
         return str(value)
     if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to write out far longer ones
         return f"an integer of {value.bit_length()} bits"
-    return reprlib.repr(value)
+    return reprlib.repr(list(value) if isinstance(value, tuple) else value)

@@ -21,6 +21,8 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
 
 def expected_one_of(name: str, names: Sequence[str]) -> str:
     """The end of a message about an unknown `name`: what was expected, and what was probably meant."""
+    if not names:
+        return "nor any other"
     return f"expected one of {listing(names)}{did_you_mean(name, names)}"
 
 

@@ -85,8 +85,7 @@ def parse_yaml(source: str, text: str, shown: str | None = None) -> tuple[Node, 
         root = _yaml().compose(_stream(source, text))
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        about = " ".join(part for part in (error.problem, error.context) if part)
-        raise error_at(texts, [Placed(source, mark.line, mark.column, f"not valid YAML: {about}")]) from None
+        raise error_at(texts, [Placed(source, mark.line, mark.column, f"not valid YAML: {_problem(error)}")]) from None
     except YAMLError as error:
         raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from None
     if root is None:
@@ -97,6 +96,20 @@ def parse_yaml(source: str, text: str, shown: str | None = None) -> tuple[Node, 
     if reader.faults:
         raise error_at(texts, reader.faults)
     return root, content
+
+
+def _problem(error: MarkedYAMLError) -> str:
+    """What the parser met, and where that began which it was about to read."""
+    problem, context = error.problem or "", error.context or ""
+    if problem.startswith("found character '\\t'"):
+        return "got a tab, expected spaces before what stands on a line"
+    if problem.startswith("but "):
+        return f"{context}, {problem}"
+    start, end = error.context_mark, error.problem_mark
+    begun = f", which begins at {start.line + 1}:{start.column + 1}" if start and end and start.line != end.line else ""
+    if problem.startswith("expected <block end>") and "start>" in problem:
+        return f"not indented as what else stands in its mapping or list{begun}"
+    return " ".join(part for part in (problem, context) if part) + begun
 
 
 def content_of(root: Node) -> Any:

@@ -9,6 +9,8 @@ from rigcast.sensors.extras import load_extra
 from .race import Result
 from .scaling import Series
 
+_LIBRARY = {"Open3D": "Open3D (Embree)"}
+
 
 def draw_results(results: Sequence[Result], path: Path) -> None:
     """Write a PNG of bars, M rays/s on a logarithmic axis: for each sensor of each workload, each caster."""
@@ -27,20 +29,27 @@ def draw_results(results: Sequence[Result], path: Path) -> None:
             at += 1
         at += 0.7
     axes.set(xscale="log", xlabel="M rays/s", yticks=ticks, yticklabels=labels)
+    axes.margins(y=0.01)
     axes.invert_yaxis()
-    handles = [axes.barh(0, 0, color=f"C{k}", label=name) for k, name in enumerate(names)]
+    handles = [axes.barh(0, 0, color=f"C{k}", label=_LIBRARY.get(name, name)) for k, name in enumerate(names)]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(names), frameon=False)
     figure.savefig(path, dpi=120)
 
 
 def draw_scaling(series: Sequence[Series], path: Path) -> None:
     """Write a PNG with a plot for each series: M rays/s by what varies, both logarithmic."""
+    ticker = load_extra("a chart", "matplotlib.ticker", "plot")
     figure = _figure(3.2 * len(series), 3)
     for axes, one in zip(figure.subplots(1, len(series), squeeze=False)[0], series, strict=True):
         median, lowest, highest = ([getattr(s, name) for s in one.mrays] for name in ("median", "lowest", "highest"))
         axes.plot(one.sizes, median, "o-")
         axes.fill_between(one.sizes, lowest, highest, alpha=0.2)
         axes.set(xscale="log", yscale="log", xlabel=one.varies, ylabel="M rays/s")
+        axes.set_xticks(one.sizes, minor=False)
+        axes.set_xticks([], minor=True)
+        axes.xaxis.set_major_formatter(ticker.EngFormatter(places=0, sep=""))
+        for which in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            which(ticker.LogFormatter(labelOnlyBase=False))  # 20, not 2 x 10^1
         axes.grid(alpha=0.3, which="both")
     figure.savefig(path, dpi=120)
 

@@ -1,17 +1,21 @@
-"""Building a rig for a command: Warp kept quiet, and a word where its kernels must be compiled first."""
+"""Building a rig for a command: Warp kept quiet, a word where kernels are compiled first or a sensor is boxed in."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Timer
 
 import mujoco
+import numpy as np
 from rich.console import Console
+from rich.markup import escape
 
 from rigcast.quiet import quiet_warp
 from rigcast.rig_file import RigConfig
 from rigcast.sensors.rig.rig import Rig
+from rigcast.sensors.scene.hits import NumpyHits
 
 _PATIENCE = 1.5  # s; cached kernels load in less
+_TOUCHING = 0.01  # m
 
 
 def ready_rig(
@@ -27,7 +31,20 @@ def ready_rig(
     with word_if_compiling(console):
         rig = config.build(model, device, seed)
         rig.sense(data)
+    for sensor, hits in rig.cast(data).items():
+        if word := _word_if_boxed_in(sensor, hits.numpy(), model):
+            console.print(escape(word), soft_wrap=True)
     return rig
+
+
+def _word_if_boxed_in(sensor: str, hits: NumpyHits, model: mujoco.MjModel) -> str:
+    """Of a sensor most of whose rays end where they begin: on what, and how to leave that out."""
+    geoms = hits.geom_id[(hits.distance < _TOUCHING) & (hits.geom_id >= 0)]
+    if geoms.size < 0.5 * hits.distance.size:
+        return ""
+    body = model.body(int(np.bincount(model.geom_bodyid[geoms]).argmax())).name
+    share = f"{geoms.size / hits.distance.size:.0%} of its rays end within {_TOUCHING:g} m"
+    return f"{sensor}: {share}, most on body {body!r}; `filter: {{exclude_bodies: [{body}]}}` leaves that out"
 
 
 @contextmanager

@@ -25,6 +25,11 @@ def console_beside(json_file: Path | None) -> Console:
     return Console(highlight=False, quiet=json_file == _STANDARD_OUTPUT)
 
 
+def counted(count: int, noun: str) -> str:
+    """ "1 frame", "2 frames"."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def write_json(json_file: Path, text: str) -> None:
     """Write JSON to a file, or to standard output. Raises InputError where the file cannot be written."""
     if json_file == _STANDARD_OUTPUT:

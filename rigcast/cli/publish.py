@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import Overrides, RigPath
+from rigcast.cli.options import Overrides, RigPath, counted
 from rigcast.cli.run import step_count
 from rigcast.rig_file import open_rig
 from rigcast.ros.node import RosNode, require_ros
@@ -42,7 +42,7 @@ def publish(
     with node:
         console.print(escape(f"{rig}: publishing {', '.join(spec.name for spec in config.sensors)}; Ctrl-C ends it"))
         frames = _simulate(loaded, data, node, steps, speed)
-    console.print(f"published {frames} frames")
+    console.print(f"published {counted(frames, 'frame')}")
 
 
 def _simulate(rig: Rig, data: mujoco.MjData, node: RosNode, steps: int | None, speed: float) -> int:

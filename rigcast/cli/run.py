@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import Overrides, RigPath
+from rigcast.cli.options import Overrides, RigPath, counted
 from rigcast.export.formats import FORMATS
 from rigcast.export.recorder import INDEX_NAME, Recorder
 from rigcast.rig_file import open_rig
@@ -63,7 +63,7 @@ def run(
     console.print(summary(config.sensors, recorder))
     for path in recorder.run_files:
         _say(console, f"{path}: the whole run, {decimal(_size(path))}")
-    _say(console, f"{folder / INDEX_NAME}: index of all {recorder.frames} frames")
+    _say(console, f"{folder / INDEX_NAME}: index of {counted(recorder.frames, 'frame')}")
     _say(console, f"{spent.sentence()}, {perf_counter() - began:.1f} s in all")
 
 
@@ -113,7 +113,7 @@ def simulate(
 def _refuse_divergence(model: mujoco.MjModel, data: mujoco.MjData, time: float, recorder: Recorder) -> None:
     reason = divergence(model, data, time)
     if reason is not None:
-        raise InputError(f"{reason}; {recorder.frames} frames from before are in {recorder.folder}")
+        raise InputError(f"{reason}; {counted(recorder.frames, 'frame')} from before are in {recorder.folder}")
 
 
 @contextmanager
@@ -149,7 +149,7 @@ def _quarterly(console: Console, duration: float) -> Callable[[float, int], None
         if int(4.0 * time / duration + 1e-9) > quarters:
             quarters = int(4.0 * time / duration + 1e-9)
             left = (perf_counter() - began) * (duration / time - 1.0)
-            console.print(f"simulated {time:.2f} of {duration:.2f} s, {frames} frames, {left:.0f} s left")
+            console.print(f"simulated {time:.2f} of {duration:.2f} s, {counted(frames, 'frame')}, {left:.0f} s left")
 
     return report
 

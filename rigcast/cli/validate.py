@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from rigcast.cli.options import JsonFile, Overrides, RigPath, console_beside, write_json
+from rigcast.cli.options import JsonFile, Overrides, RigPath, console_beside, counted, write_json
 from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.specs.mount import Mount
 
@@ -29,7 +29,7 @@ def validate(
         table.add_row(sensor.name, sensor.type, rays, rate, escape(_place(sensor.mount)))
     console = console_beside(json_file)
     console.print(table)
-    console.print(escape(f"{rig}: valid, {len(config.sensors)} sensor(s)"), soft_wrap=True)
+    console.print(escape(f"{rig}: valid, {counted(len(config.sensors), 'sensor')}"), soft_wrap=True)
     if json_file is not None:
         write_json(json_file, as_json(config, compiled))
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import Overrides
+from rigcast.cli.options import Overrides, counted
 from rigcast.cli.run import progress, step_count
 from rigcast.export.files import make_writable, replacing
 from rigcast.rig_file import open_rig
@@ -19,7 +19,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.simulation import initial_data
 from rigcast.view.bag import is_bag, read_bag
 from rigcast.view.in_rerun import Moment, show_in_rerun
-from rigcast.view.page import MOST_SHOTS, write_page
+from rigcast.view.page import MOST_POINTS, MOST_SHOTS, write_page
 from rigcast.view.run_folder import read_run
 from rigcast.view.shots import Shot, shot_of
 
@@ -50,9 +50,9 @@ def view(
     if save is not None:
         make_writable(save.parent)
     if target.is_dir() or is_bag(target):
-        seen = _recorded(target, MOST_SHOTS if suffix == ".html" else None)
+        seen = _recorded(target, suffix)
     else:
-        seen = _simulated(console, target, model, duration, device, overrides or [])
+        seen = _simulated(console, target, model, duration, device, overrides or [], suffix)
     if suffix == ".rrd":
         _show_in_rerun(console, target.stem, seen, save)
     else:
@@ -68,15 +68,27 @@ def _suffix(save: Path | None) -> str:
     return save.suffix
 
 
-def _recorded(target: Path, most: int | None) -> _Seen:
-    shots = list(read_bag(target, most) if is_bag(target) else read_run(target, most))
+def _recorded(target: Path, suffix: str) -> _Seen:
+    most = MOST_SHOTS if suffix == ".html" else None
+    shots = [_kept(shot, suffix) for shot in (read_bag(target, most) if is_bag(target) else read_run(target, most))]
     if not shots:
         raise InputError(f"{target}: no frame to show")
     return _Seen(shots, None, [])
 
 
+def _kept(shot: Shot, suffix: str) -> Shot:
+    """As much of a shot as is shown, so that no more of a long recording is in memory."""
+    return shot.thinned(MOST_POINTS if suffix == ".html" else None)
+
+
 def _simulated(
-    console: Console, rig: Path, model: Path | None, duration: float, device: str | None, overrides: list[str]
+    console: Console,
+    rig: Path,
+    model: Path | None,
+    duration: float,
+    device: str | None,
+    overrides: list[str],
+    suffix: str,
 ) -> _Seen:
     config, compiled = open_rig(rig, model, overrides)
     steps, data = step_count(compiled, duration), initial_data(compiled, config.keyframe)
@@ -85,7 +97,7 @@ def _simulated(
     with progress(console, steps * compiled.opt.timestep) as report:
         for step in range(1, steps + 1):
             mujoco.mj_step(compiled, data)
-            new = [shot_of(frame) for frame in loaded.step(data)]
+            new = [_kept(shot_of(frame), suffix) for frame in loaded.step(data)]
             seen.shots.extend(new)
             if new:
                 mujoco.mj_kinematics(compiled, data)  # the poses of now, as the frames have them
@@ -102,7 +114,7 @@ def _show_in_rerun(console: Console, title: str, seen: _Seen, save: Path | None)
         return
     with replacing(save) as temporary:
         show_in_rerun(title, seen.shots, temporary, seen.model, seen.moments)
-    console.print(escape(f"{save}: {len(seen.shots)} frames; `rerun {save}` shows them"), soft_wrap=True)
+    console.print(escape(f"{save}: {counted(len(seen.shots), 'frame')}; `rerun {save}` shows them"), soft_wrap=True)
 
 
 def _show_page(console: Console, title: str, shots: list[Shot], save: Path | None) -> None:
@@ -110,6 +122,6 @@ def _show_page(console: Console, title: str, shots: list[Shot], save: Path | Non
     make_writable(path.parent)
     with replacing(path) as temporary:
         write_page(temporary, title, shots)
-    console.print(escape(f"{path}: {len(shots)} frames"), soft_wrap=True)
+    console.print(escape(f"{path}: {counted(len(shots), 'frame')}"), soft_wrap=True)
     if save is None and console.is_terminal:
         webbrowser.open(path.resolve().as_uri())

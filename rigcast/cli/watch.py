@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import Overrides, RigPath
+from rigcast.cli.options import Overrides, RigPath, counted
 from rigcast.export.files import make_writable, replacing
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
@@ -58,7 +58,9 @@ def draw_once(
         with replacing(folder / f"{spec.name}.png") as temporary:
             draw_preview(spec.pattern(compiled), frame).save(temporary, format="png")
     seconds = time.perf_counter() - began
-    console.print(escape(f"{rig}: {len(config.sensors)} picture(s) in {folder}, {seconds:.1f} s"), soft_wrap=True)
+    console.print(
+        escape(f"{rig}: {counted(len(config.sensors), 'picture')} in {folder}, {seconds:.1f} s"), soft_wrap=True
+    )
     own = model if model is not None else config.model
     return config.files if own is None else (*config.files, own)
 

@@ -95,4 +95,6 @@ def _chosen(items: SequenceNode, step: ScalarNode) -> list[int]:
     if step.value.isdecimal() and int(step.value) < count:
         return [int(step.value)]
     known = list(names) or [str(k) for k in range(count)]
+    if step.value.isdecimal():
+        raise _NotThereError(placed(step, f"nothing of the number {step.value}, expected 0 to {count - 1}"))
     raise _NotThereError(placed(step, f"nothing of the name {step.value!r}, {expected_one_of(step.value, known)}"))

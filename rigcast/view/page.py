@@ -18,7 +18,7 @@ from rigcast.sensors.preview.colour import Scale, id_colours, turbo
 from rigcast.view.shots import VALUES, Shot, every
 
 MOST_SHOTS = 200  # in a page; of more, every second, third, ... of each sensor
-_MOST_POINTS = 20_000  # of a shot
+MOST_POINTS = 20_000  # of a shot
 _WIDEST = 320  # pixels of an image
 _FARTHEST = 5.0
 _STEPS = 65535  # of an unsigned 16-bit coordinate
@@ -33,7 +33,7 @@ def write_page(path: Path, title: str, shots: Sequence[Shot]) -> None:
     """
     if not shots:
         raise InputError(f"{title}: no frame to show")
-    shown = _thinned(shots)
+    shown = [shot.thinned(MOST_POINTS) for shot in _thinned(shots)]
     template = (files("rigcast.view") / "page.html").read_text(encoding="utf-8")
     # "</" would end the script that the data are in
     data = json.dumps(_document(title, shown), allow_nan=False).replace("</", "<\\/")
@@ -55,7 +55,8 @@ def _document(title: str, shots: Sequence[Shot]) -> dict[str, Any]:
     box = _Box.of([shot.points_world for shot in shots])
     names = [name for name in VALUES if any(name in shot.values for shot in shots)]
     scales = {name: _scale(name, shots) for name in names}
-    depth = Scale.of(np.concatenate([np.empty(0), *(s.depth.ravel() for s in shots if s.depth is not None)]), True)
+    depths = [_small(shot.depth).ravel() for shot in shots if shot.depth is not None]
+    depth = Scale.of(np.concatenate([np.empty(0), *depths]), reverse=True)
     return {
         "title": title,
         "low": box.low.tolist(),
@@ -108,8 +109,7 @@ def _scale(name: str, shots: Sequence[Shot]) -> list[float] | None:
 
 def _entry(shot: Shot, box: _Box, scales: dict[str, list[float] | None], depth: Scale) -> dict[str, Any]:
     cloud = shot.points_world
-    shown = np.flatnonzero(box.holds(cloud))
-    shown = shown[:: max(1, -(-len(shown) // _MOST_POINTS))]
+    shown = box.holds(cloud)
     entry: dict[str, Any] = {
         "sensor": shot.sensor,
         "time": shot.time,
@@ -130,8 +130,13 @@ def _bytes(values: NDArray[Any], scale: list[float] | None) -> NDArray[np.uint8]
     return np.clip((values - scale[0]) / (scale[1] - scale[0]) * 255, 0, 255).astype(np.uint8)
 
 
+def _small(depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    step = max(1, depth.shape[1] // _WIDEST)
+    return depth[::step, ::step]
+
+
 def _picture(depth: NDArray[np.float32], scale: Scale) -> str:
-    rgb = scale.colours(depth[:: max(1, depth.shape[1] // _WIDEST), :: max(1, depth.shape[1] // _WIDEST)])
+    rgb = scale.colours(_small(depth))
     png = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(rgb)).save(png, format="png")
     return "data:image/png;base64," + base64.b64encode(png.getvalue()).decode()

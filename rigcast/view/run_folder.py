@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rigcast.export.recorder import INDEX_NAME
 from rigcast.sensors.errors import InputError
+from rigcast.sensors.names import listing
 from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.view.bag import is_bag, read_bag
 from rigcast.view.shots import VALUES, Shot, arrays_of_image, every
@@ -48,7 +49,8 @@ def _read_index(folder: Path) -> dict[str, NDArray[Any]]:
             return {name: archive[name] for name in archive.files}
     except OSError as error:
         reason = error.strerror or error
-        expected = "expected a folder of rigcast run, or a ROS bag"
+        below = [str(index.parent) for index in sorted(folder.glob(f"*/{INDEX_NAME}"))]
+        expected = f"expected a folder of rigcast run{f', as {listing(below)}' if below else ''}, or a ROS bag"
         raise InputError(f"{folder / INDEX_NAME}: cannot be read: {reason}; {expected}") from None
 
 

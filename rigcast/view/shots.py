@@ -1,7 +1,7 @@
 """What a view shows of a reading, be it just taken or read from what a run has left."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
@@ -39,6 +39,14 @@ class Shot:
         hit = np.isfinite(points).all(axis=1)
         values = {name: arrays[name].reshape(-1)[hit] for name in VALUES if name in arrays}
         return cls(sensor, time, pose, points[hit], values, arrays.get("depth"), arrays.get("intrinsics"))
+
+    def thinned(self, most: int | None) -> "Shot":
+        """The same with every second, third, ... of its points, so that they are no more than `most`; None is all."""
+        step = 1 if most is None else max(1, -(-len(self.points) // most))
+        if step == 1:
+            return self
+        values = {name: own[::step].copy() for name, own in self.values.items()}
+        return replace(self, points=self.points[::step].copy(), values=values)
 
     @property
     def points_world(self) -> NDArray[np.float64]:

@@ -15,7 +15,11 @@ from .spec import Spec
 
 Parent = Literal["world", "body", "site", "camera"]
 
-CARRIERS = {"body": ("xpos", "xmat"), "site": ("site_xpos", "site_xmat"), "camera": ("cam_xpos", "cam_xmat")}
+CARRIERS: dict[Parent, tuple[str, str]] = {
+    "body": ("xpos", "xmat"),
+    "site": ("site_xpos", "site_xmat"),
+    "camera": ("cam_xpos", "cam_xmat"),
+}
 """The fields of a MuJoCo data in which the poses of a mount's parents are."""
 
 # A MuJoCo camera looks along its -z with +y up. Columns: the mount's forward, left and up in camera axes.
@@ -82,8 +86,10 @@ class Mount(Spec):
             return []
         kind, count = _objects(model, self.parent)
         name = str(getattr(self, self.parent))
-        names = model_names(model, kind, count)
-        return [Fault((self.parent,), f"no {self.parent} {name!r} in the model, {expected_one_of(name, names)}")]
+        others = [other for other in CARRIERS if mujoco.mj_name2id(model, _objects(model, other)[0], name) >= 0]
+        but = f", but a {' and a '.join(others)}" if others else ""
+        expected = expected_one_of(name, model_names(model, kind, count))
+        return [Fault((self.parent,), f"no {self.parent} {name!r} in the model{but}, {expected}")]
 
     def bind(self, model: mujoco.MjModel) -> "BoundMount":
         """This mount on `model`. Raises InputError for a name that the model does not have."""

@@ -32,7 +32,7 @@ def test_it_draws_every_sensor_and_knows_its_files(rig: Path) -> None:
     screen = io.StringIO()
     files = draw_once(Console(file=screen, width=300), rig, None, rig.parent, "cpu", ["sensors.eye.fov_y_deg=30"])
     assert sorted(path.name for path in files) == ["base.yaml", "rig.yaml", "robot.xml"]
-    assert f"{rig}: 1 picture(s) in {rig.parent}" in screen.getvalue()
+    assert f"{rig}: 1 picture in {rig.parent}" in screen.getvalue()
     with Image.open(rig.parent / "eye.png") as picture:
         assert picture.width == 1200
 

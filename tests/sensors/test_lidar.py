@@ -189,7 +189,7 @@ def test_specs_are_equal_by_value_and_cannot_be_changed() -> None:
         ({"min_range": 5, "max_range": 5}, "max_range: must be above min_range, 5 m, got 5 m"),
         ({"max_range": float("nan")}, "max_range: .*got nan"),
         ({"max_range": "100m"}, r"max_range: must be a number, got '100m' \(.*\[m\]"),
-        ({"mount": "torso"}, "mount: must be a mapping, got 'torso'"),
+        ({"mount": "torso"}, "mount: must be a mapping of body, site, camera, pos, quat, euler_deg, got 'torso'"),
         ({"mount": {"bdy": "torso"}}, "mount.bdy: unknown key 'bdy'.*did you mean 'body'?"),
         ({"colums": 5}, "unknown key 'colums', .*did you mean 'columns'?"),
     ],

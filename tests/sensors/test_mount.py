@@ -132,7 +132,7 @@ def test_euler_and_quat_are_mujocos_conventions(seed: int) -> None:
     ("mount", "message"),
     [
         (Mount(body="torzo"), "body: no body 'torzo' in the model, .*torso, head; did you mean 'torso'?"),
-        (Mount(site="head"), "site: no site 'head' in the model, expected one of mast"),
+        (Mount(site="head"), "site: no site 'head' in the model, but a body, expected one of mast"),
         (Mount(camera="eyes"), "camera: no camera 'eyes' .*did you mean 'eye'?"),
         (Mount(body=""), "body: no body '' in the model"),
     ],

@@ -311,7 +311,10 @@ CLOTH = """
 FAULTS: dict[str, tuple[Any, str]] = {
     "nothing": ([], "got no world, expected one or more"),
     "another thing in the list": ([3], r"batch\[0\]: got int, expected MjData"),
-    "no poses": ({"xpos": np.zeros((2, 5, 3))}, "expected 'geom_xpos' and 'geom_xmat', got none"),
+    "no poses": (
+        {"xpos": np.zeros((2, 5, 3))},
+        "expected 'geom_xpos' and 'geom_xmat', got no geom_xpos and no geom_xmat",
+    ),
     "a name that is none": ({"geom_pos": 0}, "no field 'geom_pos', expected one of .*did you mean 'geom_xpos'"),
     "another number of geoms": (
         {"geom_xpos": np.zeros((2, 3, 3)), "geom_xmat": np.zeros((2, 3, 9))},

@@ -134,8 +134,9 @@ class _Arrays:
     def __init__(self, get: Callable[[str], Any]) -> None:
         self._get = get
         position = get("geom_xpos")
-        if position is None or get("geom_xmat") is None:
-            raise InputError("Worlds: batch: expected 'geom_xpos' and 'geom_xmat', got none")
+        missing = [name for name in ("geom_xpos", "geom_xmat") if get(name) is None]
+        if missing:
+            raise InputError(f"Worlds: batch: expected 'geom_xpos' and 'geom_xmat', got no {' and no '.join(missing)}")
         if not hasattr(position, "__len__"):
             raise InputError(f"Worlds: geom_xpos: got {position!r}, expected an array (nworld, ngeom, 3)")
         self.count = len(position)
