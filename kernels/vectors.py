@@ -50,6 +50,17 @@ def lowest_bit(mask: int) -> int:  # type: ignore[empty-body]
     """Index of the lowest bit that is set; there must be one."""
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __popc(mask);
+#else
+    return __builtin_popcount(mask);
+#endif
+""")
+def count_bits(mask: int) -> int:  # type: ignore[empty-body]
+    """How many bits are set."""
+
+
 @wp.func
 def interval(low: float, high: float) -> Interval:
     made = Interval()

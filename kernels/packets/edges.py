@@ -13,8 +13,9 @@ import warp as wp
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.shapes.triangle import GRAZING
 from rigcast.kernels.shapes.triangle import ROUNDING as HEIGHT_ROUNDING
-from rigcast.kernels.trees.nodes import WIDTH, vec8
-from rigcast.kernels.vectors import larger, norm1, smaller
+from rigcast.kernels.traverse import sign_bits
+from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
+from rigcast.kernels.vectors import Interval, interval, larger, norm1, smaller
 
 from .packet import LANES, lanes
 from .sought import Sought
@@ -42,11 +43,11 @@ class Edges:
     rounding: vec8
     height: vec8
     reach: vec8
-    possible: int  # bit by bit, which of the triangles any ray of the packet may hit
 
 
 @wp.func
 def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
+    """Edges of the triangles of a block as the rays of a packet see them."""
     x0 = block.x0
     y0 = block.y0
     z0 = block.z0
@@ -64,11 +65,7 @@ def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
     a = sought.view.axis
     u = sought.view.u
     v = sought.view.v
-    p = sought.p
-    q = sought.q
-    p_half = sought.p_half
-    q_half = sought.q_half
-    scale = SIDE_ROUNDING * (1.0 + wp.abs(p) + p_half + wp.abs(q) + q_half)
+    scale = SIDE_ROUNDING * sought.widest
     s0a = vec8()
     s0u = vec8()
     s0v = vec8()
@@ -84,7 +81,6 @@ def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
     rounding = vec8()
     height = vec8()
     reach = vec8()
-    possible = int(0)
     for j in range(WIDTH):
         w0 = wp.vec3(x0[j], y0[j], z0[j])
         w1 = wp.vec3(x1[j], y1[j], z1[j])
@@ -103,7 +99,6 @@ def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
         size1 = norm1(v1)
         size2 = norm1(v2)
         side = larger(norm1(e0) * (size0 + size1), larger(norm1(e1) * (size1 + size2), norm1(e2) * (size2 + size0)))
-        r = scale * side
         s0a[j] = wp.dot(c0, a)
         s0u[j] = wp.dot(c0, u)
         s0v[j] = wp.dot(c0, v)
@@ -116,19 +111,9 @@ def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
         na[j] = wp.dot(n, a)
         nu[j] = wp.dot(n, u)
         nv[j] = wp.dot(n, v)
-        rounding[j] = r
+        rounding[j] = scale * side
         height[j] = wp.dot(v0, n)
         reach[j] = larger(size0, larger(size1, size2))
-        # the sides at the middle of the packet, and how much they change to its corners
-        m0 = s0a[j] + p * s0u[j] + q * s0v[j]
-        m1 = s1a[j] + p * s1u[j] + q * s1v[j]
-        m2 = s2a[j] + p * s2u[j] + q * s2v[j]
-        d0 = p_half * wp.abs(s0u[j]) + q_half * wp.abs(s0v[j]) + r
-        d1 = p_half * wp.abs(s1u[j]) + q_half * wp.abs(s1v[j]) + r
-        d2 = p_half * wp.abs(s2u[j]) + q_half * wp.abs(s2v[j]) + r
-        left = smaller(m0 + d0, smaller(m1 + d1, m2 + d2)) >= 0.0
-        right = larger(m0 - d0, larger(m1 - d1, m2 - d2)) <= 0.0
-        possible = possible | wp.where(left or right, 1 << j, 0)
     edges = Edges()
     edges.side0_a = s0a
     edges.side0_u = s0u
@@ -145,8 +130,113 @@ def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
     edges.rounding = rounding
     edges.height = height
     edges.reach = reach
-    edges.possible = possible
     return edges
+
+
+@wp.func
+def may_be_hit(edges: Edges, sought: Sought) -> int:
+    """Bit by bit, the triangles that a packet may hit: by the sides at its middle, and their change to its corners."""
+    side0_a = edges.side0_a
+    side0_u = edges.side0_u
+    side0_v = edges.side0_v
+    side1_a = edges.side1_a
+    side1_u = edges.side1_u
+    side1_v = edges.side1_v
+    side2_a = edges.side2_a
+    side2_u = edges.side2_u
+    side2_v = edges.side2_v
+    rounding = edges.rounding
+    p = sought.p
+    q = sought.q
+    p_half = sought.p_half
+    q_half = sought.q_half
+    possible = int(0)
+    for j in range(WIDTH):
+        middle0 = side0_a[j] + p * side0_u[j] + q * side0_v[j]
+        middle1 = side1_a[j] + p * side1_u[j] + q * side1_v[j]
+        middle2 = side2_a[j] + p * side2_u[j] + q * side2_v[j]
+        change0 = p_half * wp.abs(side0_u[j]) + q_half * wp.abs(side0_v[j]) + rounding[j]
+        change1 = p_half * wp.abs(side1_u[j]) + q_half * wp.abs(side1_v[j]) + rounding[j]
+        change2 = p_half * wp.abs(side2_u[j]) + q_half * wp.abs(side2_v[j]) + rounding[j]
+        left = smaller(middle0 + change0, smaller(middle1 + change1, middle2 + change2)) >= 0.0
+        right = larger(middle0 - change0, larger(middle1 - change1, middle2 - change2)) <= 0.0
+        possible = possible | wp.where(left or right, 1 << j, 0)
+    return possible
+
+
+@wp.func
+def inside_edges(s0: float, s1: float, s2: float) -> float:
+    """How far inside its nearest edge a ray passes a triangle, by its three sides."""
+    return larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
+
+
+@wp.func
+def span_in_plane(
+    inside: float, slope: float, length: float, rounding: float, height: float, size: float, cull: int
+) -> Interval:
+    """From where to where the distance of a ray to a triangle may be, as triage_triangle has it.
+
+    Conditions are wp.where of distances: with `and` and `or` loops are not vectorised, with numbers they are slower.
+    """
+    # how steep 1 / slope may be where the distance is sure: not at all where the origin is nearly in the plane
+    steepest = wp.where(wp.abs(height) > HEIGHT_ROUNDING * size, 1.0 / GRAZING, 0.0)
+    per_slope = length / slope
+    t = height * per_slope
+    error = DISTANCE_ROUNDING * (size + wp.abs(t)) * wp.abs(per_slope)
+    is_dropped = larger(-t, slope * float(cull)) > 0.0
+    sure_near = wp.where(is_dropped, wp.inf, t - error)
+    sure_far = wp.where(is_dropped, wp.inf, t + error)
+    is_steep = wp.abs(per_slope) < steepest
+    hit_near = wp.where(inside > rounding, wp.where(is_steep, sure_near, 0.0), 0.0)
+    near = wp.where(inside >= -rounding, hit_near, wp.inf)
+    far = wp.where(inside > rounding, wp.where(is_steep, sure_far, wp.inf), wp.inf)
+    return interval(near, far)
+
+
+@wp.struct
+class Spans:
+    """From where to where a ray's distances to the triangles of a block may be, and which, bit by bit, may be hit."""
+
+    near: vec8
+    far: vec8
+    possible: int
+
+
+@wp.func
+def meet_triangles(edges: Edges, p: float, q: float, length: float, cull: int, limit: float) -> Spans:
+    """One ray against the triangles of a block, up to a limit."""
+    side0_a = edges.side0_a
+    side0_u = edges.side0_u
+    side0_v = edges.side0_v
+    side1_a = edges.side1_a
+    side1_u = edges.side1_u
+    side1_v = edges.side1_v
+    side2_a = edges.side2_a
+    side2_u = edges.side2_u
+    side2_v = edges.side2_v
+    slope_a = edges.slope_a
+    slope_u = edges.slope_u
+    slope_v = edges.slope_v
+    rounding = edges.rounding
+    height = edges.height
+    size = edges.reach
+    near = vec8()
+    far = vec8()
+    possible = vec8i()
+    for j in range(WIDTH):
+        s0 = side0_a[j] + p * side0_u[j] + q * side0_v[j]
+        s1 = side1_a[j] + p * side1_u[j] + q * side1_v[j]
+        s2 = side2_a[j] + p * side2_u[j] + q * side2_v[j]
+        slope = slope_a[j] + p * slope_u[j] + q * slope_v[j]
+        span = span_in_plane(inside_edges(s0, s1, s2), slope, length, rounding[j], height[j], size[j], cull)
+        near[j] = span[0]
+        far[j] = span[1]
+        possible[j] = wp.where(span[0] <= limit, wp.where(span[0] < wp.inf, -1, 0), 0)
+    spans = Spans()
+    spans.near = near
+    spans.far = far
+    spans.possible = sign_bits(possible)
+    return spans
 
 
 @wp.struct
@@ -166,7 +256,7 @@ def pass_edges(p: lanes, q: lanes, side0: wp.vec3, side1: wp.vec3, side2: wp.vec
         s0 = side0[0] + p[i] * side0[1] + q[i] * side0[2]
         s1 = side1[0] + p[i] * side1[1] + q[i] * side1[2]
         s2 = side2[0] + p[i] * side2[1] + q[i] * side2[2]
-        nearest = larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
+        nearest = inside_edges(s0, s1, s2)
         by[i] = nearest
         some = some | wp.where(nearest >= -rounding, 1, 0)
     inside = Inside()
@@ -196,23 +286,13 @@ def meet_plane(
     cull: int,
 ) -> Met:
     """The rays of a packet against one triangle, inside whose edges they pass, as triage_triangle has it."""
-    # how steep 1 / slope may be where the distance is sure: not at all where the origin is nearly in the plane
-    steepest = wp.where(wp.abs(height) > HEIGHT_ROUNDING * size, 1.0 / GRAZING, 0.0)
     near = lanes()
     far = lanes()
-    # conditions are wp.where of distances: with `and` and `or` the loop is not vectorised, with numbers it is slower
     for i in range(LANES):
         slope = slopes[0] + p[i] * slopes[1] + q[i] * slopes[2]
-        per_slope = length[i] / slope
-        t = height * per_slope
-        error = DISTANCE_ROUNDING * (size + wp.abs(t)) * wp.abs(per_slope)
-        is_dropped = larger(-t, slope * float(cull)) > 0.0
-        sure_near = wp.where(is_dropped, wp.inf, t - error)
-        sure_far = wp.where(is_dropped, wp.inf, t + error)
-        is_steep = wp.abs(per_slope) < steepest
-        hit_near = wp.where(inside[i] > rounding, wp.where(is_steep, sure_near, 0.0), 0.0)
-        near[i] = wp.where(inside[i] >= -rounding, hit_near, wp.inf)
-        far[i] = wp.where(inside[i] > rounding, wp.where(is_steep, sure_far, wp.inf), wp.inf)
+        span = span_in_plane(inside[i], slope, length[i], rounding, height, size, cull)
+        near[i] = span[0]
+        far[i] = span[1]
     met = Met()
     met.near = near
     met.far = far

@@ -4,11 +4,11 @@ import warp as wp
 
 from rigcast.kernels.hits import APART
 from rigcast.kernels.ray import inverse_of
-from rigcast.kernels.traverse import Entered
-from rigcast.kernels.trees.nodes import WIDTH, Node, vec8
-from rigcast.kernels.vectors import larger, smaller
+from rigcast.kernels.traverse import Entered, EnteredByLanes, sign_bits
+from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
+from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
-from .packet import LANES, PACKETS, Packet, Tile, Vectors, View, lanes
+from .packet import LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, lanes
 
 TINY = wp.constant(1.0e-30)
 LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
@@ -168,12 +168,12 @@ def boxes_from(node: Node, view: View, widest: float) -> Node:
 
 
 @wp.func
-def some_lane_enters(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
-    """Whether any ray enters a box of boxes_from before its best hit (at most `far` away): 1 or 0. As enter_boxes."""
+def lanes_at_box(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
+    """Bit by bit, which rays enter a box of boxes_from before their best hits (at most `far` away). As enter_boxes."""
     inverse_x = inverse.x
     inverse_y = inverse.y
     inverse_z = inverse.z
-    some = int(0)
+    entering = int(0)
     for i in range(LANES):
         cx = c[0] * inverse_x[i]
         cy = c[1] * inverse_y[i]
@@ -183,8 +183,53 @@ def some_lane_enters(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> in
         hz = h[2] * wp.abs(inverse_z[i])
         enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
         leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, far[i] * APART))
-        some = some | wp.where(enter <= leave, 1, 0)
-    return some
+        entering = entering | wp.where(enter <= leave, 1 << i, 0)
+    return entering
+
+
+@wp.func
+def enter_lane_by_lane(
+    boxes: Node, inverse: Vectors, best: wp.array[PacketHits], slot: int, which: int, limit: float
+) -> EnteredByLanes:
+    """The boxes of boxes_from that these rays enter before the limit and their best hits. As enter_boxes."""
+    center_x = boxes.center_x
+    center_y = boxes.center_y
+    center_z = boxes.center_z
+    half_x = boxes.half_x
+    half_y = boxes.half_y
+    half_z = boxes.half_z
+    inverse_x = inverse.x
+    inverse_y = inverse.y
+    inverse_z = inverse.z
+    distance = vec8()
+    entering = vec8i()
+    for j in range(WIDTH):
+        distance[j] = wp.inf
+    while which != 0:
+        i = lowest_bit(which)
+        which = which & (which - 1)
+        x = inverse_x[i]
+        y = inverse_y[i]
+        z = inverse_z[i]
+        end = smaller(best[slot].far[i] * APART, limit)
+        lane = 1 << i
+        for j in range(WIDTH):
+            cx = center_x[j] * x
+            cy = center_y[j] * y
+            cz = center_z[j] * z
+            hx = half_x[j] * wp.abs(x)
+            hy = half_y[j] * wp.abs(y)
+            hz = half_z[j] * wp.abs(z)
+            enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
+            leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, end))
+            is_entered = enter <= leave and half_x[j] >= 0.0
+            distance[j] = smaller(distance[j], wp.where(is_entered, enter, wp.inf))
+            entering[j] = entering[j] | wp.where(is_entered, lane, 0)
+    entered = EnteredByLanes()
+    entered.children = sign_bits(-entering)
+    entered.distance = distance
+    entered.lanes = entering
+    return entered
 
 
 @wp.func

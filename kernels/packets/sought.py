@@ -26,6 +26,7 @@ class Sought:
     q: float
     p_half: float
     q_half: float
+    widest: float  # the largest 1 + |p| + |q|
 
 
 @wp.func
@@ -45,4 +46,5 @@ def packet_among_triangles(g: Geometry, rays: TileRays, view: View, k: int, shap
     sought.q = 0.5 * (tile.q_low[k] + tile.q_high[k])
     sought.p_half = 0.5 * (tile.p_high[k] - tile.p_low[k])
     sought.q_half = 0.5 * (tile.q_high[k] - tile.q_low[k])
+    sought.widest = 1.0 + wp.abs(sought.p) + sought.p_half + wp.abs(sought.q) + sought.q_half
     return sought

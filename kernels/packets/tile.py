@@ -109,6 +109,7 @@ cast_tile_through_shapes = traversal(
 def clear_packet(rays: TileRays, k: int, rotation: wp.mat33d) -> None:
     """No hits yet, and the directions of a packet's rays in the world."""
     packet = rays.packets[rays.first_packet + k]
+    numbers = packet.ray
     x = packet.x
     y = packet.y
     z = packet.z
@@ -122,7 +123,7 @@ def clear_packet(rays: TileRays, k: int, rotation: wp.mat33d) -> None:
         world_y[i] = d[1]
         world_z[i] = d[2]
         hits.near[i] = wp.inf
-        hits.far[i] = wp.inf
+        hits.far[i] = wp.where(numbers[i] >= 0, wp.inf, -wp.inf)  # where there is no ray, nothing is entered
         hits.shape[i] = NO_SHAPE
     rays.best[rays.first_slot + k] = hits
     rays.directions[rays.first_slot + k].x = world_x

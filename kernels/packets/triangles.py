@@ -1,22 +1,63 @@
-"""Packets through the triangles of a shape."""
+"""Packets through the triangles of a shape.
+
+Of every node and block is known which rays of the packet enter its box. Many are held against one box, or one triangle,
+after the other; a few are taken one by one, each against all boxes of a node or all triangles of a block at once.
+"""
 
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.traverse import Entered, traversal
-from rigcast.kernels.trees.nodes import WIDTH, Node
-from rigcast.kernels.vectors import lowest_bit, smaller
+from rigcast.kernels.hits import APART
+from rigcast.kernels.traverse import EnteredByLanes, sign_bits, traversal
+from rigcast.kernels.trees.nodes import WIDTH, Node, vec8i
+from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
-from .edges import edges_of, meet_plane, pass_edges
-from .frustum import boxes_from, enter_frustum, some_lane_enters
-from .packet import offer
+from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
+from .frustum import boxes_from, enter_frustum, enter_lane_by_lane, lanes_at_box
+from .packet import decide_lane_of_packet, farthest, offer
 from .prefetch import prefetch_block, prefetch_node
 from .sought import Sought
 
+FEW = wp.constant(6)
+"""Rays up to which it is faster to take them one by one."""
+
 
 @wp.func
-def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: float, reach: float) -> float:  # noqa: ARG001
-    """A packet against the triangles of one block; returns how far its rays still reach."""
+def visit_block_lane_by_lane(g: Geometry, sought: Sought, index: int, lanes: int, reach: float) -> float:
+    """These rays of a packet against the triangles of one block; returns how far all of its rays still reach."""
+    at = sought.packet.packet
+    slot = sought.packet.slot
+    edges = edges_of(g.blocks[index], sought)
+    some = int(0)
+    while lanes != 0:
+        i = lowest_bit(lanes)
+        lanes = lanes & (lanes - 1)
+        limit = sought.packet.best[slot].far[i] * APART
+        p = sought.packet.packets[at].p[i]
+        q = sought.packet.packets[at].q[i]
+        met = meet_triangles(edges, p, q, sought.packet.packets[at].length[i], sought.cull, limit)
+        near = met.near
+        far = met.far
+        possible = met.possible
+        some = some | possible
+        while possible != 0:
+            j = lowest_bit(possible)
+            possible = possible & (possible - 1)
+            if far[j] * APART < sought.packet.best[slot].near[i]:
+                sought.packet.best[slot].near[i] = near[j]
+                sought.packet.best[slot].far[i] = far[j]
+                sought.packet.best[slot].shape[i] = sought.shape
+                sought.packet.best[slot].triangle[i] = index * WIDTH + j
+            elif near[j] <= sought.packet.best[slot].far[i] * APART:
+                decide_lane_of_packet(sought.packet, i, near[j], far[j], sought.shape, index * WIDTH + j)
+    if some == 0:
+        return reach
+    return APART * farthest(sought.packet.best[slot].far)
+
+
+@wp.func
+def visit_block_at_once(g: Geometry, sought: Sought, index: int, reach: float) -> float:
+    """All rays of a packet against the triangles of one block; returns how far they still reach."""
     edges = edges_of(g.blocks[index], sought)
     at = sought.packet.packet
     length = sought.packet.packets[at].length  # Warp 1.12 takes the field for its function, where it is an argument
@@ -36,7 +77,7 @@ def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: flo
     rounding = edges.rounding
     height = edges.height
     size = edges.reach
-    possible = edges.possible
+    possible = may_be_hit(edges, sought)
     while possible != 0:
         j = lowest_bit(possible)
         possible = possible & (possible - 1)
@@ -61,35 +102,66 @@ def visit_block_of_packet(g: Geometry, sought: Sought, index: int, distance: flo
 
 
 @wp.func
-def enter_of_packet(node: Node, sought: Sought, reach: float) -> Entered:
-    """The boxes that some ray of the packet enters."""
-    entered = enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
-    widest = 1.0 + wp.abs(sought.p) + sought.p_half + wp.abs(sought.q) + sought.q_half
-    boxes = boxes_from(node, sought.view, widest)
+def visit_block_of_packet(g: Geometry, sought: Sought, index: int, lanes: int, reach: float) -> float:
+    """A packet against the triangles of one block, whose box these rays enter."""
+    if count_bits(lanes) <= FEW:
+        return visit_block_lane_by_lane(g, sought, index, lanes, reach)
+    return visit_block_at_once(g, sought, index, reach)
+
+
+@wp.func
+def prefetch_children(node: Node, sought: Sought, children: int) -> None:
+    """Ask for these children of a node."""
+    child = node.child
+    while children != 0:
+        j = lowest_bit(children)
+        children = children & (children - 1)
+        if child[j] < 0:
+            prefetch_block(sought.blocks, -1 - child[j])
+        else:
+            prefetch_node(sought.nodes, child[j])
+
+
+@wp.func
+def enter_at_once(node: Node, boxes: Node, sought: Sought, lanes: int, reach: float) -> EnteredByLanes:
+    """The boxes that these rays of a packet enter, of those that are within its frustum."""
+    in_frustum = enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
     center_x = boxes.center_x
     center_y = boxes.center_y
     center_z = boxes.center_z
     half_x = boxes.half_x
     half_y = boxes.half_y
     half_z = boxes.half_z
-    child = boxes.child
-    todo = entered.children
+    entering = vec8i()
+    todo = in_frustum.children
     while todo != 0:
         j = lowest_bit(todo)
         todo = todo & (todo - 1)
-        some = some_lane_enters(
+        entering[j] = lanes & lanes_at_box(
             sought.inverse,
             sought.packet.best[sought.packet.slot].far,
             wp.vec3(center_x[j], center_y[j], center_z[j]),
             wp.vec3(half_x[j], half_y[j], half_z[j]),
         )
-        if some == 0:
-            entered.children = entered.children & ~(1 << j)
-        elif child[j] < 0:
-            prefetch_block(sought.blocks, -1 - child[j])
-        else:
-            prefetch_node(sought.nodes, child[j])
+    entered = EnteredByLanes()
+    entered.children = sign_bits(-entering)
+    entered.distance = in_frustum.distance
+    entered.lanes = entering
+    prefetch_children(node, sought, entered.children)
     return entered
+
+
+@wp.func
+def enter_of_packet(node: Node, sought: Sought, lanes: int, reach: float) -> EnteredByLanes:
+    """The boxes that some of these rays of the packet enter."""
+    boxes = boxes_from(node, sought.view, sought.widest)
+    if count_bits(lanes) <= FEW:
+        entered = enter_lane_by_lane(
+            boxes, sought.inverse, sought.packet.best, sought.packet.slot, lanes, sought.packet.ray.limit
+        )
+        prefetch_children(node, sought, entered.children)
+        return entered
+    return enter_at_once(node, boxes, sought, lanes, reach)
 
 
 @wp.func
@@ -98,5 +170,11 @@ def reach_of_packet(reach: float) -> float:
 
 
 cast_packet_through_triangles = traversal(
-    "cast_packet_through_triangles", Sought, float, enter_of_packet, reach_of_packet, visit_block_of_packet
+    "cast_packet_through_triangles",
+    Sought,
+    float,
+    enter_of_packet,
+    reach_of_packet,
+    visit_block_of_packet,
+    by_lanes=True,
 )

@@ -8,10 +8,11 @@ import warp as wp
 from made_worlds import random_rotations
 from numpy.typing import NDArray
 
-from rigcast.kernels.packets.frustum import boxes_from, inverse_directions, some_lane_enters
-from rigcast.kernels.packets.packet import LANES, Packet, View, lanes
+from rigcast.kernels.packets.frustum import boxes_from, enter_lane_by_lane, inverse_directions, lanes_at_box
+from rigcast.kernels.packets.packet import LANES, Packet, PacketHits, View, lanes
 from rigcast.kernels.ray import box_margin
-from rigcast.kernels.trees.nodes import Node
+from rigcast.kernels.traverse import ALL_LANES
+from rigcast.kernels.trees.nodes import empty_node
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -20,7 +21,7 @@ CASES = 20_000
 
 
 @wp.kernel
-def _some_lane_enters(
+def _enter(
     p: wp.array[lanes],
     q: wp.array[lanes],
     far: wp.array[float],
@@ -28,8 +29,12 @@ def _some_lane_enters(
     origin: wp.array[wp.vec3],
     center: wp.array[wp.vec3],
     half: wp.array[wp.vec3],
-    out: wp.array[int],
+    best: wp.array[PacketHits],
+    at_once: wp.array[int],
+    one_by_one: wp.array[int],
+    distance: wp.array[float],
 ) -> None:
+    """Bit by bit, which rays enter the first box of a node, and from where the first of them is in it."""
     i = wp.tid()
     view = View()
     view.origin = origin[i]
@@ -40,12 +45,11 @@ def _some_lane_enters(
     packet = Packet()
     packet.p = p[i]
     packet.q = q[i]
-    every = lanes()
     for k in range(LANES):
         d = view.axis + packet.p[k] * view.u + packet.q[k] * view.v
         packet.length[k] = wp.length(d)
-        every[k] = far[i]
-    node = Node()
+        best[i].far[k] = far[i]
+    node = empty_node()
     node.center_x[0] = center[i][0]
     node.center_y[0] = center[i][1]
     node.center_z[0] = center[i][2]
@@ -55,7 +59,11 @@ def _some_lane_enters(
     box = boxes_from(node, view, 2.0)
     c = wp.vec3(box.center_x[0], box.center_y[0], box.center_z[0])
     h = wp.vec3(box.half_x[0], box.half_y[0], box.half_z[0])
-    out[i] = some_lane_enters(inverse_directions(packet, view), every, c, h)
+    inverse = inverse_directions(packet, view)
+    at_once[i] = lanes_at_box(inverse, best[i].far, c, h)
+    entered = enter_lane_by_lane(box, inverse, best, i, ALL_LANES, wp.inf)
+    one_by_one[i] = wp.where(entered.children == 1, entered.lanes[0], 0)
+    distance[i] = entered.distance[0]
 
 
 class Packets:
@@ -74,7 +82,8 @@ class Packets:
         self.points = self.origin + t * self.directions[np.arange(CASES), self.rng.integers(0, LANES, CASES)]
 
     def enter(self, center: Doubles, half: Doubles, far: Doubles | float = np.inf) -> NDArray[np.bool_]:
-        out = wp.empty(CASES, dtype=int, device="cpu")
+        """Whether any ray enters a box: of each the same, taken with the others or by itself."""
+        out = [wp.empty(CASES, dtype=kind, device="cpu") for kind in (PacketHits, int, int, float)]
         arrays = [
             wp.array(np.ascontiguousarray(values, np.float32), dtype=kind, device="cpu")
             for values, kind in (
@@ -87,8 +96,10 @@ class Packets:
                 (half, wp.vec3),
             )
         ]
-        wp.launch(_some_lane_enters, CASES, inputs=arrays, outputs=[out], device="cpu")
-        return out.numpy() == 1
+        wp.launch(_enter, CASES, inputs=arrays, outputs=out, device="cpu")
+        at_once, one_by_one, self.distance = (array.numpy() for array in out[1:])
+        np.testing.assert_array_equal(at_once, one_by_one)
+        return np.asarray(at_once != 0)
 
     def lines_pass(self, center: Doubles, half: Doubles) -> NDArray[np.bool_]:
         """Whether any ray's line passes a box, in float64."""
@@ -141,6 +152,7 @@ def test_a_box_beyond_all_hits_is_refused() -> None:
     center, half = box_around(packets.points, packets.rng, 1.0)
     entered = packets.enter(center, half, np.nextafter(packets.distances(center, half).astype(np.float32), np.inf))
     assert entered.all(), f"refused {np.flatnonzero(~entered)[:5]}"
+    assert (packets.distance <= packets.distances(center, half) * (1 + 1e-6)).all()
     size = 1e-4 * (np.abs(packets.origin) + np.abs(center)).max(axis=1, keepdims=True)
     at_least = packets.distances(center, half + size)
     entered = packets.enter(center, half, 0.999 * at_least)
