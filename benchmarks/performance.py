@@ -268,6 +268,7 @@ per ray, before and after, on a machine in use (noise of 10 to 30 %); depth came
   whether numbers are finite, the child of a node read alone, a stack of 72 entries and not 96, which Warp sets to zero
   for every tree: warehouse 407 to 352, room 384 to 341, G1 328 to 276. Turns of 512 rays in place of slices of 8192,
   with all that, on two threads by the clock: 0.81 and 0.83 of the time.
+- The pose of rays that are given in the world made once: `Scene.cast` of one ray 535 to 420 us.
 - Whether poses are finite seen from their smallest and largest number where BLAS would take all threads for a product,
   which wait for each other on a machine in use: `Scene.update` of 1600 geoms 4.0 to 0.43 ms there.
 - Shapes without bounds, and what has no place, hung from the root of the tree over the others, and not from a root
@@ -288,6 +289,10 @@ per ray, before and after, on a machine in use (noise of 10 to 30 %); depth came
   is there, and what was made counts as old then: 0.52 to 0.11 s of it. Origins of rays told apart by sorting columns,
   not by `np.unique`, which compares rows: twice 58 to 1.5 ms for a VLP-16. Packets from disk used where they were read:
   10 ms less for each camera. Effects, Pillow and `numpy.ma` imported by those who need them.
+- A start that compiles, in CPU time of the compiler: kernels for rays that go alone have a Warp module of their own,
+  which a rig of packets needs not and `Scene.cast` alone: of 15 s for both 13 and 6, as they share functions. Arrays of
+  the kernel that grows trees come in a struct, as Warp compiles a kernel twice that takes arrays by themselves: 2.6 to
+  1.8 s. Of what is left, 3 s are Warp's own headers, once for a process, and 2 s its writing of C++.
 - Rays from a stereo camera's second imager to what the first has seen, in its packets and not one by one: a frame of
   640 x 480 pixels 166 to 103 and 176 to 91 ms.
 - Small frames: the arrays of a frame that nobody holds serve again, their launches are prepared once, and a scene of
@@ -331,6 +336,11 @@ faster, with most other rays 5 to 15 % slower; masks of 16 lanes in one instruct
 of a rosette of 4 to 8 samples of each line in place of all lines of 3 (Avia's cast 2 to 8 % faster, Mid-360's 2 to 9 %
 slower), or sorted by cells of a Morton or Hilbert curve (5 to 15 % faster, less than sorting takes); its pattern in
 blocks that fit the cache.
+
+*For a start, without gain:* LLVM's own thresholds of inlining, with which kernels compile in three quarters of the time
+and take 1.6 times as long; a tenth of Warp's, with which they are as fast and compile in nine tenths, but which would
+be in the way of the user's compiler flags; `-O1`, which saves a sixth of it. Modules are not compiled in several
+threads: each would compile Warp's headers anew, and Warp 1.12 has no lock on the functions that modules share.
 
 *Where time goes:* on the G1's depth image about a quarter into boxes, 10 % into edges of triangles, 18 % into
 triangles, and the rest into the tree over shapes, clearing packets and writing hits, which in the warehouse, with few

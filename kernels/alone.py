@@ -1,13 +1,24 @@
-"""Rays cast one by one, whatever they have in common: on CUDA, and those with unrelated origins on the CPU."""
+"""Rays cast one by one, whatever they have in common: on CUDA, and those with unrelated origins on the CPU.
+
+Warp compiles a file's kernels together: a rig whose rays are all cast in packets does not wait for these.
+"""
 
 import warp as wp
 
 from .geometry import FARTHEST, Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
+from .launch import TURN
 from .out import Out, read_hit, write_miss, write_place
 from .poses import scope_of
 from .ray import cast_ray
 from .rays import RayArrays, direction_of, firing_of, origin_of, span_of
+from .turns import turn_of
+
+RAYS_PER_RUN = 32
+RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
+"""Of rays that a thread of the CPU casts one by one."""
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
 @wp.struct
@@ -65,3 +76,37 @@ def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.ar
             write_miss(out, i, wp.nan)
         if out.is_read:
             read_hit(out, i, rotation)
+
+
+@wp.struct
+class Alone:
+    """Which rays are cast one by one, and scratch of each thread of the CPU."""
+
+    count: int
+    which: wp.array[int]  # of each world; empty for all
+    copies: wp.array2d[Geometry]  # (threads, 1)
+
+
+@wp.kernel
+def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: Alone) -> None:
+    """On the CPU, rays that no other thread takes, RAYS_PER_TURN at a time. turns: how many were taken."""
+    g.visible = job.visible
+    alone.copies[thread, 0] = g
+    begin = turn_of(turns) * RAYS_PER_TURN
+    while begin < alone.count:
+        cast_run(begin, wp.min(begin + RAYS_PER_TURN, alone.count), alone.copies[thread], job, alone.which)
+        begin = turn_of(turns) * RAYS_PER_TURN
+
+
+@wp.kernel
+def hold(g: Geometry, job: Job, held: wp.array[Geometry]) -> None:
+    """The geometry, for functions that must not copy it."""
+    g.visible = job.visible
+    held[0] = g
+
+
+@wp.kernel
+def cast_rays(first: int, held: wp.array[Geometry], job: Job, alone: Alone) -> None:
+    """On CUDA, a ray in each thread."""
+    k = first + wp.tid()
+    cast_run(k, wp.min(k + 1, alone.count), held, job, alone.which)

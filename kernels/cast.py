@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from .alone import Job, cast_run, is_castable
+from .alone import RAYS_PER_RUN, Alone, Job, cast_rays, cast_turns, hold, is_castable
 from .geometry import Geometry
 from .launch import TURN, prepare_over_rays, prepare_over_tiles, recorded
 from .moving import at_firings
@@ -20,10 +20,7 @@ from .packing.sorting import Packets
 from .poses import scope_of
 from .rays import Rays, firing_of, origin_of, span_of
 from .shapes.triangle import CULL_NONE
-
-RAYS_PER_RUN = 32
-RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
-"""Of rays that a thread of the CPU casts one by one."""
+from .turns import turn_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -65,51 +62,6 @@ class HitArrays:
             wp.empty(count, dtype=int, device=device),
             wp.empty(count, dtype=wp.vec3, device=device),
         )
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return atomicAdd(&turns.data[0], 1);
-#else
-    return __atomic_fetch_add(&turns.data[0], 1, __ATOMIC_RELAXED);
-#endif
-""")
-def turn_of(turns: wp.array[int]) -> int:  # type: ignore[empty-body]
-    """The number of a turn that no other thread has: atomically, which `wp.atomic_add` is not on a CPU."""
-
-
-@wp.struct
-class Alone:
-    """Which rays are cast one by one, and scratch of each thread of the CPU."""
-
-    count: int
-    which: wp.array[int]  # of each world; empty for all
-    copies: wp.array2d[Geometry]  # (threads, 1)
-
-
-@wp.kernel
-def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: Alone) -> None:
-    """On the CPU, rays that no other thread takes, RAYS_PER_TURN at a time. turns: how many were taken."""
-    g.visible = job.visible
-    alone.copies[thread, 0] = g
-    begin = turn_of(turns) * RAYS_PER_TURN
-    while begin < alone.count:
-        cast_run(begin, wp.min(begin + RAYS_PER_TURN, alone.count), alone.copies[thread], job, alone.which)
-        begin = turn_of(turns) * RAYS_PER_TURN
-
-
-@wp.kernel
-def hold(g: Geometry, job: Job, held: wp.array[Geometry]) -> None:
-    """The geometry, for functions that must not copy it."""
-    g.visible = job.visible
-    held[0] = g
-
-
-@wp.kernel
-def cast_rays(first: int, held: wp.array[Geometry], job: Job, alone: Alone) -> None:
-    """On CUDA, a ray in each thread."""
-    k = first + wp.tid()
-    cast_run(k, wp.min(k + 1, alone.count), held, job, alone.which)
 
 
 @wp.func

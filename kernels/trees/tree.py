@@ -125,29 +125,35 @@ def unfold(
     return bud
 
 
-@wp.kernel
-def grow(
-    first_thread: int,
-    boxes: Boxes,
-    runs: wp.array[Run],
-    leaf_size: int,
-    run_size: int,
-    balanced: bool,
-    # scratch, 3 * BINS for each run:
-    bins: wp.array[Bin],
-    # one for each box:
-    pending: wp.array[Pending],
+@wp.struct
+class Plot:
+    """What trees are grown from and in: arrays, for Warp compiles a kernel twice that is given any by itself."""
+
+    boxes: Boxes
+    runs: wp.array[Run]
+    leaf_size: int
+    run_size: int
+    balanced: bool
+    bins: wp.array[Bin]  # 3 * BINS for each run
+    pending: wp.array[Pending]  # one for each box
     # out, one for each box; those of a run begin at its first box:
-    nodes: wp.array[Node],
-    leaves: wp.array[Run],
-    # out, one for each run:
-    grown: wp.array[Growth],
-) -> None:
+    nodes: wp.array[Node]
+    leaves: wp.array[Run]
+    grown: wp.array[Growth]  # one for each run
+
+
+@wp.kernel
+def grow(first_thread: int, plot: Plot) -> None:
     """A thread grows the tree of one run, down to leaves of at most run_size boxes.
 
     A node is settled with all that is below it before its neighbour is, so that boxes stay in the cache.
     """
     thread = first_thread + wp.tid()
+    runs = plot.runs
+    pending = plot.pending
+    nodes = plot.nodes
+    leaves = plot.leaves
+    grown = plot.grown
     base = runs[thread].first
     growth = Growth()
     growth.nodes = 1
@@ -156,12 +162,12 @@ def grow(
     while left_to_do > 0:
         left_to_do -= 1
         parent = pending[base + left_to_do]
-        bud = unfold(boxes, parent.run, leaf_size, run_size, balanced, bins, thread * 3 * BINS)
+        bud = unfold(plot.boxes, parent.run, plot.leaf_size, plot.run_size, plot.balanced, plot.bins, thread * 3 * BINS)
         room = parent.room - 1 + bud.members
         growth.stack = wp.max(growth.stack, room)
         for j in range(bud.members):
             run = make_run(bud.first[j], bud.count[j])
-            if run.count > run_size:
+            if run.count > plot.run_size:
                 bud.node.child[j] = growth.nodes
                 pending[base + left_to_do] = make_pending(growth.nodes, run, room)
                 growth.nodes += 1
@@ -228,18 +234,19 @@ def _grow(
     boxes: Boxes, runs: npt.NDArray[np.void], leaf_size: int, run_size: int, balanced: bool
 ) -> tuple[list[_Part], int]:
     """Grow the tree of each of the runs, and tell how many entries of a stack the most demanding one needs."""
-    n = boxes.order.size
-    pending, nodes, leaves = (wp.empty(n, dtype=struct, device="cpu") for struct in (Pending, Node, Run))
-    bins = wp.empty(len(runs) * 3 * BINS, dtype=Bin, device="cpu")
-    grown = wp.empty(len(runs), dtype=Growth, device="cpu")
-    given = wp.array(runs, dtype=Run, device="cpu")
-    inputs = [boxes, given, leaf_size, run_size, balanced, bins, pending]
-    launch_over_rays(grow, len(runs), inputs, [nodes, leaves, grown], "cpu", slice_size=1)
+    n, plot = boxes.order.size, Plot()
+    plot.boxes, plot.runs = boxes, wp.array(runs, dtype=Run, device="cpu")
+    plot.leaf_size, plot.run_size, plot.balanced = leaf_size, run_size, balanced
+    plot.bins = wp.empty(len(runs) * 3 * BINS, dtype=Bin, device="cpu")
+    plot.pending, plot.nodes, plot.leaves = (wp.empty(n, dtype=kind, device="cpu") for kind in (Pending, Node, Run))
+    plot.grown = wp.empty(len(runs), dtype=Growth, device="cpu")
+    launch_over_rays(grow, len(runs), [plot], [], "cpu", slice_size=1)
+    nodes, leaves, grown = plot.nodes.numpy(), plot.leaves.numpy(), plot.grown.numpy()
     parts = [
-        _Part(nodes.numpy()[first : first + grown_nodes].copy(), leaves.numpy()[first : first + grown_leaves].copy())
-        for (first, _), (grown_nodes, grown_leaves, _) in zip(runs.tolist(), grown.numpy().tolist(), strict=True)
+        _Part(nodes[first : first + grown_nodes].copy(), leaves[first : first + grown_leaves].copy())
+        for (first, _), (grown_nodes, grown_leaves, _) in zip(runs.tolist(), grown.tolist(), strict=True)
     ]
-    return parts, int(grown.numpy()["stack"].max())
+    return parts, int(grown["stack"].max())
 
 
 def _grafted(nodes: npt.NDArray[np.void], parts: list[_Part]) -> _Part:

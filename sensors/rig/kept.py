@@ -6,7 +6,7 @@ holds a reference that Python counts. Arrays with no more references than they h
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from sys import getrefcount
 
@@ -115,6 +115,11 @@ class Kept:
         for launch in self._launches:
             launch()
         self.settle()
+
+    @property
+    def launches(self) -> Sequence[Callable[[], object]]:
+        """Those of the last reading, which hold what they read and write."""
+        return self._launches
 
     def hold(self, *used: object) -> None:
         """Keep what a reading has used, for a graph that repeats it for as long as its frame is there."""

@@ -28,7 +28,7 @@ from .kept import Kept
 from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA, ReadingOfWorlds
 from .reading import read_frame
-from .room import require_room
+from .room import require_countable, require_room
 from .schedule import Schedule
 from .under_way import UnderWay
 
@@ -223,6 +223,7 @@ class Rig:
         self, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None
     ) -> dict[str, Frame]:
         worlds.require_sensors(self._mounted)
+        require_countable(worlds.count, {m.spec.name: math.prod(m.frame_shape) for m in mounted})
         standing = self.scene.bytes_per_standing_world(worlds)
         standing += max((m.bytes_per_standing_world for m in mounted), default=0)
         at_once = BYTES_AT_ONCE_ON_CUDA if self.scene.device.is_cuda else BYTES_AT_ONCE

@@ -1,4 +1,4 @@
-"""Whether many worlds fit into memory, before anything is allocated."""
+"""Whether many worlds can be read together, before anything is allocated."""
 
 import math
 import os
@@ -8,6 +8,19 @@ import warp as wp
 
 from rigcast.sensors.captured import is_captured
 from rigcast.sensors.errors import InputError
+
+MOST_RAYS = 2**31 - 1
+"""Of a frame: those of kernels are counted in 32 bits."""
+
+
+def require_countable(worlds: int, rays: Mapping[str, int]) -> None:
+    """Raise InputError where so many worlds have too many rays; each has these of the sensors they are named after."""
+    for name, of_each in rays.items():
+        if worlds * of_each > MOST_RAYS:
+            raise InputError(
+                f"Rig.sense: {worlds} worlds of sensor {name!r} have {worlds * of_each} rays, expected at most "
+                f"{MOST_RAYS}: {MOST_RAYS // of_each} worlds"
+            )
 
 
 def require_room(worlds: int, needs: Mapping[str, int], meanwhile: int, device: wp.Device, kept: int) -> None:

@@ -1,6 +1,7 @@
 """Rays on a device, in the pose of a frame or in many worlds."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import warp as wp
@@ -30,7 +31,14 @@ def in_pose(rays: Rays, pose: NDArray[np.float64]) -> Rays:
 
 
 def in_world(given: GivenRays) -> Rays:
-    return in_pose(Rays(given.directions, given.origins, position=None, rotation=None), np.eye(4))
+    return replace(_pose_of_world(given.directions.device.alias), directions=given.directions, origins=given.origins)
+
+
+@cache
+def _pose_of_world(device: str) -> Rays:
+    """No rays, in the world's own frame: made once, for it takes as long as to cast hundreds."""
+    nothing = np.empty((0, 3))
+    return rays_in_frame(nothing, nothing, np.eye(4), wp.get_device(device))
 
 
 def in_worlds(given: GivenRays, worlds: int) -> Rays:

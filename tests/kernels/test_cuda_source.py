@@ -13,6 +13,7 @@ from cuda_source import CudaSource
 from made_worlds import Hits, assert_same, cast_through, random_plan, random_rays, rays_of, unit
 
 from rigcast.kernels import cast
+from rigcast.kernels.alone import cast_rays
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
@@ -23,7 +24,7 @@ pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="no g++ to c
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> CudaSource:
-    return CudaSource(cast.cast_rays, tmp_path_factory.mktemp("cuda_source"))
+    return CudaSource(cast_rays, tmp_path_factory.mktemp("cuda_source"))
 
 
 @pytest.fixture

@@ -45,28 +45,32 @@ def captured(rig: Rig, batch: Mapping[str, wp.array]) -> tuple[dict[str, Frame],
     return frames, capture.graph
 
 
-def other_readings(rig: Rig) -> None:
+def nothing(_rig: Rig, _frames: Mapping[str, Frame]) -> None:
+    pass
+
+
+def other_readings(rig: Rig, _frames: Mapping[str, Frame]) -> None:
     for count in (1, 5):
         rig.sense(on_device(count, count))
     rig.sense(states(MODEL, 1)[0])
 
 
-def trees_built_anew(rig: Rig) -> None:
+def trees_built_anew(rig: Rig, _frames: Mapping[str, Frame]) -> None:
     for seed in range(3):
         rig.sense(on_device(seed, spread=100.0))
 
 
-def other_sizes(rig: Rig) -> None:
+def other_sizes(rig: Rig, frames: Mapping[str, Frame]) -> None:
     rig.model.geom_size *= 1.5
-    rig.sense(on_device(0))
+    rig.sense(on_device(0), out=frames)
     rig.model.geom_size /= 1.5
 
 
-@pytest.mark.parametrize("meanwhile", [lambda _: None, other_readings, trees_built_anew, other_sizes])
-def test_a_graph_reads_what_a_reading_does(meanwhile: Callable[[Rig], None]) -> None:
+@pytest.mark.parametrize("meanwhile", [nothing, other_readings, trees_built_anew, other_sizes])
+def test_a_graph_reads_what_a_reading_does(meanwhile: Callable[[Rig, Mapping[str, Frame]], None]) -> None:
     rig, batch = Rig(model(), STILL, "cuda:0"), on_device(0)
     frames, graph = captured(rig, batch)
-    meanwhile(rig)
+    meanwhile(rig, frames)
     for seed in (7, 8):
         for name, array in on_device(seed).items():
             wp.copy(batch[name], array)

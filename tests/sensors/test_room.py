@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 from world_states import SENSORS, model, rig_of, states
 
-from rigcast import InputError, Lidar, Mount, Rig, Worlds
+from rigcast import DepthCamera, InputError, Lidar, Mount, Rig, Worlds
 
 MANY_GEOMS = "".join(f'<geom size="0.1" pos="{x} {y} 1"/>' for x in range(6) for y in range(6))
 
@@ -148,6 +148,18 @@ def test_worlds_that_fit_in_parts_are_not_refused(monkeypatch: pytest.MonkeyPatc
         rig.sense(datas)
     monkeypatch.setattr("rigcast.sensors.rig.rig.BYTES_AT_ONCE", 7_000)
     assert rig.sense(datas)["lidar"].range.shape[0] == 20
+
+
+def test_more_rays_than_kernels_count_are_refused() -> None:
+    robot = model()
+    rig = Rig(robot, [DepthCamera(name="wide", mount=Mount(), resolution=(500, 400), fov_y_deg=60.0)], "cpu")
+    batch = {
+        "geom_xpos": np.broadcast_to(np.float32(0), (11_000, robot.ngeom, 3)),
+        "geom_xmat": np.broadcast_to(np.float32(0), (11_000, robot.ngeom, 9)),
+    }
+    expected = "11000 worlds of sensor 'wide' have 2200000000 rays, expected at most 2147483647: 10737 worlds"
+    with pytest.raises(InputError, match=expected):
+        rig.sense(batch)
 
 
 @pytest.mark.cuda
