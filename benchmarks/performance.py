@@ -323,7 +323,7 @@ per ray, before and after, on a machine in use (noise of 10 to 30 %); depth came
   to zero: warehouse 75 to 65 and 99 to 90, room 56 to 49 and 99 to 90, G1 102 to 100 and 87 to 84.
 - Which rays of a packet enter a box kept for every node and block, and up to six taken one by one, each against all
   eight boxes or triangles at once: lidar on the height field 194 to 182, with 10 M triangles 393 to 342, aloha_pot 34
-  to 32, G1 86 to 87; depth up to 5 % slower, with 10 M triangles 244 to 225 (lower quartiles of a machine in use).
+  to 32, G1 86 to 87; depth up to 6 % slower, with 10 M triangles 244 to 225 (lower quartiles of a machine in use).
 
 *Tried, without gain:* vectors of 512 bits by `-mprefer-vector-width=512`, on a CPU that has 256; kernels without
 `-march=native`, which were as fast within noise, as Warp generates code for the CPU at hand either way; packets halved
