@@ -150,7 +150,7 @@ def test_without_a_terminal_it_prints_few_lines_and_ends_with_what_it_wrote() ->
     rows = {line.split()[1]: line.split() for line in output.splitlines() if line.startswith("│")}
     assert rows["top"][3:8:2] == ["lidar", "4", "5"]
     assert rows["front"][3:8:2] == ["depth_camera", "2", "3"]
-    assert "o/frames.npz: index of all 8 frames" in output
+    assert "o/frames.npz: index of 8 frames" in output
     assert output.rstrip().endswith("s in all")
 
 
