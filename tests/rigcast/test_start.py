@@ -5,11 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rigcast.collector import paused_collector
 
 HEAVY = ["numpy", "mujoco", "warp", "pydantic", "ruamel", "PIL", "trimesh", "OpenEXR", "rich"]
+OF_NUMPY = ["numpy.ma"] if np.lib.NumpyVersion(np.__version__) >= "2.0.0" else []  # which NumPy 1 imports itself
 EFFECTS = ["beams", "kinect_v1", "ranging", "returns", "stereo", "time_of_flight", "weather"]
 RIG = """
 import mujoco
@@ -31,7 +33,7 @@ NEEDLESS = {
     "a rig file": ("import rigcast.rig_file", ["warp", "PIL", "trimesh", "rich"]),
     "sensors without effects": (
         RIG,
-        ["PIL", "trimesh", "rich", "numpy.ma", *(f"rigcast.kernels.effects.{name}" for name in EFFECTS)],
+        ["PIL", "trimesh", "rich", *OF_NUMPY, *(f"rigcast.kernels.effects.{name}" for name in EFFECTS)],
     ),
 }
 

@@ -36,7 +36,7 @@ def values(frames: Mapping[str, Frame]) -> dict[str, NDArray[Any]]:
     return {f"{name}.{field}": getattr(frames[name], field).numpy() for name in IDEAL for field in fields}
 
 
-def captured(rig: Rig, batch: Mapping[str, wp.array]) -> tuple[dict[str, Frame], wp.Graph]:
+def captured(rig: Rig, batch: Mapping[str, wp.array]) -> tuple[dict[str, Frame], "wp.Graph"]:
     frames = rig.sense(batch)
     values(frames)
     rig.sense(batch, out=frames)
