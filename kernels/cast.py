@@ -150,25 +150,19 @@ def cast(
         One entry per ray, world after world.
     """
     hits = HitArrays.empty(rays.total, rays.directions.device) if out is None else out
-    for launch in prepare_cast(geometry, visible, rays, limit, cull, hits):
+    for launch in _prepare(geometry, rays, _job(visible, rays, limit, cull, hits.out())):
         launch()
     return hits
-
-
-def prepare_cast(
-    geometry: Geometry, visible: wp.array, rays: Rays, limit: float, cull: int, hits: HitArrays
-) -> list[Callable[[], object]]:
-    """The launches of a `cast` into these hits, for as often as it is wanted.
-
-    They cast at shapes that stand still as they do by then, and at shapes that move as they do now.
-    """
-    return _prepare(geometry, rays, _job(visible, rays, limit, cull, hits.out()))
 
 
 def prepare_readings(
     geometry: Geometry, visible: wp.array, rays: Rays, limits: tuple[float, float], hits: HitArrays
 ) -> list[Callable[[], object]]:
-    """As `prepare_cast`, of what rays read between these limits [m]: nearer is -inf, normals are in the rays' frame."""
+    """The launches of a cast whose hits are readings between these limits [m], for as often as it is wanted.
+
+    What is nearer is -inf, normals are in the rays' frame. They cast at shapes that stand still as they do by then, and
+    at shapes that move as they do now.
+    """
     out = hits.out()
     out.is_read, out.min_range = True, limits[0]
     return _prepare(geometry, rays, _job(visible, rays, limits[1], CULL_NONE, out))

@@ -104,12 +104,12 @@ def recorded(
     kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
 ) -> Callable[[], None]:
     """A launch whose arguments are packed now, and kept for as long as it is: Warp 1.12 does not keep them."""
-    recorded = wp.launch(kernel, count, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
-    return partial(_launch, recorded, inputs, outputs)
+    command = wp.launch(kernel, count, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
+    return partial(_launch, command, inputs, outputs)
 
 
-def _launch(recorded: wp.Launch, *_arguments: Sequence[Any]) -> None:
-    recorded.launch()
+def _launch(command: wp.Launch, *_arguments: Sequence[Any]) -> None:
+    command.launch()
 
 
 def thread_count() -> int:

@@ -113,7 +113,7 @@ def enter_boxes(node: Node, ray: Ray, limit: float) -> Entered:
 
 @wp.struct
 class Spans:
-    """From where to where the distances to the triangles of a block may be, and which, bit by bit, may be hit."""
+    """From where to where a ray's distances to the triangles of a block may be, and which, bit by bit, may be hit."""
 
     near: vec8
     far: vec8

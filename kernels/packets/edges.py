@@ -11,6 +11,7 @@ rigcast.kernels.hits.
 import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
+from rigcast.kernels.ray import Spans
 from rigcast.kernels.shapes.triangle import GRAZING
 from rigcast.kernels.shapes.triangle import ROUNDING as HEIGHT_ROUNDING
 from rigcast.kernels.traverse import sign_bits
@@ -191,15 +192,6 @@ def span_in_plane(
     near = wp.where(inside >= -rounding, hit_near, wp.inf)
     far = wp.where(inside > rounding, wp.where(is_steep, sure_far, wp.inf), wp.inf)
     return interval(near, far)
-
-
-@wp.struct
-class Spans:
-    """From where to where a ray's distances to the triangles of a block may be, and which, bit by bit, may be hit."""
-
-    near: vec8
-    far: vec8
-    possible: int
 
 
 @wp.func

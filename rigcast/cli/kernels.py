@@ -12,7 +12,7 @@ from rich.markup import escape
 from rigcast.quiet import quiet_warp
 from rigcast.rig_file import RigConfig
 from rigcast.sensors.rig.rig import Rig
-from rigcast.sensors.scene.hits import NumpyHits
+from rigcast.sensors.scene.hits import Hits
 
 _PATIENCE = 1.5  # s; cached kernels load in less
 _TOUCHING = 0.01  # m
@@ -32,18 +32,19 @@ def ready_rig(
         rig = config.build(model, device, seed)
         rig.sense(data)
     for sensor, hits in rig.cast(data).items():
-        if word := _word_if_boxed_in(sensor, hits.numpy(), model):
+        if word := _word_if_boxed_in(sensor, hits, model):
             console.print(escape(word), soft_wrap=True)
     return rig
 
 
-def _word_if_boxed_in(sensor: str, hits: NumpyHits, model: mujoco.MjModel) -> str:
+def _word_if_boxed_in(sensor: str, hits: Hits, model: mujoco.MjModel) -> str:
     """Of a sensor most of whose rays end where they begin: on what, and how to leave that out."""
-    geoms = hits.geom_id[(hits.distance < _TOUCHING) & (hits.geom_id >= 0)]
-    if geoms.size < 0.5 * hits.distance.size:
+    distance, geom_id = hits.distance.numpy(), hits.geom_id.numpy()
+    geoms = geom_id[(distance < _TOUCHING) & (geom_id >= 0)]
+    if geoms.size < 0.5 * distance.size:
         return ""
     body = model.body(int(np.bincount(model.geom_bodyid[geoms]).argmax())).name
-    share = f"{geoms.size / hits.distance.size:.0%} of its rays end within {_TOUCHING:g} m"
+    share = f"{geoms.size / distance.size:.0%} of its rays end within {_TOUCHING:g} m"
     return f"{sensor}: {share}, most on body {body!r}; `filter: {{exclude_bodies: [{body}]}}` leaves that out"
 
 
