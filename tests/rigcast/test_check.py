@@ -71,16 +71,13 @@ class Broken(Rig):
 
     def cast(self, data: mujoco.MjData, names: Any = None) -> Any:
         post = self.model.geom("post").id
-        return {name: _Stretched(hits.numpy(), post) for name, hits in super().cast(data, names).items()}
+        return {name: _stretched(hits, post) for name, hits in super().cast(data, names).items()}
 
 
-class _Stretched:
-    def __init__(self, hits: Any, geom: int) -> None:
-        distance = np.where(hits.geom_id == geom, hits.distance * np.float32(1.01), hits.distance)
-        self._hits = hits._replace(distance=distance)
-
-    def numpy(self) -> Any:
-        return self._hits
+def _stretched(hits: Any, geom: int) -> Any:
+    distance = hits.distance.numpy()
+    distance[hits.geom_id.numpy() == geom] *= np.float32(1.01)
+    return hits
 
 
 def test_wrong_rays_are_counted_where_they_are_and_can_be_replayed() -> None:
