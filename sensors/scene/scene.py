@@ -11,6 +11,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import HitArrays, cast, prepare_readings
+from rigcast.kernels.gather import Gathered
 from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
@@ -97,7 +98,7 @@ class Scene:
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"
         self._worlds: int | None = None  # how many there are, if it is a batch of them
-        self._gathered: dict[str, NDArray[np.float64]] = {}  # see Standing
+        self._gathered: dict[str, Gathered] = {}  # see Standing
         self._part: slice | None = None  # which of the worlds stand, if not all
         self._differences = _NO_DIFFERENCES
         self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
