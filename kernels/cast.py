@@ -14,7 +14,7 @@ from .moving import at_firings
 from .out import Out
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
 from .packets.places import miss_packet, read_packet, write_packet
-from .packets.prefetch import prefetch_out, prefetch_packet
+from .packets.prefetch import prefetch_out, prefetch_packet, prefetch_tile
 from .packets.tile import cast_tile, clear_packet
 from .packing.sorting import Packets
 from .poses import scope_of
@@ -81,6 +81,7 @@ class InPackets:
     packets: wp.array[Packet]
     # scratch:
     copies: wp.array2d[Geometry]  # (threads, 1)
+    rays: wp.array2d[TileRays]  # (threads, 1)
     best: wp.array[PacketHits]
     world_directions: wp.array[Directions]
 
@@ -95,35 +96,37 @@ def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
     packets = these.packets
     own = job.rays
     out = job.out
+    rays = these.rays[thread]
+    rays[0].limit = job.limit
+    rays[0].cull = job.cull
+    rays[0].packets = packets
+    rays[0].geometry = held
+    rays[0].first_slot = thread * PACKETS
+    rays[0].best = these.best
+    rays[0].directions = these.world_directions
     at = turn_of(turns) * TURN
     while at < these.worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
         index = at % tiles.shape[0]
-        rays = TileRays()
-        rays.tile = tiles[index]
-        ray = world * own.count + rays.tile.ray
+        rays[0].tile = tiles[index]
+        ray = world * own.count + rays[0].tile.ray
         firing = firing_of(own, ray)
         rotation = own.rotation[firing]
-        rays.origin = own.position[firing] + rotation * origin_of(own, ray)
-        rays.axis = rotation * rays.tile.axis
-        rays.u = rotation * rays.tile.u
-        rays.v = rotation * rays.tile.v
-        rays.scope = scope_of(held, span_of(own, firing), firing)
-        rays.first_ray = world * own.count
-        rays.limit = job.limit
-        rays.cull = job.cull
-        rays.first_packet = index * PACKETS
-        rays.packets = packets
-        rays.geometry = held
-        rays.first_slot = thread * PACKETS
-        rays.best = these.best
-        rays.directions = these.world_directions
+        rays[0].origin = own.position[firing] + rotation * origin_of(own, ray)
+        rays[0].rotation = rotation
+        rays[0].axis = rotation * rays[0].tile.axis
+        rays[0].u = rotation * rays[0].tile.u
+        rays[0].v = rotation * rays[0].tile.v
+        rays[0].scope = scope_of(held, span_of(own, firing), firing)
+        rays[0].first_ray = world * own.count
+        rays[0].first_packet = index * PACKETS
         following = (at + 1) % tiles.shape[0]
+        prefetch_tile(tiles, following)
         for k in range(PACKETS):
-            clear_packet(rays, k, rotation)
+            clear_packet(rays, k)
             prefetch_out(out, rays, k)
             prefetch_packet(packets, following * PACKETS + k)
-        is_sound = is_castable(world_ray(rays, rays.first_slot, 0))
+        is_sound = is_castable(world_ray(rays, rays[0].first_slot, 0))
         if is_sound:
             cast_tile(g, rays)
         for k in range(PACKETS):
@@ -194,6 +197,7 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     these = InPackets()
     these.worlds, these.tiles, these.packets = worlds, packets.tiles, packets.packets
     these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
+    these.rays = wp.empty((threads, 1), dtype=TileRays, device="cpu")
     these.best = wp.empty(threads * PACKETS, dtype=PacketHits, device="cpu")
     these.world_directions = wp.empty(threads * PACKETS, dtype=Directions, device="cpu")
     return [geometry, job, these]

@@ -17,6 +17,26 @@ int_lanes = wp.types.vector(length=16, dtype=wp.int32)
 double_lanes = wp.types.vector(length=16, dtype=wp.float64)
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    wp::vec_t<16, float> made;
+    for (int i = 0; i < 16; ++i) made[i] = float(a[i]);
+    return made;
+#else
+    typedef double doubles __attribute__((ext_vector_type(16)));
+    typedef float floats __attribute__((ext_vector_type(16)));
+    doubles values;
+    __builtin_memcpy(&values, &a, sizeof(values));
+    floats converted = __builtin_convertvector(values, floats);
+    wp::vec_t<16, float> made;
+    __builtin_memcpy(&made, &converted, sizeof(made));
+    return made;
+#endif
+""")
+def rounded(a: double_lanes) -> lanes:  # type: ignore[empty-body]
+    """To float32, in whole vectors: loops over float64 write halves of them, which wait when they are read as one."""
+
+
 @wp.struct
 class Tile:
     """The basis of a tile, unit vectors in the rays' frame, and the packets' ranges of p and q."""
@@ -78,9 +98,10 @@ class Directions:
 
 @wp.struct
 class TileRays:
-    """A tile of rays in the world, and where its hits are kept."""
+    """A tile of rays in the world, and where its hits are kept. Functions have it in an array of one, not copied."""
 
     origin: wp.vec3d
+    rotation: wp.mat33d  # columns: the axes of the rays' frame
     axis: wp.vec3d
     u: wp.vec3d
     v: wp.vec3d
@@ -123,14 +144,14 @@ class View:
 
 
 @wp.func
-def view_from(origin: wp.vec3d, to_local: wp.mat33d, rays: TileRays, reach: float) -> View:
+def view_from(origin: wp.vec3d, to_local: wp.mat33d, rays: wp.array[TileRays], reach: float) -> View:
     """A tile as seen in a frame, with the ray's origin there, whose coordinates go up to reach."""
     view = View()
     view.origin = to_float(origin)
     view.origin_rest = to_float(origin - to_double(view.origin))
-    view.axis = to_float(to_local * rays.axis)
-    view.u = to_float(to_local * rays.u)
-    view.v = to_float(to_local * rays.v)
+    view.axis = to_float(to_local * rays[0].axis)
+    view.u = to_float(to_local * rays[0].u)
+    view.v = to_float(to_local * rays[0].v)
     view.margin = box_margin(view.origin, reach)
     return view
 
@@ -147,31 +168,32 @@ def farthest(far: lanes) -> float:
 
 
 @wp.func
-def world_ray(rays: TileRays, slot: int, i: int) -> WorldRay:
+def world_ray(rays: wp.array[TileRays], slot: int, i: int) -> WorldRay:
     """The ray of lane i of a packet."""
+    directions = rays[0].directions
     ray = WorldRay()
-    ray.origin = rays.origin
-    ray.direction = wp.vec3d(rays.directions[slot].x[i], rays.directions[slot].y[i], rays.directions[slot].z[i])
-    ray.scope = rays.scope
-    ray.limit = rays.limit
-    ray.cull = rays.cull
+    ray.origin = rays[0].origin
+    ray.direction = wp.vec3d(directions[slot].x[i], directions[slot].y[i], directions[slot].z[i])
+    ray.scope = rays[0].scope
+    ray.limit = rays[0].limit
+    ray.cull = rays[0].cull
     return ray
 
 
 @wp.func
-def packet_of(rays: TileRays, k: int) -> PacketRays:
+def packet_of(rays: wp.array[TileRays], k: int) -> PacketRays:
     """Packet k of a tile."""
     packet = PacketRays()
-    packet.ray.origin = rays.origin
-    packet.ray.scope = rays.scope
-    packet.ray.limit = rays.limit
-    packet.ray.cull = rays.cull
-    packet.packet = rays.first_packet + k
-    packet.packets = rays.packets
-    packet.geometry = rays.geometry
-    packet.slot = rays.first_slot + k
-    packet.best = rays.best
-    packet.directions = rays.directions
+    packet.ray.origin = rays[0].origin
+    packet.ray.scope = rays[0].scope
+    packet.ray.limit = rays[0].limit
+    packet.ray.cull = rays[0].cull
+    packet.packet = rays[0].first_packet + k
+    packet.packets = rays[0].packets
+    packet.geometry = rays[0].geometry
+    packet.slot = rays[0].first_slot + k
+    packet.best = rays[0].best
+    packet.directions = rays[0].directions
     return packet
 
 

@@ -5,8 +5,10 @@ import warp as wp
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.out import Out
 from rigcast.kernels.trees.nodes import Node
+from rigcast.kernels.vectors import lowest_bit
 
-from .packet import LANES, Packet, TileRays
+from .lanes import lane_bits
+from .packet import LANES, Packet, Tile, TileRays, int_lanes
 
 CACHE_LINE = 64
 
@@ -37,6 +39,11 @@ def prefetch_packet(packets: wp.array[Packet], i: int):  # type: ignore[no-untyp
     """Ask for packet i."""
 
 
+@wp.func_native(_prefetch("tiles"))
+def prefetch_tile(tiles: wp.array[Tile], i: int):  # type: ignore[no-untyped-def]
+    """Ask for tile i."""
+
+
 @wp.func_native("""
 #if !defined(__CUDA_ARCH__)
     __builtin_prefetch(&out.distance.data[i], 1);
@@ -50,9 +57,17 @@ def prefetch_hit(out: Out, i: int):  # type: ignore[no-untyped-def]
 
 
 @wp.func
-def prefetch_out(out: Out, rays: TileRays, k: int) -> None:
-    """Ask for where the hits of a packet will be written, which are all over the rows of an image."""
+def prefetch_out(out: Out, rays: wp.array[TileRays], k: int) -> None:
+    """Ask for where the hits of a packet will be written, which are all over the rows of an image.
+
+    One in four does for those that follow each other; -1, no ray, is none of them.
+    """
+    numbers = rays[0].packets[rays[0].first_packet + k].ray
+    fourth = int_lanes()
     for lane in range(LANES):
-        i = rays.packets[rays.first_packet + k].ray[lane]
-        if i >= 0:
-            prefetch_hit(out, rays.first_ray + i)
+        fourth[lane] = (numbers[lane] & 3) - 1
+    todo = lane_bits(fourth)
+    while todo != 0:
+        lane = lowest_bit(todo)
+        todo = todo & (todo - 1)
+        prefetch_hit(out, rays[0].first_ray + numbers[lane])
