@@ -85,7 +85,7 @@ def _common(mounted: Mounted, aim: Aim) -> dict[str, Any]:
         "pose": aim.pose,
         "shape": aim.kept.shape,
         "_kept": aim.kept,
-        "_ids_of_shape": mounted.scene.ids_in_use,
+        "_shape_ids": mounted.scene.shape_ids,
         "_body_of_shape": mounted.scene.body_of_shape,
         "_firing_times": mounted.firing_times,
         "_pattern": mounted.pattern,

@@ -8,6 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
+from rigcast.sensors.scene.shape_ids import ShapeIds
 
 MODEL_XML = """
 <mujoco>
@@ -62,7 +63,7 @@ def random_range(shape: tuple[int, ...], seed: int) -> NDArray[np.float32]:
 def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
     """What the kind is made with, and nothing in place of the hits that readings are worked out from."""
     fields: dict[str, Any] = dict.fromkeys(("_kept", "_body_of_shape", "_firing_times", "_pattern"))
-    fields["_ids_of_shape"] = {}
+    fields["_shape_ids"] = ShapeIds({})
     if kind is CameraFrame:
         fields |= {"intrinsics": INTRINSICS, "lens": None, "depth_scale": 0.001, "_intensity": None}
     if kind is LidarFrame:
