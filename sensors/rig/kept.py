@@ -63,7 +63,7 @@ class Kept:
         """Whether nobody holds any of the arrays."""
         if not self._at_first:  # a reading that failed has not given any of it to anybody
             return True
-        return list(map(getrefcount, self._given)) == self._at_first
+        return _references(self._given) == self._at_first
 
     def start(self) -> None:
         """Begin another reading: what was worked out of the last one does not hold any more, but was `asked` for."""
@@ -146,7 +146,7 @@ class Kept:
         if name not in self._current:
             self._work_out(name, work_out, shown)
             self._current.add(name)
-            self._at_first += map(getrefcount, self._given[len(self._at_first) :])
+            self._at_first += _references(self._given)[len(self._at_first) :]
         return self._fields[name]
 
     def _work_out(
@@ -176,7 +176,11 @@ class Kept:
     def settle(self) -> None:
         """Take note of who holds the arrays now: nobody but this, and what shares its life."""
         if not self._at_first:  # nobody can hold any of it yet
-            self._at_first = list(map(getrefcount, self._given))
+            self._at_first = _references(self._given)
+
+
+def _references(arrays: list[wp.array]) -> list[int]:
+    return list(map(getrefcount, arrays))
 
 
 class Pool:
