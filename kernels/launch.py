@@ -13,7 +13,8 @@ from .recorded import recorded
 RAYS_PER_SLICE = 8192
 TURN = wp.constant(16)
 """Tiles that a thread casts before it takes others."""
-RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 32
+RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 128
+"""To wake a thread takes as long as to read tens of thousands of rays."""
 _launched: set[wp.Kernel] = set()
 
 
@@ -36,14 +37,21 @@ def launch_over_rays(
     if wp.get_device(device).is_cuda or count <= slice_size or thread_count() == 1:
         launch(0, count)
         return
-    begun = 0
+    slices = iter(range(0, count, slice_size))
     if kernel not in _launched:
         # its first slice alone, so that a module that must be compiled is compiled once
-        launch(0, slice_size)
+        launch(next(slices), slice_size)
         _launched.add(kernel)
-        begun = slice_size
-    rest = range(begun, count, slice_size)
-    list(_threads(thread_count()).map(lambda first: launch(first, min(slice_size, count - first)), rest))
+
+    def take_slices() -> None:
+        for first in slices:
+            launch(first, min(slice_size, count - first))
+
+    threads = min(thread_count(), -(-count // slice_size))
+    others = [_threads(thread_count()).submit(take_slices) for _ in range(threads - 1)]
+    take_slices()
+    for other in others:
+        other.result()
 
 
 def launch_over_runs(

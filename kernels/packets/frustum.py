@@ -4,11 +4,12 @@ import warp as wp
 
 from rigcast.kernels.hits import APART
 from rigcast.kernels.ray import inverse_of
-from rigcast.kernels.traverse import Entered, EnteredByLanes, sign_bits
+from rigcast.kernels.traverse import Entered, sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
-from .packet import LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, lanes
+from .lanes import far_of, lane_bits
+from .packet import LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, int_lanes, lanes
 
 TINY = wp.constant(1.0e-30)
 LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
@@ -173,7 +174,7 @@ def lanes_at_box(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
     inverse_x = inverse.x
     inverse_y = inverse.y
     inverse_z = inverse.z
-    entering = int(0)
+    entering = int_lanes()
     for i in range(LANES):
         cx = c[0] * inverse_x[i]
         cy = c[1] * inverse_y[i]
@@ -183,8 +184,17 @@ def lanes_at_box(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
         hz = h[2] * wp.abs(inverse_z[i])
         enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
         leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, far[i] * APART))
-        entering = entering | wp.where(enter <= leave, 1 << i, 0)
-    return entering
+        entering[i] = wp.where(enter <= leave, -1, 0)
+    return lane_bits(entering)
+
+
+@wp.struct
+class EnteredByLanes:
+    """As Entered, of a packet; lanes: bit by bit, which of its rays enter each box."""
+
+    children: int
+    distance: vec8
+    lanes: vec8i
 
 
 @wp.func
@@ -211,7 +221,7 @@ def enter_lane_by_lane(
         x = inverse_x[i]
         y = inverse_y[i]
         z = inverse_z[i]
-        end = smaller(best[slot].far[i] * APART, limit)
+        end = smaller(far_of(best, slot, i) * APART, limit)
         lane = 1 << i
         for j in range(WIDTH):
             cx = center_x[j] * x

@@ -81,7 +81,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
         packets = packets & (packets - 1)
         if has_triangles(kind):
             sought = packet_among_triangles(g, rays, view, k, shape, cull)
-            reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[at], sought, reach[k])
+            reach[k] = cast_packet_through_triangles(sought, g.root[at], reach[k])
         else:
             reach[k] = visit_closed_form(g, packet_of(rays, k), shape, to_local, view.origin, reach[k])
     return reach

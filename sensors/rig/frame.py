@@ -1,7 +1,7 @@
 """What a sensor reads: one frame per reading, on the device, as numpy on demand."""
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -14,6 +14,7 @@ from rigcast.kernels import reading
 from rigcast.kernels.stamps import stamps
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.scene.part import Owner
+from rigcast.sensors.scene.shape_ids import ShapeIds
 from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 
@@ -28,7 +29,7 @@ class Source(NamedTuple):
     """What all frames of one reading's pattern share: the sensor's name, and what their fields are looked up in."""
 
     sensor: str
-    ids_of_shape: Mapping[Owner, wp.array]
+    shape_ids: ShapeIds
     body_of_shape: wp.array
     firing_times: wp.array | None
     pattern: Pattern
@@ -42,8 +43,8 @@ class Frame:
 
     Per-ray fields are Warp arrays on the device, `frame.range.numpy()` on the host, of the sensor's `shape`:
     (beams, columns) for a lidar with a table of beams, (height, width) for a camera, (rays,) for others. They belong
-    to the frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out when asked
-    for.
+    to the frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out from these
+    when asked for.
 
     Of a batch of worlds every field of each ray has a first axis for the world, and time (nworld,) and pose (nworld, 4,
     4) are Warp arrays of float64; `world(k)` is the frame of one of them. Frames of worlds that are not active are NaN.
@@ -192,10 +193,12 @@ class Frame:
         return png.getvalue()
 
     def _ids(self, owner: Owner) -> wp.array | None:
-        table = self._source.ids_of_shape.get(owner)
-        if table is None:
+        ids = self._source.shape_ids
+        if owner not in ids.of_shape:
             return None
-        return self._values(f"{owner}_id", partial(reading.take, table, self._kept.hits.shape))
+        if ids.are_shapes(owner):
+            return self._kept.shape_hit
+        return self._values(f"{owner}_id", partial(ids.look_up, owner, self._kept.hits.shape))
 
     def _values(self, name: str, work_out: Callable[[wp.array | None], wp.array]) -> wp.array:
         return self._kept.field(name, work_out, self._kept.scalars)

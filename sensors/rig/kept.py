@@ -27,12 +27,13 @@ _MOST_AXES = 4  # of a Warp array
 class Kept:
     """The arrays of one frame of this shape, each made when it is first asked for, then written over.
 
-    rays: of the present reading. hits: what they hit. range: (...) and normal: (..., 3), the same as a frame has them.
+    rays: of the present reading. hits: what they hit. range, shape_hit: (...), normal: (..., 3), as a frame shows them.
     """
 
     def __init__(self, hits: HitArrays, shape: tuple[int, ...], rays: Rays | None = None) -> None:
         self.hits, self.shape = hits, shape
         self.range = hits.distance.reshape(shape)
+        self.shape_hit = hits.shape.reshape(shape)
         self.normal = self.vectors(hits.normal, wp.float32)
         self.asked: set[str] = set()
         self._rays = rays
@@ -46,7 +47,7 @@ class Kept:
         self._current: set[str] = set()
         self._held: list[object] = []
         # those that a frame gives, or whose parts the frame of one of many worlds does
-        self._given = [hits.distance, hits.normal, self.range, self.normal]
+        self._given = [hits.distance, hits.shape, hits.normal, self.range, self.shape_hit, self.normal]
         self._at_first: list[int] = []
 
     @staticmethod

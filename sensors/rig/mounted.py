@@ -167,7 +167,7 @@ class Mounted:
     def source(self) -> Source:
         """What its frames share."""
         scene = self.scene
-        return Source(self.spec.name, scene.ids_in_use, scene.body_of_shape, self.firing_times, self.pattern)
+        return Source(self.spec.name, scene.shape_ids, scene.body_of_shape, self.firing_times, self.pattern)
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """(4, 4) the sensor's frame in the world."""

@@ -9,9 +9,8 @@ from made_worlds import random_rotations
 from numpy.typing import NDArray
 
 from rigcast.kernels.packets.frustum import boxes_from, enter_lane_by_lane, inverse_directions, lanes_at_box
-from rigcast.kernels.packets.packet import LANES, Packet, PacketHits, View, lanes
+from rigcast.kernels.packets.packet import ALL_LANES, LANES, Packet, PacketHits, View, lanes
 from rigcast.kernels.ray import box_margin
-from rigcast.kernels.traverse import ALL_LANES
 from rigcast.kernels.trees.nodes import empty_node
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})

@@ -9,6 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame, Source
+from rigcast.sensors.scene.shape_ids import ShapeIds
 
 MODEL_XML = """
 <mujoco>
@@ -43,7 +44,7 @@ def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -
     arrays = {name: wp.array(array, device="cpu") for name, array in fields.items()}
     kept: Any = SimpleNamespace(range=arrays.pop("range"), normal=arrays.pop("normal"))
     nothing: Any = None
-    source = Source(sensor, ids_of_shape={}, body_of_shape=nothing, firing_times=None, pattern=nothing)
+    source = Source(sensor, shape_ids=ShapeIds({}), body_of_shape=nothing, firing_times=None, pattern=nothing)
     frame = kind(time=time, pose=POSE, shape=distance.shape, _kept=kept, _source=source, **own)
     vars(frame).update(arrays)
     if kind is not Frame and "intensity" not in given:
