@@ -9,7 +9,7 @@ import warp as wp
 
 from .alone import RAYS_PER_RUN, Alone, Job, cast_rays, cast_turns, hold, is_castable
 from .geometry import Geometry
-from .launch import TURN, prepare_over_rays, prepare_over_tiles, recorded
+from .launch import TURN, prepare_over_rays, prepare_over_tiles
 from .moving import at_firings
 from .out import Out
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
@@ -20,6 +20,7 @@ from .packing.bundling import Bundles
 from .packing.sorting import Packets
 from .poses import scope_of
 from .rays import Rays, firing_of, origin_of, span_of
+from .recorded import recorded
 from .shapes.triangle import CULL_NONE
 from .turns import turn_of
 

@@ -36,6 +36,7 @@ from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 
+from .frame import Source
 from .kept import Kept, Pool
 from .motion import FEWEST, Firings, Track
 
@@ -162,6 +163,12 @@ class Mounted:
         """That of a frame's fields: the pattern's, with a last axis for several returns."""
         copies = _returns(self.spec)
         return self.pattern.shape if copies == 1 else (*self.pattern.shape, copies)
+
+    @cached_property
+    def source(self) -> Source:
+        """What its frames share."""
+        scene = self.scene
+        return Source(self.spec.name, scene.shape_ids, scene.body_of_shape, self.firing_times, self.pattern)
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """(4, 4) the sensor's frame in the world."""
