@@ -4,7 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE
-from rigcast.kernels.poses import pose_of
+from rigcast.kernels.poses import is_doubled, pose_of
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.traverse import Entered, traversal
@@ -69,6 +69,8 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     rays = tile.rays
     kind = g.kind[shape]
     if not rays.geometry[0].visible[rays.scope.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
+        return reach
+    if is_doubled(rays.geometry, shape, rays.scope):
         return reach
     pose = pose_of(rays.geometry, shape, rays.scope)
     to_local = wp.transpose(pose.rotation)
