@@ -139,6 +139,7 @@ def depth_in_steps(first: int, run: int, depth: wp.array[float], scale: float, s
         i += 1
 
 
+# without a return type, which Warp 1.12 would take for that of a value
 @wp.func_native("""
     const unsigned count = table.shape[0];
     for (int i = begin; i < end; ++i) {
@@ -146,7 +147,9 @@ def depth_in_steps(first: int, run: int, depth: wp.array[float], scale: float, s
         values.data[i] = unsigned(k) < count ? table.data[k] : -1;
     }
 """)
-def look_up_run(begin: int, end: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]) -> None:
+def look_up_run(  # type: ignore[no-untyped-def]
+    begin: int, end: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]
+):
     """values = table[index] from begin to end - 1. Native, for an index of Warp's might count from the end."""
 
 

@@ -11,30 +11,11 @@ from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
 
 LANES = wp.constant(16)
 PACKETS = wp.constant(8)
+ALL_LANES = wp.constant(2**16 - 1)
 
 lanes = wp.types.vector(length=16, dtype=wp.float32)
 int_lanes = wp.types.vector(length=16, dtype=wp.int32)
 double_lanes = wp.types.vector(length=16, dtype=wp.float64)
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    wp::vec_t<16, float> made;
-    for (int i = 0; i < 16; ++i) made[i] = float(a[i]);
-    return made;
-#else
-    typedef double doubles __attribute__((ext_vector_type(16)));
-    typedef float floats __attribute__((ext_vector_type(16)));
-    doubles values;
-    __builtin_memcpy(&values, &a, sizeof(values));
-    floats converted = __builtin_convertvector(values, floats);
-    wp::vec_t<16, float> made;
-    __builtin_memcpy(&made, &converted, sizeof(made));
-    return made;
-#endif
-""")
-def rounded(a: double_lanes) -> lanes:  # type: ignore[empty-body]
-    """To float32, in whole vectors: loops over float64 write halves of them, which wait when they are read as one."""
 
 
 @wp.struct
@@ -198,6 +179,24 @@ def packet_of(rays: wp.array[TileRays], k: int) -> PacketRays:
 
 
 @wp.func
+def by_itself(packet: PacketRays) -> PacketRays:
+    """The same packet, for a function that is not inlined.
+
+    What such a function is given is in memory. If it were part of a struct, all of that would be copied there wherever
+    the function may be called.
+    """
+    made = PacketRays()
+    made.ray = packet.ray
+    made.packet = packet.packet
+    made.packets = packet.packets
+    made.geometry = packet.geometry
+    made.slot = packet.slot
+    made.best = packet.best
+    made.directions = packet.directions
+    return made
+
+
+@wp.func
 def ray_of_lane(packet: PacketRays, i: int) -> WorldRay:
     """The ray of lane i, in the world."""
     d = packet.slot
@@ -226,8 +225,10 @@ def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int
         is_open = wp.where(near[i] <= best_far[i] * APART, 1 - is_nearer, 0) & wp.where(near[i] < wp.inf, 1, 0)
         best_near[i] = wp.where(is_nearer == 1, near[i], best_near[i])
         best_far[i] = wp.where(is_nearer == 1, far[i], best_far[i])
-        best_shape[i] = wp.where(is_nearer == 1, shape, best_shape[i])
-        best_triangle[i] = wp.where(is_nearer == 1, triangle, best_triangle[i])
+        # as wp.where, of which masked stores are made, that take longer than all else here; none is below 0
+        kept = is_nearer - 1
+        best_shape[i] = wp.max(best_shape[i] & kept, shape & ~kept)
+        best_triangle[i] = wp.max(best_triangle[i] & kept, triangle & ~kept)
         nearer = nearer | is_nearer
         open = open | (is_open << i)
     if nearer == 0 and open == 0:
@@ -239,7 +240,7 @@ def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int
     while open != 0:
         i = lowest_bit(open)
         open = open & (open - 1)
-        decide_lane_of_packet(packet, i, near[i], far[i], shape, triangle)
+        decide_lane_of_packet(by_itself(packet), i, near[i], far[i], shape, triangle)
     return APART * farthest(packet.best[slot].far)
 
 

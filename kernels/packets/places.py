@@ -15,7 +15,7 @@ from rigcast.kernels.trees.nodes import WIDTH
 from rigcast.kernels.vectors import lowest_bit, to_double, to_float
 
 from .lanes import lane_bits
-from .packet import LANES, TileRays, Vectors, double_lanes, int_lanes, lanes, rounded, world_ray
+from .packet import LANES, TileRays, Vectors, int_lanes, lanes, world_ray
 from .solids import closed_form_normals
 
 
@@ -47,7 +47,9 @@ def write_triangles(g: Geometry, out: Out, rays: wp.array[TileRays], k: int, whi
         if wp.abs(slope) <= wp.float64(GRAZING):
             distance = float(distance_of(rays[0].geometry, shape, triangle, world_ray(rays, slot, i)))
         facing = outward(kind, normal, slope)
-        write_place(out, rays[0].first_ray + numbers[i], shape, distance, g.blocks[block].face[j], facing, rays[0].limit)
+        write_place(
+            out, rays[0].first_ray + numbers[i], shape, distance, g.blocks[block].face[j], facing, rays[0].limit
+        )
 
 
 @wp.func
@@ -106,6 +108,24 @@ def vectors(x: lanes, y: lanes, z: lanes) -> Vectors:
 
 
 @wp.func
+def lanes_with_rays(numbers: int_lanes) -> int:
+    """Bit by bit, which lanes of a packet have a ray."""
+    there = int_lanes()
+    for i in range(LANES):
+        there[i] = -1 - numbers[i]
+    return lane_bits(there)
+
+
+@wp.func
+def lanes_at(shapes: int_lanes, shape: int) -> int:
+    """Bit by bit, which of these is the shape."""
+    same = int_lanes()
+    for i in range(LANES):
+        same[i] = wp.where(shapes[i] == shape, -1, 0)
+    return lane_bits(same)
+
+
+@wp.func
 def miss_packet(out: Out, rays: wp.array[TileRays], k: int, distance: float) -> None:
     for lane in range(LANES):
         i = rays[0].packets[rays[0].first_packet + k].ray[lane]
@@ -119,16 +139,10 @@ def write_packet(g: Geometry, out: Out, rays: wp.array[TileRays], k: int) -> Non
     slot = rays[0].first_slot + k
     numbers = rays[0].packets[rays[0].first_packet + k].ray
     shapes = rays[0].best[slot].shape
-    there = int_lanes()
-    for lane in range(LANES):
-        there[lane] = -1 - numbers[lane]
-    todo = lane_bits(there)
+    todo = lanes_with_rays(numbers)
     while todo != 0:
         shape = shapes[lowest_bit(todo)]
-        alike = int_lanes()
-        for lane in range(LANES):
-            alike[lane] = wp.where(shapes[lane] == shape, -1, 0)
-        same = lane_bits(alike) & todo
+        same = todo & lanes_at(shapes, shape)
         todo = todo & ~same
         if shape == NO_SHAPE:
             for lane in range(LANES):
@@ -141,8 +155,8 @@ def write_packet(g: Geometry, out: Out, rays: wp.array[TileRays], k: int) -> Non
 
 
 @wp.func
-def read_packet(out: Out, rays: wp.array[TileRays], k: int, rotation: wp.mat33d) -> None:
+def read_packet(out: Out, rays: wp.array[TileRays], k: int) -> None:
     for lane in range(LANES):
         i = rays[0].packets[rays[0].first_packet + k].ray[lane]
         if i >= 0:
-            read_hit(out, rays[0].first_ray + i, rotation)
+            read_hit(out, rays[0].first_ray + i, rays[0].rotation)

@@ -5,10 +5,8 @@ import warp as wp
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.out import Out
 from rigcast.kernels.trees.nodes import Node
-from rigcast.kernels.vectors import lowest_bit
 
-from .lanes import lane_bits
-from .packet import LANES, Packet, Tile, TileRays, int_lanes
+from .packet import LANES, Packet, Tile
 
 CACHE_LINE = 64
 
@@ -57,17 +55,11 @@ def prefetch_hit(out: Out, i: int):  # type: ignore[no-untyped-def]
 
 
 @wp.func
-def prefetch_out(out: Out, rays: wp.array[TileRays], k: int) -> None:
+def prefetch_out(out: Out, packets: wp.array[Packet], at: int, first_ray: int) -> None:
     """Ask for where the hits of a packet will be written, which are all over the rows of an image.
 
-    One in four does for those that follow each other; -1, no ray, is none of them.
+    first_ray: of its world. Without a ray it asks for what is not there, which harms nothing.
     """
-    numbers = rays[0].packets[rays[0].first_packet + k].ray
-    fourth = int_lanes()
+    numbers = packets[at].ray
     for lane in range(LANES):
-        fourth[lane] = (numbers[lane] & 3) - 1
-    todo = lane_bits(fourth)
-    while todo != 0:
-        lane = lowest_bit(todo)
-        todo = todo & (todo - 1)
-        prefetch_hit(out, rays[0].first_ray + numbers[lane])
+        prefetch_hit(out, first_ray + numbers[lane])

@@ -4,14 +4,14 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE
-from rigcast.kernels.poses import pose_of
+from rigcast.kernels.poses import is_doubled, pose_of
 from rigcast.kernels.shapes.solids import PLANE, SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.traverse import Entered, traversal
 from rigcast.kernels.trees.nodes import Node, vec8
-from rigcast.kernels.vectors import larger, lowest_bit, smaller
+from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
 
-from .frustum import Frustum, enter_frustum, frustum_of, packets_at_box, packets_going_down
+from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box, packets_going_down
 from .packet import (
     LANES,
     PACKETS,
@@ -19,10 +19,11 @@ from .packet import (
     PacketRays,
     TileRays,
     Vectors,
+    View,
     double_lanes,
+    lanes,
     offer,
     packet_of,
-    rounded,
     view_from,
 )
 from .solids import triage_closed_forms
@@ -32,10 +33,11 @@ from .triangles import cast_packet_through_triangles
 
 @wp.struct
 class TileSought:
-    """A tile of rays, and the frustum of all of it in the frame of the tree over the shapes."""
+    """A tile of rays, and the frustum of all of it in the frame of the tree over the shapes, as `view` has it."""
 
     rays: wp.array[TileRays]
     frustum: Frustum
+    view: View
 
 
 @wp.func
@@ -46,18 +48,18 @@ def visit_closed_form(
     x = packet.directions[packet.slot].x
     y = packet.directions[packet.slot].y
     z = packet.directions[packet.slot].z
-    local_x = double_lanes()
-    local_y = double_lanes()
-    local_z = double_lanes()
+    local_x = lanes()
+    local_y = lanes()
+    local_z = lanes()
     for i in range(LANES):
-        d = to_local * wp.vec3d(x[i], y[i], z[i])
+        d = to_float(to_local * wp.vec3d(x[i], y[i], z[i]))
         local_x[i] = d[0]
         local_y[i] = d[1]
         local_z[i] = d[2]
     directions = Vectors()
-    directions.x = rounded(local_x)
-    directions.y = rounded(local_y)
-    directions.z = rounded(local_z)
+    directions.x = local_x
+    directions.y = local_y
+    directions.z = local_z
     size = g.size[packet.ray.scope.first_shape + shape]
     spans = triage_closed_forms(g.kind[shape], size, origin, directions, packet.ray.cull)
     return offer(packet, spans.near, spans.far, shape, 0, reach)
@@ -70,6 +72,8 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     kind = g.kind[shape]
     scope = rays[0].scope
     if not g.visible[scope.first_visible + shape] or (kind == SHEET and rays[0].cull == CULL_FRONT):
+        return reach
+    if is_doubled(rays[0].geometry, shape, scope):
         return reach
     pose = pose_of(rays[0].geometry, shape, scope)
     to_local = wp.transpose(pose.rotation)
@@ -84,7 +88,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
         packets = packets & (packets - 1)
         if has_triangles(kind):
             sought = packet_among_triangles(g, rays, view, k, shape, cull)
-            reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[at], sought, reach[k])
+            reach[k] = cast_packet_through_triangles(sought, g.root[at], reach[k])
         else:
             reach[k] = visit_closed_form(g, packet_of(rays, k), shape, to_local, view.origin, reach[k])
     return reach
@@ -92,7 +96,8 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
 
 @wp.func
 def enter_of_tile(node: Node, sought: TileSought, reach: float) -> Entered:
-    return enter_frustum(node, sought.frustum, smaller(reach, sought.rays[0].limit))
+    boxes = boxes_from(node, sought.view.origin, sought.view.margin)
+    return enter_frustum(boxes, sought.frustum, smaller(reach, sought.rays[0].limit))
 
 
 @wp.func
@@ -158,5 +163,6 @@ def cast_tile(g: Geometry, rays: wp.array[TileRays]) -> None:
     sought.rays = rays
     span = rays[0].scope.span
     view = view_from(rays[0].origin - g.anchor[span], identity, rays, g.top_reach[span])
+    sought.view = view
     sought.frustum = frustum_of(view, p_low, p_high, q_low, q_high)
     cast_tile_through_shapes(g, g.top, span * g.top_count, sought, reach)

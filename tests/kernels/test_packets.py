@@ -27,6 +27,7 @@ from rigcast.kernels import launch
 from rigcast.kernels.cast import cast
 from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.sorting import sort_into_packets
+from rigcast.kernels.shapes import solids
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 
@@ -130,6 +131,20 @@ def test_random_worlds(name: str, seed: int) -> None:
         assert_same(got, expected, f"seed {seed}, from {origin}")
 
 
+@pytest.mark.parametrize("tilt", [0.0, 1e-15, 1e-9, 1e-7, 1e-6, 1e-3])
+def test_rays_along_a_plane(tilt: float) -> None:
+    """Packets of which some or all rays go down by next to nothing, from above, from on it and from below."""
+    about_y = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    plan = Plan()
+    plan.add(solids.PLANE, (0, 0, 0), (0, 0, 0), about_y)
+    world = plan.world()
+    directions = np.concatenate([lidar(1, 1024, 0.0), lidar(64, 256, 1e-6), lidar(64, 256, 1e-3), axes(1000)])
+    for height in (1.0, 1e-6, 0.0, -1.0):
+        got, expected = in_packets_and_alone(world, (0, 0, height), directions)
+        assert_same(got, expected, f"from {height}")
+        assert np.isfinite(expected.distance).any() == (height >= 0)
+
+
 @pytest.mark.parametrize("cull", [CULL_BACK, CULL_FRONT])
 @pytest.mark.parametrize("limit", [2.0, np.inf])
 def test_culling_limits_and_filters(cull: int, limit: float) -> None:
@@ -189,6 +204,29 @@ def test_of_two_faces_in_one_place_the_one_that_faces_the_ray_is_hit(first: tupl
         hit = np.isfinite(got.distance)
         assert hit.mean() > 0.1
         assert ((got.normal[hit] * directions[hit]).sum(axis=1) <= 0).all()
+
+
+DOUBLED: dict[str, tuple[ArrayLike, Doubles, tuple[bool, bool, bool], set[int]]] = {
+    "in one place": ((0, 0, 0), np.eye(3), (True, True, True), {0}),
+    "the first unseen": ((0, 0, 0), np.eye(3), (False, True, True), {1}),
+    "the second unseen": ((0, 0, 0), np.eye(3), (True, False, True), {0}),
+    "the second nearer": ((1e-9, 0, 0), np.eye(3), (True, True, True), {0, 1}),
+    "the second turned": ((0, 0, 0), random_rotations(np.random.default_rng(0), 1)[0], (True, True, True), {0, 1}),
+}
+
+
+@pytest.mark.parametrize("name", DOUBLED)
+def test_one_mesh_three_times(name: str) -> None:
+    """Of shapes that are the same the first is hit, of those that differ ever so little the nearer one."""
+    position, rotation, visible, hit = DOUBLED[name]
+    plan = Plan()
+    plan.add_mesh(turned(icosphere(2), 1))
+    plan.add_mesh(0, position, rotation)
+    plan.add_mesh(0)
+    directions = unit(np.random.default_rng(6).uniform(-1, 1, (3000, 3)) - (3.0, 2.0, 1.5))
+    got, expected = in_packets_and_alone(plan.world(), (3.0, 2.0, 1.5), directions, visible=visible)
+    assert_same(got, expected)
+    assert set(np.unique(got.shape)) - {-1} == hit
 
 
 def test_a_ray_from_within_a_closed_mesh_never_escapes() -> None:
