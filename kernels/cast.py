@@ -12,7 +12,7 @@ from .geometry import Geometry
 from .launch import TURN, prepare_over_rays, prepare_over_tiles
 from .moving import at_firings
 from .out import Out
-from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
+from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, world_ray
 from .packets.places import miss_packet, read_packet, write_packet
 from .packets.prefetch import prefetch_out, prefetch_packet, prefetch_tile
 from .packets.tile import cast_tile, clear_packet
@@ -86,6 +86,7 @@ class InPackets:
     rays: wp.array2d[TileRays]  # (threads, 1)
     best: wp.array[PacketHits]
     world_directions: wp.array[Directions]
+    local_directions: wp.array2d[Vectors]  # (threads, 1)
 
 
 @wp.kernel
@@ -106,6 +107,7 @@ def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
     rays[0].first_slot = thread * PACKETS
     rays[0].best = these.best
     rays[0].directions = these.world_directions
+    rays[0].local = these.local_directions[thread]
     at = turn_of(turns) * TURN
     while at < these.worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
@@ -206,6 +208,7 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     these.rays = wp.empty((threads, 1), dtype=TileRays, device="cpu")
     these.best = wp.empty(threads * PACKETS, dtype=PacketHits, device="cpu")
     these.world_directions = wp.empty(threads * PACKETS, dtype=Directions, device="cpu")
+    these.local_directions = wp.empty((threads, 1), dtype=Vectors, device="cpu")
     return [geometry, job, these]
 
 

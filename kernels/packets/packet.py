@@ -68,6 +68,33 @@ class Vectors:
     z: lanes
 
 
+# without a return type, as Warp 1.12 knows none but numbers there
+@wp.func_native("""
+    auto* to = wp::address(rounded, 0);
+#if defined(__CUDA_ARCH__)
+    for (int i = 0; i < 16; ++i) {
+        to->x[i] = float(x[i]);
+        to->y[i] = float(y[i]);
+        to->z[i] = float(z[i]);
+    }
+#else
+    typedef double doubles __attribute__((ext_vector_type(16)));
+    typedef float floats __attribute__((ext_vector_type(16)));
+    doubles values[3];
+    __builtin_memcpy(&values[0], &x, sizeof(x));
+    __builtin_memcpy(&values[1], &y, sizeof(y));
+    __builtin_memcpy(&values[2], &z, sizeof(z));
+    floats converted[3];
+    for (int k = 0; k < 3; ++k) converted[k] = __builtin_convertvector(values[k], floats);
+    __builtin_memcpy(&to->x, &converted[0], sizeof(to->x));
+    __builtin_memcpy(&to->y, &converted[1], sizeof(to->y));
+    __builtin_memcpy(&to->z, &converted[2], sizeof(to->z));
+#endif
+""")
+def round_vectors(rounded: wp.array[Vectors], x: double_lanes, y: double_lanes, z: double_lanes):  # type: ignore[no-untyped-def]
+    """To float32, in whole vectors: a loop over float64 writes halves of them, and to read both as one is to wait."""
+
+
 @wp.struct
 class Directions:
     """Unit directions of a packet's rays in the world."""
@@ -97,6 +124,7 @@ class TileRays:
     first_slot: int  # of PACKETS of this thread
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
+    local: wp.array[Vectors]  # one, of a packet's directions in a shape's frame
 
 
 @wp.struct

@@ -9,7 +9,7 @@ from rigcast.kernels.shapes.solids import PLANE, SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.traverse import Entered, traversal
 from rigcast.kernels.trees.nodes import Node, vec8
-from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
+from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
 from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box, packets_going_down
 from .packet import (
@@ -21,9 +21,9 @@ from .packet import (
     Vectors,
     View,
     double_lanes,
-    lanes,
     offer,
     packet_of,
+    round_vectors,
     view_from,
 )
 from .solids import triage_closed_forms
@@ -42,26 +42,29 @@ class TileSought:
 
 @wp.func
 def visit_closed_form(
-    g: Geometry, packet: PacketRays, shape: int, to_local: wp.mat33d, origin: wp.vec3, reach: float
+    g: Geometry,
+    packet: PacketRays,
+    shape: int,
+    to_local: wp.mat33d,
+    origin: wp.vec3,
+    local: wp.array[Vectors],
+    reach: float,
 ) -> float:
-    """A packet against one closed form: lane by lane what a single ray does."""
+    """A packet against one closed form: lane by lane what a single ray does. local: scratch."""
     x = packet.directions[packet.slot].x
     y = packet.directions[packet.slot].y
     z = packet.directions[packet.slot].z
-    local_x = lanes()
-    local_y = lanes()
-    local_z = lanes()
+    local_x = double_lanes()
+    local_y = double_lanes()
+    local_z = double_lanes()
     for i in range(LANES):
-        d = to_float(to_local * wp.vec3d(x[i], y[i], z[i]))
+        d = to_local * wp.vec3d(x[i], y[i], z[i])
         local_x[i] = d[0]
         local_y[i] = d[1]
         local_z[i] = d[2]
-    directions = Vectors()
-    directions.x = local_x
-    directions.y = local_y
-    directions.z = local_z
+    round_vectors(local, local_x, local_y, local_z)
     size = g.size[packet.ray.scope.first_shape + shape]
-    spans = triage_closed_forms(g.kind[shape], size, origin, directions, packet.ray.cull)
+    spans = triage_closed_forms(g.kind[shape], size, origin, local[0], packet.ray.cull)
     return offer(packet, spans.near, spans.far, shape, 0, reach)
 
 
@@ -90,7 +93,8 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
             sought = packet_among_triangles(g, rays, view, k, shape, cull)
             reach[k] = cast_packet_through_triangles(sought, g.root[at], reach[k])
         else:
-            reach[k] = visit_closed_form(g, packet_of(rays, k), shape, to_local, view.origin, reach[k])
+            packet = packet_of(rays, k)
+            reach[k] = visit_closed_form(g, packet, shape, to_local, view.origin, rays[0].local, reach[k])
     return reach
 
 
