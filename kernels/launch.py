@@ -8,6 +8,8 @@ from typing import Any
 
 import warp as wp
 
+from .recorded import recorded
+
 RAYS_PER_SLICE = 8192
 TURN = wp.constant(16)
 """Tiles that a thread casts before it takes others."""
@@ -106,18 +108,6 @@ def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Se
             other.result()
 
     return launch
-
-
-def recorded(
-    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
-) -> Callable[[], None]:
-    """A launch whose arguments are packed now, and kept for as long as it is: Warp 1.12 does not keep them."""
-    command = wp.launch(kernel, count, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
-    return partial(_launch, command, inputs, outputs)
-
-
-def _launch(command: wp.Launch, *_arguments: Sequence[Any]) -> None:
-    command.launch()
 
 
 def thread_count() -> int:

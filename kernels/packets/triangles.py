@@ -138,7 +138,7 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
             reach = visit_block_of_packet(sought, -1 - at, entering, reach)
             at = int(NO_CHILD)
         else:
-            boxes = boxes_from(sought.nodes[at], sought.view, sought.widest)
+            boxes = boxes_from(sought.nodes[at], sought.view.origin, sought.margin)
             center_x = boxes.center_x
             center_y = boxes.center_y
             center_z = boxes.center_z
@@ -152,7 +152,7 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
                     boxes, sought.inverse, packet.best, packet.slot, entering, packet.ray.limit
                 )
             else:
-                in_frustum = enter_frustum(sought.nodes[at], sought.frustum, smaller(reach, packet.ray.limit))
+                in_frustum = enter_frustum(boxes, sought.frustum, smaller(reach, packet.ray.limit))
                 entered.children = in_frustum.children
                 entered.distance = in_frustum.distance
             children = entered.children

@@ -4,7 +4,7 @@ import io
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 import warp as wp
@@ -23,6 +23,16 @@ from .kept import Kept
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from PIL import Image
+
+
+class Source(NamedTuple):
+    """What all frames of one reading's pattern share: the sensor's name, and what their fields are looked up in."""
+
+    sensor: str
+    shape_ids: ShapeIds
+    body_of_shape: wp.array
+    firing_times: wp.array | None
+    pattern: Pattern
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,25 +54,26 @@ class Frame:
     Where `range` is not finite: points are NaN, ids -1, normals 0. A hit on a flex, skin or prop has `geom_id` -1.
     """
 
-    sensor: str
     time: float | wp.array
     pose: NDArray[np.float64] | wp.array
     shape: tuple[int, ...]
     _kept: Kept
-    _shape_ids: ShapeIds
-    _body_of_shape: wp.array
-    _firing_times: wp.array | None
-    _pattern: Pattern
+    _source: Source
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(sensor={self.sensor!r}, time={self.time!r}, shape={self.shape})"
 
-    @cached_property
+    @property
+    def sensor(self) -> str:
+        """Its name."""
+        return self._source.sensor
+
+    @property
     def range(self) -> wp.array:
         """(...) float32 [m]: distance along the ray; +inf nothing in range, -inf too near, NaN invalid (REP-117)."""
         return self._kept.range
 
-    @cached_property
+    @property
     def normal(self) -> wp.array:
         """(..., 3) float32: unit outward normal of what was hit, in the sensor's frame; 0 where nothing was."""
         return self._kept.normal
@@ -90,7 +101,7 @@ class Frame:
     @cached_property
     def body_id(self) -> wp.array:
         """(...) int32: MuJoCo's id of the body of what was hit, -1 where nothing was, or a thing of several bodies."""
-        return self._values("body_id", partial(reading.take, self._body_of_shape, self._kept.hits.shape))
+        return self._values("body_id", partial(reading.take, self._source.body_of_shape, self._kept.hits.shape))
 
     @cached_property
     def points(self) -> wp.array:
@@ -109,7 +120,7 @@ class Frame:
         begun = self.time
         if not isinstance(begun, wp.array):
             begun = wp.full(1, begun, dtype=wp.float64, device=distance.device)
-        return self._values("stamp", partial(stamps, begun, self._firing_times, distance.size))
+        return self._values("stamp", partial(stamps, begun, self._source.firing_times, distance.size))
 
     def world(self, k: int) -> Self:
         """The frame of one of many worlds, which shares memory with this one."""
@@ -159,7 +170,7 @@ class Frame:
         from rigcast.sensors.preview.draw import draw_preview  # which knows frames
 
         self.require_one_world()
-        return draw_preview(self._pattern, self)
+        return draw_preview(self._source.pattern, self)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw depth, range image or points into matplotlib's `ax` (None: the current one); what has no range is grey.
@@ -171,7 +182,7 @@ class Frame:
         from rigcast.sensors.preview.plot import plot_frame
 
         self.require_one_world()
-        return plot_frame(self._pattern, self, ax)
+        return plot_frame(self._source.pattern, self, ax)
 
     def _repr_png_(self) -> bytes | None:
         """What Jupyter shows; None of many worlds, which have no picture."""
@@ -182,7 +193,7 @@ class Frame:
         return png.getvalue()
 
     def _ids(self, owner: Owner) -> wp.array | None:
-        ids = self._shape_ids
+        ids = self._source.shape_ids
         if owner not in ids.of_shape:
             return None
         if ids.are_shapes(owner):
