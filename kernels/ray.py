@@ -3,7 +3,7 @@
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .hits import APART, Hit, WorldRay, first_of, hit_within, no_hit
+from .hits import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from .poses import Scope, pose_of
 from .shapes.solids import SHEET, has_triangles, triage_closed_form
 from .shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
@@ -176,7 +176,11 @@ def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, be
     while possible != 0:
         j = lowest_bit(possible)
         possible = possible & (possible - 1)
-        best = first_of(g, best, hit_within(near[j], far[j], ray.shape, index * WIDTH + j), in_world(ray))
+        hit = hit_within(near[j], far[j], ray.shape, index * WIDTH + j)
+        if is_sure(hit, best):
+            best = hit
+        elif not is_beyond(hit, best):
+            best = decided(g, best, hit, in_world(ray))
     return best
 
 
@@ -208,7 +212,12 @@ def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, distance: float, be
         return cast_through_triangles(g, g[0].nodes, g[0].root[scope.first_shape + shape], local, best)
     size = g[0].size[scope.first_shape + shape]
     span = triage_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
-    return first_of(g, best, hit_within(span[0], span[1], shape, 0), in_world(ray))
+    hit = hit_within(span[0], span[1], shape, 0)
+    if is_beyond(hit, best):
+        return best
+    if is_sure(hit, best):
+        return hit
+    return decided(g, best, hit, in_world(ray))
 
 
 cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_in_range, reach_of_ray, visit_shape)
