@@ -39,7 +39,7 @@ class Node:
 
 @wp.func
 def set_child(node: Node, j: int, box: Box, child: int) -> Node:
-    """The node with child j and its box, rounded outwards; it may be infinite along any axis, or empty and never met."""
+    """The node with child j and its box, rounded outwards; it may be infinite along any axis, or empty: never met."""
     middle = 0.5 * box.lower + 0.5 * box.upper
     half = wp.max(box.upper - middle, middle - box.lower) * OUTWARDS
     for k in range(3):
