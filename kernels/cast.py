@@ -9,16 +9,18 @@ import warp as wp
 
 from .alone import RAYS_PER_RUN, Alone, Job, cast_rays, cast_turns, hold, is_castable
 from .geometry import Geometry
-from .launch import TURN, prepare_over_rays, prepare_over_tiles, recorded
+from .launch import TURN, prepare_over_rays, prepare_over_tiles
 from .moving import at_firings
 from .out import Out
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
 from .packets.places import miss_packet, read_packet, write_packet
 from .packets.prefetch import prefetch_out, prefetch_packet
 from .packets.tile import cast_tile, clear_packet
+from .packing.bundling import Bundles
 from .packing.sorting import Packets
 from .poses import scope_of
 from .rays import Rays, firing_of, origin_of, span_of
+from .recorded import recorded
 from .shapes.triangle import CULL_NONE
 from .turns import turn_of
 
@@ -180,6 +182,10 @@ def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Callable[[], obje
     if rays.packets is None:
         return _prepare_alone(placed, job, wp.empty(0, dtype=int, device=device), rays.total)
     packets, worlds = rays.packets, rays.worlds
+    if isinstance(packets, Bundles):
+        from .bundles.cast import prepare_bundles  # here, as a rig without parallel rays needs none of it
+
+        return [prepare_bundles(placed, job, packets, worlds)]
     launches: list[Callable[[], object]] = []
     if packets.tiles.size:
         inputs = partial(_in_packets, placed, job, packets, worlds)

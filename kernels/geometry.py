@@ -58,6 +58,7 @@ class Geometry:
     blocks: wp.array[TriangleBlock]
     # shapes:
     kind: wp.array[int]  # (n,)
+    twin: wp.array[int]  # an earlier shape of the same kind and triangle tree, or -1
     visible: wp.array[wp.bool]  # of a cast, or empty; (n,) for all worlds, or (W n,)
     # (n,) for all worlds, or (W n,):
     size: wp.array[wp.vec3]

@@ -8,10 +8,13 @@ from typing import Any
 
 import warp as wp
 
+from .recorded import recorded
+
 RAYS_PER_SLICE = 8192
 TURN = wp.constant(16)
 """Tiles that a thread casts before it takes others."""
-RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 32
+RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 128
+"""To wake a thread takes as long as to read tens of thousands of rays."""
 _launched: set[wp.Kernel] = set()
 
 
@@ -34,14 +37,21 @@ def launch_over_rays(
     if wp.get_device(device).is_cuda or count <= slice_size or thread_count() == 1:
         launch(0, count)
         return
-    begun = 0
+    slices = iter(range(0, count, slice_size))
     if kernel not in _launched:
         # its first slice alone, so that a module that must be compiled is compiled once
-        launch(0, slice_size)
+        launch(next(slices), slice_size)
         _launched.add(kernel)
-        begun = slice_size
-    rest = range(begun, count, slice_size)
-    list(_threads(thread_count()).map(lambda first: launch(first, min(slice_size, count - first)), rest))
+
+    def take_slices() -> None:
+        for first in slices:
+            launch(first, min(slice_size, count - first))
+
+    threads = min(thread_count(), -(-count // slice_size))
+    others = [_threads(thread_count()).submit(take_slices) for _ in range(threads - 1)]
+    take_slices()
+    for other in others:
+        other.result()
 
 
 def launch_over_runs(
@@ -98,18 +108,6 @@ def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Se
             other.result()
 
     return launch
-
-
-def recorded(
-    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
-) -> Callable[[], None]:
-    """A launch whose arguments are packed now, and kept for as long as it is: Warp 1.12 does not keep them."""
-    command = wp.launch(kernel, count, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
-    return partial(_launch, command, inputs, outputs)
-
-
-def _launch(command: wp.Launch, *_arguments: Sequence[Any]) -> None:
-    command.launch()
 
 
 def thread_count() -> int:

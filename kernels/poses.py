@@ -67,6 +67,24 @@ def pose_of(g: wp.array[Geometry], shape: int, scope: Scope) -> Pose:
 
 
 @wp.func
+def is_doubled(g: wp.array[Geometry], shape: int, scope: Scope) -> bool:
+    """Whether an earlier visible shape has the same triangles in the same place: it is hit as early, and comes first.
+
+    So it is with a mesh that is the visual and the collision geom of a body.
+    """
+    twin = g[0].twin[shape]
+    if twin < 0:
+        return False
+    if not g[0].visible[scope.first_visible + twin]:
+        return False
+    if g[0].root[scope.first_shape + twin] != g[0].root[scope.first_shape + shape]:
+        return False
+    own = pose_of(g, shape, scope)
+    other = pose_of(g, twin, scope)
+    return own.position == other.position and own.rotation == other.rotation
+
+
+@wp.func
 def pose_at(g: Geometry, entry: int) -> Pose:
     return pose_among(g.position, g.rotation, g.position_float, g.rotation_float, entry)
 

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import warp as wp
 
+from .packing.bundling import Bundles
 from .packing.sorting import Packets
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -36,7 +37,8 @@ class Rays:
     directions: (N,) vec3d, unit, or (W, N) where worlds differ. origins: likewise [m], or (1,) for all rays.
     position, rotation: (W F,) vec3d [m] and mat33d, the sensor's poses in the world; columns are its axes. The rays of
     a pose that is not finite, such as one in a world that is not to be looked at, give NaN.
-    packets: the same N rays in packets of one origin and one firing each, on the CPU; None to cast each alone.
+    packets: the same N rays on the CPU in packets of one origin and one firing each, or in bundles of one direction and
+    one firing; None to cast each alone.
     firing: (N,) int32, which of the F firings each ray belongs to; None where there is one.
     span: (W F,) int32, in which span of the geometry each firing is; None for world w in span w.
     fraction: (W F,) float64, how far from the first instant of its span to the second, 0 to 1; None for 0.
@@ -46,7 +48,7 @@ class Rays:
     origins: wp.array
     position: wp.array
     rotation: wp.array
-    packets: Packets | None = None
+    packets: Packets | Bundles | None = None
     worlds: int = 1
     firing: wp.array | None = None
     span: wp.array | None = None

@@ -1,6 +1,7 @@
 """From hits to what a sensor reads: range limits, and vectors in the sensor's frame.
 
-There is little to do for a ray, less than to begin a thread on the CPU: a thread takes a run of rays there.
+There is little to do for a ray, less than to begin a thread on the CPU: a thread takes a run of rays there. Its loops
+are `while`, as the compiler keeps what a `for` counts with in memory, and rays wait for that.
 """
 
 import warp as wp
@@ -16,6 +17,14 @@ from .vectors import to_double, to_float
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
+@wp.func
+def ray_of(i: int, per_ray: int) -> int:
+    """The ray of value i, without a division where each ray has one."""
+    if per_ray == 1:
+        return i
+    return int(i / per_ray)
+
+
 @wp.kernel
 def read_hits(
     first: int,
@@ -24,9 +33,11 @@ def read_hits(
     per_ray: int,
     out: Out,  # per_ray of each ray
 ) -> None:
-    begin = (first + wp.tid()) * run
-    for i in range(begin, wp.min(begin + run, out.distance.shape[0])):
-        read_hit(out, i, rays.rotation[firing_of(rays, i / per_ray)])
+    i = (first + wp.tid()) * run
+    end = wp.min(i + run, out.distance.shape[0])
+    while i < end:
+        read_hit(out, i, rays.rotation[firing_of(rays, ray_of(i, per_ray))])
+        i += 1
 
 
 def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
@@ -53,8 +64,9 @@ def bound_readings(
     shape: wp.array[int],
     normal: wp.array[wp.vec3],
 ) -> None:
-    begin = (first + wp.tid()) * run
-    for i in range(begin, wp.min(begin + run, distance.shape[0])):
+    i = (first + wp.tid()) * run
+    end = wp.min(i + run, distance.shape[0])
+    while i < end:
         if distance[i] < min_range:
             distance[i] = -wp.inf
         elif distance[i] > max_range:
@@ -62,6 +74,7 @@ def bound_readings(
         if not wp.isfinite(distance[i]):
             shape[i] = -1
             normal[i] = wp.vec3(0.0, 0.0, 0.0)
+        i += 1
 
 
 def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
@@ -73,60 +86,78 @@ def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
 @wp.func
 def point_in_frame(rays: RayArrays, i: int, distance: float) -> wp.vec3d:
     """Where ray i ends at this range, NaN where the range is not finite."""
-    if not wp.isfinite(distance):
-        return wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
-    return origin_of(rays, i) + wp.float64(distance) * direction_of(rays, i)
+    finite = wp.where(wp.abs(distance) < wp.inf, distance, wp.nan)
+    return origin_of(rays, i) + wp.float64(finite) * direction_of(rays, i)
 
 
 @wp.kernel
 def points_in_frame(
     first: int, run: int, rays: RayArrays, per_ray: int, distance: wp.array[float], points: wp.array[wp.vec3]
 ) -> None:
-    begin = (first + wp.tid()) * run
-    for k in range(begin, wp.min(begin + run, distance.shape[0])):
-        points[k] = to_float(point_in_frame(rays, k / per_ray, distance[k]))
+    k = (first + wp.tid()) * run
+    end = wp.min(k + run, distance.shape[0])
+    while k < end:
+        points[k] = to_float(point_in_frame(rays, ray_of(k, per_ray), distance[k]))
+        k += 1
 
 
 @wp.kernel
 def points_in_world(
     first: int, run: int, rays: RayArrays, per_ray: int, distance: wp.array[float], points: wp.array[wp.vec3d]
 ) -> None:
-    begin = (first + wp.tid()) * run
-    for k in range(begin, wp.min(begin + run, distance.shape[0])):
-        i = k / per_ray
+    k = (first + wp.tid()) * run
+    end = wp.min(k + run, distance.shape[0])
+    while k < end:
+        i = ray_of(k, per_ray)
         firing = firing_of(rays, i)
         points[k] = rays.position[firing] + rays.rotation[firing] * point_in_frame(rays, i, distance[k])
+        k += 1
 
 
 @wp.kernel
 def depth_along_z(first: int, run: int, rays: RayArrays, distance: wp.array[float], depth: wp.array[float]) -> None:
     """z-depth, below 0 for rays that look backwards; +-inf and NaN where the range is."""
-    begin = (first + wp.tid()) * run
-    for i in range(begin, wp.min(begin + run, distance.shape[0])):
-        depth[i] = distance[i]
-        if wp.isfinite(distance[i]):
-            depth[i] = float(wp.float64(distance[i]) * direction_of(rays, i)[2])
+    i = (first + wp.tid()) * run
+    end = wp.min(i + run, distance.shape[0])
+    while i < end:
+        t = distance[i]
+        z = float(wp.float64(t) * direction_of(rays, i)[2])
+        depth[i] = wp.where(wp.abs(t) < wp.inf, z, t)
+        i += 1
 
 
 @wp.kernel
 def depth_in_steps(first: int, run: int, depth: wp.array[float], scale: float, steps: wp.array[wp.uint16]) -> None:
     """The nearest whole number of steps; 0 where that is none that 16 bits hold."""
-    begin = (first + wp.tid()) * run
-    for i in range(begin, wp.min(begin + run, depth.shape[0])):
+    i = (first + wp.tid()) * run
+    end = wp.min(i + run, depth.shape[0])
+    while i < end:
         count = wp.round(depth[i] / scale)
         steps[i] = wp.uint16(0)
         if count >= 0.0 and count <= 65535.0:
             steps[i] = wp.uint16(int(count))
+        i += 1
+
+
+# without a return type, which Warp 1.12 would take for that of a value
+@wp.func_native("""
+    const unsigned count = table.shape[0];
+    for (int i = begin; i < end; ++i) {
+        const int k = index.data[i];
+        values.data[i] = unsigned(k) < count ? table.data[k] : -1;
+    }
+""")
+def look_up_run(  # type: ignore[no-untyped-def]
+    begin: int, end: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]
+):
+    """values = table[index] from begin to end - 1. Native, for an index of Warp's might count from the end."""
 
 
 @wp.kernel
 def look_up(first: int, run: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]) -> None:
-    """table[index], -1 where the index is."""
+    """table[index], -1 where there is no such entry."""
     begin = (first + wp.tid()) * run
-    for i in range(begin, wp.min(begin + run, index.shape[0])):
-        values[i] = -1
-        if index[i] >= 0:
-            values[i] = table[index[i]]
+    look_up_run(begin, wp.min(begin + run, index.shape[0]), table, index, values)
 
 
 @wp.kernel
@@ -140,12 +171,14 @@ def reflected_share(
     normal: wp.array[wp.vec3],
     intensity: wp.array[float],
 ) -> None:
-    begin = (first + wp.tid()) * run
-    for i in range(begin, wp.min(begin + run, distance.shape[0])):
+    i = (first + wp.tid()) * run
+    end = wp.min(i + run, distance.shape[0])
+    while i < end:
         intensity[i] = 0.0
         if wp.isfinite(distance[i]) and shape[i] >= 0:
             cosine = wp.abs(float(wp.dot(to_double(normal[i]), direction_of(rays, i))))
             intensity[i] = surfaces.reflectivity[shape[i]] * wp.min(cosine, 1.0)
+        i += 1
 
 
 def intensity(hits: HitArrays, rays: Rays, surfaces: SurfaceArrays, out: wp.array | None = None) -> wp.array:
@@ -187,7 +220,7 @@ def depth_16bit(depth: wp.array, scale: float, out: wp.array | None = None) -> w
 
 
 def take(table: wp.array, index: wp.array, out: wp.array | None = None) -> wp.array:
-    """(n,) int32: table[index], -1 where index is -1."""
+    """(n,) int32: table[index], -1 where there is no such entry, as for -1."""
     out = wp.empty(index.size, dtype=int, device=index.device) if out is None else out
     launch_over_runs(look_up, index.size, [table, index], [out], index.device)
     return out

@@ -9,8 +9,7 @@ from .trees.nodes import NO_CHILD, Node, vec8, vec8i
 from .trees.tree import STACK
 from .vectors import lowest_bit
 
-ALL_LANES = wp.constant(2**16 - 1)
-stack_of_nodes = wp.types.vector(length=STACK, dtype=wp.int32)
+stack_of_ints = wp.types.vector(length=STACK, dtype=wp.int32)
 stack_of_distances = wp.types.vector(length=STACK, dtype=wp.float32)
 
 
@@ -20,15 +19,6 @@ class Entered:
 
     children: int
     distance: vec8
-
-
-@wp.struct
-class EnteredByLanes:
-    """As Entered, of a packet; lanes: bit by bit, which of its rays enter each box."""
-
-    children: int
-    distance: vec8
-    lanes: vec8i
 
 
 @wp.func_native("""
@@ -65,7 +55,6 @@ def traversal(
     enter: Callable[..., Any],
     reach: Callable[..., Any],
     visit: Callable[..., Any],
-    by_lanes: bool = False,
 ) -> Any:
     """A Warp function that takes a query through a tree and shows it every leaf that may hold something better.
 
@@ -74,30 +63,20 @@ def traversal(
         enter: (node, query, distance) -> Entered, the boxes that the query enters no farther than the distance.
         reach: (found) -> distance beyond which nothing better can be.
         visit: (geometry, query, leaf, distance of its box, found) -> found.
-        by_lanes: the query is a packet, some of whose rays enter a box: `enter` is (node, query, lanes, distance) ->
-            EnteredByLanes, `visit` is (geometry, query, leaf, lanes, found) -> found.
     """
 
     def traverse(g: Any, nodes: wp.array[Node], root: int, sought: query, best: found) -> found:
-        stack = stack_of_nodes()
+        stack = stack_of_ints()
         distances = stack_of_distances()
-        lanes = stack_of_nodes()
         top = int(0)
         at = int(root)
         near = float(0.0)
-        entering = int(ALL_LANES)
         while at != NO_CHILD:
             children = int(0)
             if at < 0:
-                if wp.static(by_lanes):
-                    best = visit(g, sought, -1 - at, entering, best)
-                else:
-                    best = visit(g, sought, -1 - at, near, best)
+                best = visit(g, sought, -1 - at, near, best)
             else:
-                if wp.static(by_lanes):
-                    entered = enter(nodes[at], sought, entering, reach(best))
-                else:
-                    entered = enter(nodes[at], sought, reach(best))
+                entered = enter(nodes[at], sought, reach(best))
                 children = entered.children
             if children != 0:
                 distance = entered.distance
@@ -105,9 +84,6 @@ def traversal(
                 j = lowest_bit(children)
                 at = child_of(nodes, node, j)
                 near = distance[j]
-                if wp.static(by_lanes):
-                    who = entered.lanes
-                    entering = who[j]
                 children = children & (children - 1)
                 floor = int(top)
                 while children != 0:
@@ -117,9 +93,6 @@ def traversal(
                     is_nearer = distance[j] < near
                     farther = wp.where(is_nearer, at, child)
                     far = wp.where(is_nearer, near, distance[j])
-                    if wp.static(by_lanes):
-                        others = wp.where(is_nearer, entering, who[j])
-                        entering = wp.where(is_nearer, who[j], entering)
                     at = wp.where(is_nearer, child, at)
                     near = wp.where(is_nearer, distance[j], near)
                     # insert where those farther still are below
@@ -127,13 +100,9 @@ def traversal(
                     while k > floor and distances[wp.max(k - 1, 0)] < far:
                         stack[k] = stack[k - 1]
                         distances[k] = distances[k - 1]
-                        if wp.static(by_lanes):
-                            lanes[k] = lanes[k - 1]
                         k -= 1
                     stack[k] = farther
                     distances[k] = far
-                    if wp.static(by_lanes):
-                        lanes[k] = others
                     top += 1
             else:
                 at = NO_CHILD
@@ -142,8 +111,6 @@ def traversal(
                     if distances[top] <= reach(best):
                         at = stack[top]
                         near = distances[top]
-                        if wp.static(by_lanes):
-                            entering = lanes[top]
         return best
 
     traverse.__name__ = traverse.__qualname__ = name

@@ -17,7 +17,9 @@ class Upload:
     def write(self, values: npt.NDArray[np.floating[Any]]) -> None:
         """Take these values, in the order of the array's."""
         if self._view is not None:
-            self._view[...] = values.reshape(self._view.shape)
+            if values.shape != self._view.shape:
+                self._view = self._view.reshape(values.shape)
+            self._view[...] = values
         else:
             whole = np.ascontiguousarray(values).reshape(-1, *self.array.dtype._shape_)
             wp.copy(self.array, wp.array(whole, dtype=self.array.dtype, device="cpu", copy=False))

@@ -67,6 +67,7 @@ class World:
             "half": wp.array(shapes.half, dtype=wp.vec3, device=device),
         }
         self.geometry.kind = wp.array(shapes.kind[: self._count], dtype=int, device=device)
+        self.geometry.twin = wp.array(_twins(shapes.kind[: self._count], shapes.tree[: self._count]), device=device)
         self._take_shapes(slice(0, len(shapes.kind)))
 
     def set_tree(self, index: int, tree: TriangleTree) -> None:
@@ -174,6 +175,16 @@ class World:
         positions.write(position)
         rotations.write(rotation)
         return positions.array, rotations.array
+
+
+def _twins(kind: npt.NDArray[np.int32], tree: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """(n,) the last shape before each one that has the same kind and triangle tree, -1 where there is none."""
+    order = np.lexsort((kind, tree))
+    before, after = order[:-1], order[1:]
+    is_same = (tree[after] >= 0) & (tree[after] == tree[before]) & (kind[after] == kind[before])
+    twins = np.full(len(kind), -1, np.int32)
+    twins[after[is_same]] = before[is_same]
+    return twins
 
 
 def _leading(position: Poses) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
 from rigcast.kernels.packing.firings import groups_of
 from rigcast.kernels.packing.in_order import pack_in_order
+from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.vectors import of_ray, to_double, to_float
 
@@ -110,7 +111,7 @@ def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
     launch_over_rays(look_from_second, towards.size, inputs, [towards, length], device)
     origin = wp.full(1, wp.vec3d(pair.baseline, 0.0, 0.0), dtype=wp.vec3d, device=device)
     packets = None
-    if rays.packets is not None and rays.worlds == 1:  # packets are of the same rays in every world
+    if isinstance(rays.packets, Packets) and rays.worlds == 1:  # packets are of the same rays in every world
         packets = pack_in_order(towards, groups_of(rays), rays.packets.order)
     seen = replace(rays, directions=towards.reshape((rays.worlds, -1)), origins=origin, packets=packets)
     return SecondView(seen, length)

@@ -3,12 +3,13 @@
 import warp as wp
 
 from rigcast.kernels.hits import APART
-from rigcast.kernels.ray import inverse_of
-from rigcast.kernels.traverse import Entered, EnteredByLanes, sign_bits
+from rigcast.kernels.ray import MARGIN, inverse_of
+from rigcast.kernels.traverse import Entered, sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
-from .packet import LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, lanes
+from .lanes import far_of, lane_bits
+from .packet import LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, int_lanes, lanes
 
 TINY = wp.constant(1.0e-30)
 LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
@@ -18,8 +19,6 @@ LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
 class Frustum:
     """Where rays of a range of p and q run: points x, as seen from the origin, with right . x <= 0 and so on."""
 
-    origin: wp.vec3
-    margin: float
     axis: wp.vec3
     left: wp.vec3
     right: wp.vec3
@@ -31,8 +30,6 @@ class Frustum:
 @wp.func
 def frustum_of(view: View, p_low: float, p_high: float, q_low: float, q_high: float) -> Frustum:
     f = Frustum()
-    f.origin = view.origin
-    f.margin = view.margin
     f.axis = view.axis
     f.left = p_low * view.axis - view.u
     f.right = view.u - p_high * view.axis
@@ -57,16 +54,41 @@ def weighted(a: wp.vec3, x: float, y: float, z: float) -> float:
 
 
 @wp.func
-def enter_frustum(node: Node, f: Frustum, limit: float) -> Entered:
-    """The boxes that reach into the frustum no farther than the limit."""
+def boxes_from(node: Node, origin: wp.vec3, margin: float) -> Node:
+    """The boxes of a node as seen from the origin, wider by a margin."""
     center_x = node.center_x
     center_y = node.center_y
     center_z = node.center_z
     half_x = node.half_x
     half_y = node.half_y
     half_z = node.half_z
-    origin = f.origin
-    margin = f.margin
+    for j in range(WIDTH):
+        center_x[j] = center_x[j] - origin[0]
+        center_y[j] = center_y[j] - origin[1]
+        center_z[j] = center_z[j] - origin[2]
+        half_x[j] = half_x[j] + margin
+        half_y[j] = half_y[j] + margin
+        half_z[j] = half_z[j] + margin
+    boxes = Node()
+    boxes.center_x = center_x
+    boxes.center_y = center_y
+    boxes.center_z = center_z
+    boxes.half_x = half_x
+    boxes.half_y = half_y
+    boxes.half_z = half_z
+    boxes.child = node.child
+    return boxes
+
+
+@wp.func
+def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
+    """The boxes of boxes_from that reach into the frustum no farther than the limit."""
+    center_x = boxes.center_x
+    center_y = boxes.center_y
+    center_z = boxes.center_z
+    half_x = boxes.half_x
+    half_y = boxes.half_y
+    half_z = boxes.half_z
     axis = f.axis
     left = f.left
     right = f.right
@@ -81,12 +103,12 @@ def enter_frustum(node: Node, f: Frustum, limit: float) -> Entered:
     distance = vec8()
     children = int(0)
     for j in range(WIDTH):
-        x = center_x[j] - origin[0]
-        y = center_y[j] - origin[1]
-        z = center_z[j] - origin[2]
-        hx = half_x[j] + margin
-        hy = half_y[j] + margin
-        hz = half_z[j] + margin
+        x = center_x[j]
+        y = center_y[j]
+        z = center_z[j]
+        hx = half_x[j]
+        hy = half_y[j]
+        hz = half_z[j]
         ahead = weighted(axis, x, y, z) + weighted(axis_size, hx, hy, hz)
         off_left = weighted(left, x, y, z) - weighted(left_size, hx, hy, hz)
         off_right = weighted(right, x, y, z) - weighted(right_size, hx, hy, hz)
@@ -128,43 +150,15 @@ def inverse_directions(packet: Packet, view: View) -> Vectors:
 
 
 @wp.func
-def boxes_from(node: Node, view: View, widest: float) -> Node:
-    """The boxes of a node as seen from the view's origin, wider by as much as rays of a packet may be off them.
+def margin_of_lanes(view: View, widest: float) -> float:
+    """By how much to widen the boxes of a tree for single rays of a packet; widest: its largest w = 1 + |p| + |q|.
 
-    Rounding, u = eps / 2: d = a + p u + q v is within 5u w in each component, w = 1 + |p| + |q| being larger than any
-    of them, and its length and the quotient within 4u: as far as the box, |c|_1 + |h|_1 at most, a ray is within 9u w
-    (|c|_1 + |h|_1) of where it should be. 16u are allowed for; all else is within the view's margin, as for
-    enter_boxes. widest: the largest w of the packet.
+    Rounding, u = eps / 2: d = a + p u + q v is within 5u w in each component, w being larger than any of them, and its
+    length and the quotient within 4u: as far as the box, |c|_1 + |h|_1 at most, a ray is within 9u w (|c|_1 + |h|_1) of
+    where it should be. 16u are allowed for; all else is within the view's margin, as for enter_boxes. That is 8u times
+    the largest coordinates of the origin and of the tree, of which |c|_1 + |h|_1 is at most three times the sum.
     """
-    center_x = node.center_x
-    center_y = node.center_y
-    center_z = node.center_z
-    half_x = node.half_x
-    half_y = node.half_y
-    half_z = node.half_z
-    origin = view.origin
-    margin = view.margin
-    slack = LANE_ROUNDING * widest
-    for j in range(WIDTH):
-        x = center_x[j] - origin[0]
-        y = center_y[j] - origin[1]
-        z = center_z[j] - origin[2]
-        wider = margin + slack * (wp.abs(x) + wp.abs(y) + wp.abs(z) + half_x[j] + half_y[j] + half_z[j])
-        center_x[j] = x
-        center_y[j] = y
-        center_z[j] = z
-        half_x[j] = half_x[j] + wider
-        half_y[j] = half_y[j] + wider
-        half_z[j] = half_z[j] + wider
-    boxes = Node()
-    boxes.center_x = center_x
-    boxes.center_y = center_y
-    boxes.center_z = center_z
-    boxes.half_x = half_x
-    boxes.half_y = half_y
-    boxes.half_z = half_z
-    boxes.child = node.child
-    return boxes
+    return view.margin * (1.0 + 3.0 * (LANE_ROUNDING / MARGIN) * widest)
 
 
 @wp.func
@@ -173,7 +167,7 @@ def lanes_at_box(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
     inverse_x = inverse.x
     inverse_y = inverse.y
     inverse_z = inverse.z
-    entering = int(0)
+    entering = int_lanes()
     for i in range(LANES):
         cx = c[0] * inverse_x[i]
         cy = c[1] * inverse_y[i]
@@ -183,8 +177,17 @@ def lanes_at_box(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
         hz = h[2] * wp.abs(inverse_z[i])
         enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
         leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, far[i] * APART))
-        entering = entering | wp.where(enter <= leave, 1 << i, 0)
-    return entering
+        entering[i] = wp.where(enter <= leave, -1, 0)
+    return lane_bits(entering)
+
+
+@wp.struct
+class EnteredByLanes:
+    """As Entered, of a packet; lanes: bit by bit, which of its rays enter each box."""
+
+    children: int
+    distance: vec8
+    lanes: vec8i
 
 
 @wp.func
@@ -211,7 +214,7 @@ def enter_lane_by_lane(
         x = inverse_x[i]
         y = inverse_y[i]
         z = inverse_z[i]
-        end = smaller(best[slot].far[i] * APART, limit)
+        end = smaller(far_of(best, slot, i) * APART, limit)
         lane = 1 << i
         for j in range(WIDTH):
             cx = center_x[j] * x

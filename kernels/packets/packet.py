@@ -11,6 +11,7 @@ from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
 
 LANES = wp.constant(16)
 PACKETS = wp.constant(8)
+ALL_LANES = wp.constant(2**16 - 1)
 
 lanes = wp.types.vector(length=16, dtype=wp.float32)
 int_lanes = wp.types.vector(length=16, dtype=wp.int32)
@@ -176,6 +177,24 @@ def packet_of(rays: TileRays, k: int) -> PacketRays:
 
 
 @wp.func
+def by_itself(packet: PacketRays) -> PacketRays:
+    """The same packet, for a function that is not inlined.
+
+    What such a function is given is in memory. If it were part of a struct, all of that would be copied there wherever
+    the function may be called.
+    """
+    made = PacketRays()
+    made.ray = packet.ray
+    made.packet = packet.packet
+    made.packets = packet.packets
+    made.geometry = packet.geometry
+    made.slot = packet.slot
+    made.best = packet.best
+    made.directions = packet.directions
+    return made
+
+
+@wp.func
 def ray_of_lane(packet: PacketRays, i: int) -> WorldRay:
     """The ray of lane i, in the world."""
     d = packet.slot
@@ -204,8 +223,10 @@ def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int
         is_open = wp.where(near[i] <= best_far[i] * APART, 1 - is_nearer, 0) & wp.where(near[i] < wp.inf, 1, 0)
         best_near[i] = wp.where(is_nearer == 1, near[i], best_near[i])
         best_far[i] = wp.where(is_nearer == 1, far[i], best_far[i])
-        best_shape[i] = wp.where(is_nearer == 1, shape, best_shape[i])
-        best_triangle[i] = wp.where(is_nearer == 1, triangle, best_triangle[i])
+        # as wp.where, of which masked stores are made, that take longer than all else here; none is below 0
+        kept = is_nearer - 1
+        best_shape[i] = wp.max(best_shape[i] & kept, shape & ~kept)
+        best_triangle[i] = wp.max(best_triangle[i] & kept, triangle & ~kept)
         nearer = nearer | is_nearer
         open = open | (is_open << i)
     if nearer == 0 and open == 0:
@@ -217,7 +238,7 @@ def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int
     while open != 0:
         i = lowest_bit(open)
         open = open & (open - 1)
-        decide_lane_of_packet(packet, i, near[i], far[i], shape, triangle)
+        decide_lane_of_packet(by_itself(packet), i, near[i], far[i], shape, triangle)
     return APART * farthest(packet.best[slot].far)
 
 

@@ -5,7 +5,7 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.trees.nodes import Node
 
-from .frustum import Frustum, frustum_of, inverse_directions
+from .frustum import Frustum, frustum_of, inverse_directions, margin_of_lanes
 from .packet import PacketRays, TileRays, Vectors, View, packet_of
 
 
@@ -27,6 +27,7 @@ class Sought:
     p_half: float
     q_half: float
     widest: float  # the largest 1 + |p| + |q|
+    margin: float  # by which boxes are widened
 
 
 @wp.func
@@ -47,4 +48,5 @@ def packet_among_triangles(g: Geometry, rays: TileRays, view: View, k: int, shap
     sought.p_half = 0.5 * (tile.p_high[k] - tile.p_low[k])
     sought.q_half = 0.5 * (tile.q_high[k] - tile.q_low[k])
     sought.widest = 1.0 + wp.abs(sought.p) + sought.p_half + wp.abs(sought.q) + sought.q_half
+    sought.margin = margin_of_lanes(view, sought.widest)
     return sought

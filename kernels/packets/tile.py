@@ -4,14 +4,14 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE
-from rigcast.kernels.poses import pose_of
+from rigcast.kernels.poses import is_doubled, pose_of
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.traverse import Entered, traversal
 from rigcast.kernels.trees.nodes import Node, vec8
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
 
-from .frustum import Frustum, enter_frustum, frustum_of, packets_at_box
+from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box
 from .packet import (
     LANES,
     PACKETS,
@@ -19,6 +19,7 @@ from .packet import (
     PacketRays,
     TileRays,
     Vectors,
+    View,
     double_lanes,
     lanes,
     offer,
@@ -32,10 +33,11 @@ from .triangles import cast_packet_through_triangles
 
 @wp.struct
 class TileSought:
-    """A tile of rays, and the frustum of all of it in the frame of the tree over the shapes."""
+    """A tile of rays, and the frustum of all of it in the frame of the tree over the shapes, as `view` has it."""
 
     rays: TileRays
     frustum: Frustum
+    view: View
 
 
 @wp.func
@@ -70,6 +72,8 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     kind = g.kind[shape]
     if not rays.geometry[0].visible[rays.scope.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
         return reach
+    if is_doubled(rays.geometry, shape, rays.scope):
+        return reach
     pose = pose_of(rays.geometry, shape, rays.scope)
     to_local = wp.transpose(pose.rotation)
     at = rays.scope.first_shape + shape
@@ -81,7 +85,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
         packets = packets & (packets - 1)
         if has_triangles(kind):
             sought = packet_among_triangles(g, rays, view, k, shape, cull)
-            reach[k] = cast_packet_through_triangles(g, g.nodes, g.root[at], sought, reach[k])
+            reach[k] = cast_packet_through_triangles(sought, g.root[at], reach[k])
         else:
             reach[k] = visit_closed_form(g, packet_of(rays, k), shape, to_local, view.origin, reach[k])
     return reach
@@ -89,7 +93,8 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
 
 @wp.func
 def enter_of_tile(node: Node, sought: TileSought, reach: float) -> Entered:
-    return enter_frustum(node, sought.frustum, smaller(reach, sought.rays.limit))
+    boxes = boxes_from(node, sought.view.origin, sought.view.margin)
+    return enter_frustum(boxes, sought.frustum, smaller(reach, sought.rays.limit))
 
 
 @wp.func
@@ -153,5 +158,6 @@ def cast_tile(g: Geometry, rays: TileRays) -> None:
     sought.rays = rays
     span = rays.scope.span
     view = view_from(rays.origin - g.anchor[span], identity, rays, g.top_reach[span])
+    sought.view = view
     sought.frustum = frustum_of(view, p_low, p_high, q_low, q_high)
     cast_tile_through_shapes(g, g.top, span * g.top_count, sought, reach)

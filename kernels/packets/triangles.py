@@ -6,15 +6,15 @@ after the other; a few are taken one by one, each against all boxes of a node or
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import APART
-from rigcast.kernels.traverse import EnteredByLanes, sign_bits, traversal
-from rigcast.kernels.trees.nodes import WIDTH, Node, vec8i
+from rigcast.kernels.traverse import child_of, stack_of_distances, stack_of_ints
+from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
 from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
-from .frustum import boxes_from, enter_frustum, enter_lane_by_lane, lanes_at_box
-from .packet import decide_lane_of_packet, farthest, offer
+from .frustum import EnteredByLanes, boxes_from, enter_frustum, enter_lane_by_lane, lanes_at_box
+from .lanes import far_of, length_of, near_of, p_of, q_of
+from .packet import ALL_LANES, by_itself, decide_lane_of_packet, farthest, offer
 from .prefetch import prefetch_block, prefetch_node
 from .sought import Sought
 
@@ -23,19 +23,21 @@ FEW = wp.constant(6)
 
 
 @wp.func
-def visit_block_lane_by_lane(g: Geometry, sought: Sought, index: int, lanes: int, reach: float) -> float:
+def visit_block_lane_by_lane(sought: Sought, index: int, lanes: int, reach: float) -> float:
     """These rays of a packet against the triangles of one block; returns how far all of its rays still reach."""
+    packets = sought.packet.packets
     at = sought.packet.packet
+    best = sought.packet.best
     slot = sought.packet.slot
-    edges = edges_of(g.blocks[index], sought)
+    edges = edges_of(sought.blocks[index], sought)
     some = int(0)
     while lanes != 0:
         i = lowest_bit(lanes)
         lanes = lanes & (lanes - 1)
-        limit = sought.packet.best[slot].far[i] * APART
-        p = sought.packet.packets[at].p[i]
-        q = sought.packet.packets[at].q[i]
-        met = meet_triangles(edges, p, q, sought.packet.packets[at].length[i], sought.cull, limit)
+        limit = far_of(best, slot, i) * APART
+        p = p_of(packets, at, i)
+        q = q_of(packets, at, i)
+        met = meet_triangles(edges, p, q, length_of(packets, at, i), sought.cull, limit)
         near = met.near
         far = met.far
         possible = met.possible
@@ -43,22 +45,22 @@ def visit_block_lane_by_lane(g: Geometry, sought: Sought, index: int, lanes: int
         while possible != 0:
             j = lowest_bit(possible)
             possible = possible & (possible - 1)
-            if far[j] * APART < sought.packet.best[slot].near[i]:
-                sought.packet.best[slot].near[i] = near[j]
-                sought.packet.best[slot].far[i] = far[j]
-                sought.packet.best[slot].shape[i] = sought.shape
-                sought.packet.best[slot].triangle[i] = index * WIDTH + j
-            elif near[j] <= sought.packet.best[slot].far[i] * APART:
-                decide_lane_of_packet(sought.packet, i, near[j], far[j], sought.shape, index * WIDTH + j)
+            if far[j] * APART < near_of(best, slot, i):
+                best[slot].near[i] = near[j]
+                best[slot].far[i] = far[j]
+                best[slot].shape[i] = sought.shape
+                best[slot].triangle[i] = index * WIDTH + j
+            elif near[j] <= far_of(best, slot, i) * APART:
+                decide_lane_of_packet(by_itself(sought.packet), i, near[j], far[j], sought.shape, index * WIDTH + j)
     if some == 0:
         return reach
     return APART * farthest(sought.packet.best[slot].far)
 
 
 @wp.func
-def visit_block_at_once(g: Geometry, sought: Sought, index: int, reach: float) -> float:
+def visit_block_at_once(sought: Sought, index: int, reach: float) -> float:
     """All rays of a packet against the triangles of one block; returns how far they still reach."""
-    edges = edges_of(g.blocks[index], sought)
+    edges = edges_of(sought.blocks[index], sought)
     at = sought.packet.packet
     length = sought.packet.packets[at].length  # Warp 1.12 takes the field for its function, where it is an argument
     # fields are taken out of their struct first: an element of a field would be a copy of all of it
@@ -102,79 +104,99 @@ def visit_block_at_once(g: Geometry, sought: Sought, index: int, reach: float) -
 
 
 @wp.func
-def visit_block_of_packet(g: Geometry, sought: Sought, index: int, lanes: int, reach: float) -> float:
+def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) -> float:
     """A packet against the triangles of one block, whose box these rays enter."""
     if count_bits(lanes) <= FEW:
-        return visit_block_lane_by_lane(g, sought, index, lanes, reach)
-    return visit_block_at_once(g, sought, index, reach)
+        return visit_block_lane_by_lane(sought, index, lanes, reach)
+    return visit_block_at_once(sought, index, reach)
 
 
 @wp.func
-def prefetch_children(node: Node, sought: Sought, children: int) -> None:
-    """Ask for these children of a node."""
-    child = node.child
-    while children != 0:
-        j = lowest_bit(children)
-        children = children & (children - 1)
-        if child[j] < 0:
-            prefetch_block(sought.blocks, -1 - child[j])
+def prefetch_child(sought: Sought, child: int) -> None:
+    if child < 0:
+        prefetch_block(sought.blocks, -1 - child)
+    else:
+        prefetch_node(sought.nodes, child)
+
+
+@wp.func
+def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> float:
+    """A packet through the tree of a shape; returns how far its rays still reach.
+
+    As rigcast.kernels.traverse, but that of every box is known which rays enter it. What belongs to a box is read and
+    written one by one: vectors that are written so and then read as a whole wait for each other in memory.
+    """
+    packet = sought.packet
+    stack = stack_of_ints()
+    distances = stack_of_distances()
+    lanes = stack_of_ints()
+    top = int(0)
+    at = int(root)
+    entering = int(ALL_LANES)
+    while at != NO_CHILD:
+        if at < 0:
+            reach = visit_block_of_packet(sought, -1 - at, entering, reach)
+            at = int(NO_CHILD)
         else:
-            prefetch_node(sought.nodes, child[j])
-
-
-@wp.func
-def enter_at_once(node: Node, boxes: Node, sought: Sought, lanes: int, reach: float) -> EnteredByLanes:
-    """The boxes that these rays of a packet enter, of those that are within its frustum."""
-    in_frustum = enter_frustum(node, sought.frustum, smaller(reach, sought.packet.ray.limit))
-    center_x = boxes.center_x
-    center_y = boxes.center_y
-    center_z = boxes.center_z
-    half_x = boxes.half_x
-    half_y = boxes.half_y
-    half_z = boxes.half_z
-    entering = vec8i()
-    todo = in_frustum.children
-    while todo != 0:
-        j = lowest_bit(todo)
-        todo = todo & (todo - 1)
-        entering[j] = lanes & lanes_at_box(
-            sought.inverse,
-            sought.packet.best[sought.packet.slot].far,
-            wp.vec3(center_x[j], center_y[j], center_z[j]),
-            wp.vec3(half_x[j], half_y[j], half_z[j]),
-        )
-    entered = EnteredByLanes()
-    entered.children = sign_bits(-entering)
-    entered.distance = in_frustum.distance
-    entered.lanes = entering
-    prefetch_children(node, sought, entered.children)
-    return entered
-
-
-@wp.func
-def enter_of_packet(node: Node, sought: Sought, lanes: int, reach: float) -> EnteredByLanes:
-    """The boxes that some of these rays of the packet enter."""
-    boxes = boxes_from(node, sought.view, sought.widest)
-    if count_bits(lanes) <= FEW:
-        entered = enter_lane_by_lane(
-            boxes, sought.inverse, sought.packet.best, sought.packet.slot, lanes, sought.packet.ray.limit
-        )
-        prefetch_children(node, sought, entered.children)
-        return entered
-    return enter_at_once(node, boxes, sought, lanes, reach)
-
-
-@wp.func
-def reach_of_packet(reach: float) -> float:
+            boxes = boxes_from(sought.nodes[at], sought.view.origin, sought.margin)
+            center_x = boxes.center_x
+            center_y = boxes.center_y
+            center_z = boxes.center_z
+            half_x = boxes.half_x
+            half_y = boxes.half_y
+            half_z = boxes.half_z
+            are_few = count_bits(entering) <= FEW
+            entered = EnteredByLanes()
+            if are_few:
+                entered = enter_lane_by_lane(
+                    boxes, sought.inverse, packet.best, packet.slot, entering, packet.ray.limit
+                )
+            else:
+                in_frustum = enter_frustum(boxes, sought.frustum, smaller(reach, packet.ray.limit))
+                entered.children = in_frustum.children
+                entered.distance = in_frustum.distance
+            children = entered.children
+            distance = entered.distance
+            lanes_of_few = entered.lanes
+            node = int(at)
+            which = int(entering)
+            at = int(NO_CHILD)
+            near = float(wp.inf)
+            floor = int(top)
+            while children != 0:
+                j = lowest_bit(children)
+                children = children & (children - 1)
+                if are_few:
+                    who = lanes_of_few[j]
+                else:
+                    center = wp.vec3(center_x[j], center_y[j], center_z[j])
+                    half = wp.vec3(half_x[j], half_y[j], half_z[j])
+                    who = which & lanes_at_box(sought.inverse, packet.best[packet.slot].far, center, half)
+                if who != 0:
+                    child = child_of(sought.nodes, node, j)
+                    prefetch_child(sought, child)
+                    is_nearer = distance[j] < near
+                    farther = wp.where(is_nearer, at, child)
+                    far = wp.where(is_nearer, near, distance[j])
+                    others = wp.where(is_nearer, entering, who)
+                    at = wp.where(is_nearer, child, at)
+                    near = wp.where(is_nearer, distance[j], near)
+                    entering = wp.where(is_nearer, who, entering)
+                    if farther != NO_CHILD:
+                        # insert where those farther still are below
+                        k = int(top)
+                        while k > floor and distances[wp.max(k - 1, 0)] < far:
+                            stack[k] = stack[k - 1]
+                            distances[k] = distances[k - 1]
+                            lanes[k] = lanes[k - 1]
+                            k -= 1
+                        stack[k] = farther
+                        distances[k] = far
+                        lanes[k] = others
+                        top += 1
+        while top > 0 and at == NO_CHILD:
+            top -= 1
+            if distances[top] <= reach:
+                at = stack[top]
+                entering = lanes[top]
     return reach
-
-
-cast_packet_through_triangles = traversal(
-    "cast_packet_through_triangles",
-    Sought,
-    float,
-    enter_of_packet,
-    reach_of_packet,
-    visit_block_of_packet,
-    by_lanes=True,
-)

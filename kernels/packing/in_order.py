@@ -5,13 +5,14 @@ are rays to what neighbouring rays have hit. They are packed several times soone
 would take longer than casting them one by one.
 """
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.launch import launch_over_rays
-from rigcast.kernels.packets.packet import LANES, PACKETS, Packet, Tile, double_lanes, int_lanes, lanes
-from rigcast.kernels.vectors import larger, smaller
+from rigcast.kernels.packets.packet import LANES, PACKETS, Packet, Tile, double_lanes, farthest, int_lanes, lanes
 
 from .sorting import SLACK, SPARSE, TILE, WIDEST, Packets
 
@@ -22,53 +23,72 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 
 @wp.func
-def sum_of(directions: wp.array[wp.vec3d], order: wp.array[int], begin: int, end: int) -> wp.vec3d:
-    total = wp.vec3d()
-    for k in range(begin, end):
-        total += directions[order[k]]
-    return total
-
-
-@wp.func
-def least_along(directions: wp.array[wp.vec3d], order: wp.array[int], begin: int, end: int, axis: wp.vec3d) -> float:
-    """The least cosine between any of these rays and the axis; below 0 where a ray is not finite."""
-    least = wp.float64(1.0)
-    for k in range(begin, end):
-        along = wp.dot(directions[order[k]], axis)
-        least = wp.where(along >= least, least, wp.where(wp.isfinite(along), along, wp.float64(-1.0)))
-    return float(least)
-
-
-@wp.func
-def packet_in_order(directions: wp.array[wp.vec3d], order: wp.array[int], begin: int, end: int, tile: Tile) -> Packet:
-    """Rays begin to end - 1, fewer than LANES of which repeat the last one, as no ray."""
+def gathered(directions: wp.array[wp.vec3d], order: wp.array[int], begin: int, end: int) -> Packet:
+    """Rays begin to end - 1, fewer than LANES of which repeat the last one, as no ray; without their places."""
     ray = int_lanes()
     x = double_lanes()
     y = double_lanes()
     z = double_lanes()
-    p = lanes()
-    q = lanes()
-    length = lanes()
     for i in range(LANES):
         at = order[wp.min(begin + i, end - 1)]
         d = directions[at]
-        per_along = wp.float64(1.0) / wp.dot(d, tile.axis)
         ray[i] = wp.where(begin + i < end, at, -1)
         x[i] = d[0]
         y[i] = d[1]
         z[i] = d[2]
-        p[i] = float(wp.dot(d, tile.u) * per_along)
-        q[i] = float(wp.dot(d, tile.v) * per_along)
-        length[i] = float(per_along)
     packet = Packet()
     packet.ray = ray
     packet.x = x
     packet.y = y
     packet.z = z
-    packet.p = p
-    packet.q = q
-    packet.length = length
     return packet
+
+
+@wp.func
+def sum_of(values: double_lanes) -> wp.float64:
+    total = wp.float64(0.0)
+    for i in range(LANES):
+        total += values[i]
+    return total
+
+
+@wp.func
+def tile_along(axis: wp.vec3d) -> Tile:
+    """A tile of no packets around a unit vector."""
+    tile = Tile()
+    tile.axis = axis
+    aside = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
+    if wp.abs(axis[2]) > wp.float64(0.9):
+        aside = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+    tile.u = wp.normalize(wp.cross(aside, axis))
+    tile.v = wp.cross(axis, tile.u)
+    return tile
+
+
+@wp.func
+def place_packet(packets: wp.array[Packet], at: int, tile: Tile) -> int:
+    """Write the places of a packet's rays in a tile; 0 where all are finite and close to its axis."""
+    x = packets[at].x
+    y = packets[at].y
+    z = packets[at].z
+    axis = tile.axis
+    u = tile.u
+    v = tile.v
+    p = lanes()
+    q = lanes()
+    length = lanes()
+    apart = int(0)
+    for i in range(LANES):
+        along = x[i] * axis[0] + y[i] * axis[1] + z[i] * axis[2]
+        per_along = wp.float64(1.0) / along
+        p[i] = float((x[i] * u[0] + y[i] * u[1] + z[i] * u[2]) * per_along)
+        q[i] = float((x[i] * v[0] + y[i] * v[1] + z[i] * v[2]) * per_along)
+        length[i] = float(per_along)
+        apart = apart | wp.where(along > WIDEST, 0, 1)
+    packets[at].p = p
+    packets[at].q = q
+    packets[at].length = length
+    return apart
 
 
 @wp.kernel
@@ -82,47 +102,46 @@ def pack_tiles(
     packets: wp.array[Packet],
     is_dense: wp.array[wp.bool],
 ) -> None:
-    """One tile per thread; one whose rays are far apart is left as it is, not dense."""
+    """One tile per thread; one whose rays are far apart is not dense."""
     t = first + wp.tid()
     begin = starts[t]
     end = starts[t + 1]
-    tile = Tile()
-    tile.ray = order[begin]
-    tile.axis = wp.normalize(sum_of(directions, order, begin, end))
-    aside = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
-    if wp.abs(tile.axis[2]) > wp.float64(0.9):
-        aside = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
-    tile.u = wp.normalize(wp.cross(aside, tile.axis))
-    tile.v = wp.cross(tile.axis, tile.u)
-    is_dense[t] = False
-    if least_along(directions, order, begin, end, tile.axis) <= WIDEST:
-        return
-    area = float(0.0)
+    sum_x = double_lanes()
+    sum_y = double_lanes()
+    sum_z = double_lanes()
     for k in range(PACKETS):
         at = t * PACKETS + k
         if begin + k * LANES >= end:
             packets[at] = Packet()
             packets[at].ray = int_lanes(-1)
         else:
-            packet = packet_in_order(directions, order, begin + k * LANES, end, tile)
+            packet = gathered(directions, order, begin + k * LANES, end)
             packets[at] = packet
-            tile.packets = tile.packets | (1 << k)
-            p_low = float(packet.p[0])
-            p_high = float(packet.p[0])
-            q_low = float(packet.q[0])
-            q_high = float(packet.q[0])
+            x = packet.x
+            y = packet.y
+            z = packet.z
             for i in range(LANES):
-                p_low = smaller(p_low, packet.p[i])
-                p_high = larger(p_high, packet.p[i])
-                q_low = smaller(q_low, packet.q[i])
-                q_high = larger(q_high, packet.q[i])
-            tile.p_low[k] = p_low - SLACK
-            tile.p_high[k] = p_high + SLACK
-            tile.q_low[k] = q_low - SLACK
-            tile.q_high[k] = q_high + SLACK
-            area += (p_high - p_low) * (q_high - q_low)
+                sum_x[i] = sum_x[i] + x[i]
+                sum_y[i] = sum_y[i] + y[i]
+                sum_z[i] = sum_z[i] + z[i]
+    tile = tile_along(wp.normalize(wp.vec3d(sum_of(sum_x), sum_of(sum_y), sum_of(sum_z))))
+    tile.ray = order[begin]
+    apart = int(0)
+    area = float(0.0)
+    for k in range(PACKETS):
+        at = t * PACKETS + k
+        if begin + k * LANES < end:
+            tile.packets = tile.packets | (1 << k)
+            apart = apart | place_packet(packets, at, tile)
+            p = packets[at].p
+            q = packets[at].q
+            tile.p_low[k] = -farthest(-p) - SLACK
+            tile.p_high[k] = farthest(p) + SLACK
+            tile.q_low[k] = -farthest(-q) - SLACK
+            tile.q_high[k] = farthest(q) + SLACK
+            area += (tile.p_high[k] - tile.p_low[k]) * (tile.q_high[k] - tile.q_low[k])
     tiles[t] = tile
-    is_dense[t] = area < SPARSE * float(end - begin)
+    is_dense[t] = apart == 0 and area < SPARSE * float(end - begin)
 
 
 def pack_in_order(
@@ -133,24 +152,37 @@ def pack_in_order(
     order: all rays, (n,), as they follow each other; None where they do so by number.
     """
     count = directions.size
-    if order is None:
-        order = np.arange(count, dtype=np.int32)
-    if group is not None:
-        order = order[np.argsort(group[order], kind="stable")]
-    starts = _starts(count, None if group is None else group[order])
-    tiles = wp.zeros(len(starts) - 1, dtype=Tile, device="cpu")
+    if group is None and order is None:
+        listed, starts = _by_number(count)
+    else:
+        listed, starts = _by_group(np.arange(count, dtype=np.int32) if order is None else order, group)
+    tiles = wp.empty(starts.size - 1, dtype=Tile, device="cpu")
     packets = wp.empty(PACKETS * tiles.size, dtype=Packet, device="cpu")
     dense = wp.empty(tiles.size, dtype=wp.bool, device="cpu")
-    inputs = [directions, wp.array(order, dtype=int, device="cpu"), wp.array(starts, dtype=int, device="cpu")]
-    launch_over_rays(pack_tiles, tiles.size, inputs, [tiles, packets, dense], "cpu", slice_size=_TILES_PER_SLICE)
+    outputs = [tiles, packets, dense]
+    launch_over_rays(pack_tiles, tiles.size, [directions, listed, starts], outputs, "cpu", slice_size=_TILES_PER_SLICE)
     is_dense = dense.numpy()
     if is_dense.all():
         return Packets(tiles, packets, wp.empty(0, dtype=int, device="cpu"))
     return Packets(
         wp.array(tiles.numpy()[is_dense], dtype=Tile, device="cpu"),
         wp.array(packets.numpy()[np.repeat(is_dense, PACKETS)], dtype=Packet, device="cpu"),
-        wp.array(order[np.repeat(~is_dense, np.diff(starts))], dtype=int, device="cpu"),
+        wp.array(listed.numpy()[np.repeat(~is_dense, np.diff(starts.numpy()))], dtype=int, device="cpu"),
     )
+
+
+@lru_cache(maxsize=8)  # patterns of so many sizes
+def _by_number(count: int) -> tuple[wp.array, wp.array]:
+    """So many rays as they follow each other, and where each of their tiles starts, and the end of the last."""
+    return _by_group(np.arange(count, dtype=np.int32), None)
+
+
+def _by_group(order: npt.NDArray[np.int32], group: npt.NDArray[np.int32] | None) -> tuple[wp.array, wp.array]:
+    """The same of rays (n,) as they follow each other within their groups, (n,) by number."""
+    if group is not None:
+        order = order[np.argsort(group[order], kind="stable")]
+    starts = _starts(len(order), None if group is None else group[order])
+    return wp.array(order, dtype=int, device="cpu"), wp.array(starts, dtype=int, device="cpu")
 
 
 def _starts(count: int, group: npt.NDArray[np.integer] | None) -> npt.NDArray[np.int32]:

@@ -99,7 +99,7 @@ def sort_into_packets(directions: Doubles, group: npt.NDArray[np.int32] | None =
 
 def _in_blocks(directions: Doubles, group: npt.NDArray[np.int32] | None) -> _Arrangement:
     rays, singles = _tiles_of_groups(directions, group)
-    return _Arrangement.of(_halved_to(rays, directions, LANES).reshape(-1, PACKETS, LANES), singles, directions)
+    return _Arrangement.of(halved_to(rays, directions, LANES).reshape(-1, PACKETS, LANES), singles, directions)
 
 
 def _least_cost_of_runs(directions: Doubles) -> float:
@@ -120,7 +120,7 @@ def _in_runs(directions: Doubles) -> _Arrangement:
     is_left[tiles[tiles >= 0]] = False
     rest = np.flatnonzero(is_left)
     blocks, singles = _tiles_of(directions[rest])
-    blocks = _halved_to(np.where(blocks >= 0, rest[blocks], ~rest[~blocks]), directions, LANES)
+    blocks = halved_to(np.where(blocks >= 0, rest[blocks], ~rest[~blocks]), directions, LANES)
     tiles = np.concatenate([tiles, blocks.reshape(-1, PACKETS, LANES)])
     return _Arrangement.of(tiles, rest[singles], directions)
 
@@ -129,7 +129,7 @@ def _tiles_of_runs(runs: Indices, directions: Doubles) -> Indices:
     """(tiles, PACKETS, LANES): neighbouring runs (m, LANES); a tile that is not full is filled up with ~rays."""
     if len(runs) == 0:
         return np.empty((0, PACKETS, LANES), np.int64)
-    parts = _in_parts(np.arange(len(runs)), directions[runs].mean(axis=1), PACKETS)
+    parts = in_parts(np.arange(len(runs)), directions[runs].mean(axis=1), PACKETS)
     filled = [np.concatenate([runs[part], ~np.resize(runs[part], (PACKETS - len(part), LANES))]) for part in parts]
     return np.stack(filled)
 
@@ -187,9 +187,9 @@ def _places(tiles: Indices, directions: Doubles) -> tuple[Doubles, Doubles]:
 
 def _tiles_of(directions: Doubles) -> tuple[Indices, Indices]:
     """(tiles, TILE) rays, and the rays that go alone; a negative ~k stands for no ray, but is where k is."""
-    chunks = _in_parts(np.arange(len(directions)), directions, CHUNK) if len(directions) else []
+    chunks = in_parts(np.arange(len(directions)), directions, CHUNK) if len(directions) else []
     whole = np.array([c for c in chunks if len(c) == CHUNK], np.int64).reshape(-1, CHUNK)
-    candidates = _halved_to(whole, directions, TILE)
+    candidates = halved_to(whole, directions, TILE)
     is_narrow = _is_narrow(directions[candidates])
     tiles, singles = [*candidates[is_narrow]], []
     for rays in [*candidates[~is_narrow], *(c for c in chunks if len(c) != CHUNK)]:
@@ -223,11 +223,11 @@ def _along(d: Doubles, axis: Doubles) -> Doubles:
     return np.einsum("...nk,...k->...n", d, axis).min(axis=-1, initial=1.0) / np.linalg.norm(axis, axis=-1)
 
 
-def _in_parts(rays: Indices, directions: Doubles, size: int) -> list[Indices]:
+def in_parts(rays: Indices, directions: Doubles, size: int) -> list[Indices]:
     """Parts of this size, but for one that is smaller."""
     if len(rays) <= size:
         return [rays]
-    return [part for half in _halves(rays, directions, size) for part in _in_parts(half, directions, size)]
+    return [part for half in _halves(rays, directions, size) for part in in_parts(half, directions, size)]
 
 
 def _halves(rays: Indices, directions: Doubles, multiple: int) -> tuple[Indices, Indices]:
@@ -238,7 +238,7 @@ def _halves(rays: Indices, directions: Doubles, multiple: int) -> tuple[Indices,
     return rays[order[:count]], rays[order[count:]]
 
 
-def _halved_to(groups: Indices, directions: Doubles, size: int) -> Indices:
+def halved_to(groups: Indices, directions: Doubles, size: int) -> Indices:
     """(m, size) rays: every row of groups (n, k) halved again and again, k a power of two times the size."""
     directions = directions[_or_near(groups)]
     xyz = np.ascontiguousarray(np.moveaxis(directions, -1, 0), np.float32)

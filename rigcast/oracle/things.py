@@ -51,13 +51,16 @@ class Things:
         """
         number = np.asarray(hits.geom_id, np.int32).reshape(-1)
         for kind in OWNERS[1:]:
-            ids = np.asarray(getattr(hits, f"{kind}_id", -1), np.int32).reshape(-1)
-            first = self.kinds.index(kind) if kind in self.kinds else len(self.kinds)
+            known = getattr(hits, f"{kind}_id", None)
+            if known is None:
+                continue
+            ids = np.asarray(known, np.int32).reshape(-1)
             is_other = ids >= 0
             if not is_other.any():
                 continue
+            first = self.kinds.index(kind) if kind in self.kinds else len(self.kinds)
             number = np.where(is_other & (number != -1), -2, np.where(is_other, first + ids, number))
-        return number.astype(np.int32)
+        return np.asarray(number, np.int32)
 
     def types_of(self, numbers: Ints) -> npt.NDArray[np.str_]:
         """Return (n,) the type of each of these things, one of TYPES; NOTHING where there is no such thing."""

@@ -7,6 +7,7 @@ import warp as wp
 
 from rigcast.kernels.effects.beams import repeated
 from rigcast.kernels.packing.firings import groups_of, repeat_firing
+from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.rays import Rays
 from rigcast.sensors.scene.packet_cache import cached_packets
 
@@ -31,7 +32,7 @@ class SubRays:
                 origins=repeated(rays.origins, self._times),
                 firing=repeat_firing(rays.firing, self._times),
             )
-            packets = None if rays.packets is None else cached_packets(made.directions, groups_of(made))
+            packets = cached_packets(made.directions, groups_of(made)) if isinstance(rays.packets, Packets) else None
             self._of, self._made = (rays.directions, rays.firing), replace(made, packets=packets)
         kept = self._made
         return replace(rays, directions=kept.directions, origins=kept.origins, firing=kept.firing, packets=kept.packets)

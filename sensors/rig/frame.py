@@ -1,10 +1,10 @@
 """What a sensor reads: one frame per reading, on the device, as numpy on demand."""
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 import warp as wp
@@ -14,6 +14,7 @@ from rigcast.kernels import reading
 from rigcast.kernels.stamps import stamps
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.scene.part import Owner
+from rigcast.sensors.scene.shape_ids import ShapeIds
 from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 
@@ -24,6 +25,16 @@ if TYPE_CHECKING:
     from PIL import Image
 
 
+class Source(NamedTuple):
+    """What all frames of one reading's pattern share: the sensor's name, and what their fields are looked up in."""
+
+    sensor: str
+    shape_ids: ShapeIds
+    body_of_shape: wp.array
+    firing_times: wp.array | None
+    pattern: Pattern
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """One reading of one sensor.
@@ -32,8 +43,8 @@ class Frame:
 
     Per-ray fields are Warp arrays on the device, `frame.range.numpy()` on the host, of the sensor's `shape`:
     (beams, columns) for a lidar with a table of beams, (height, width) for a camera, (rays,) for others. They belong
-    to the frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out when asked
-    for.
+    to the frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out from these
+    when asked for.
 
     Of a batch of worlds every field of each ray has a first axis for the world, and time (nworld,) and pose (nworld, 4,
     4) are Warp arrays of float64; `world(k)` is the frame of one of them. Frames of worlds that are not active are NaN.
@@ -43,25 +54,26 @@ class Frame:
     Where `range` is not finite: points are NaN, ids -1, normals 0. A hit on a flex, skin or prop has `geom_id` -1.
     """
 
-    sensor: str
     time: float | wp.array
     pose: NDArray[np.float64] | wp.array
     shape: tuple[int, ...]
     _kept: Kept
-    _ids_of_shape: Mapping[Owner, wp.array]
-    _body_of_shape: wp.array
-    _firing_times: wp.array | None
-    _pattern: Pattern
+    _source: Source
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(sensor={self.sensor!r}, time={self.time!r}, shape={self.shape})"
 
-    @cached_property
+    @property
+    def sensor(self) -> str:
+        """Its name."""
+        return self._source.sensor
+
+    @property
     def range(self) -> wp.array:
         """(...) float32 [m]: distance along the ray; +inf nothing in range, -inf too near, NaN invalid (REP-117)."""
         return self._kept.range
 
-    @cached_property
+    @property
     def normal(self) -> wp.array:
         """(..., 3) float32: unit outward normal of what was hit, in the sensor's frame; 0 where nothing was."""
         return self._kept.normal
@@ -89,7 +101,7 @@ class Frame:
     @cached_property
     def body_id(self) -> wp.array:
         """(...) int32: MuJoCo's id of the body of what was hit, -1 where nothing was, or a thing of several bodies."""
-        return self._values("body_id", partial(reading.take, self._body_of_shape, self._kept.hits.shape))
+        return self._values("body_id", partial(reading.take, self._source.body_of_shape, self._kept.hits.shape))
 
     @cached_property
     def points(self) -> wp.array:
@@ -108,7 +120,7 @@ class Frame:
         begun = self.time
         if not isinstance(begun, wp.array):
             begun = wp.full(1, begun, dtype=wp.float64, device=distance.device)
-        return self._values("stamp", partial(stamps, begun, self._firing_times, distance.size))
+        return self._values("stamp", partial(stamps, begun, self._source.firing_times, distance.size))
 
     def world(self, k: int) -> Self:
         """The frame of one of many worlds, which shares memory with this one."""
@@ -158,7 +170,7 @@ class Frame:
         from rigcast.sensors.preview.draw import draw_preview  # which knows frames
 
         self.require_one_world()
-        return draw_preview(self._pattern, self)
+        return draw_preview(self._source.pattern, self)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw depth, range image or points into matplotlib's `ax` (None: the current one); what has no range is grey.
@@ -170,7 +182,7 @@ class Frame:
         from rigcast.sensors.preview.plot import plot_frame
 
         self.require_one_world()
-        return plot_frame(self._pattern, self, ax)
+        return plot_frame(self._source.pattern, self, ax)
 
     def _repr_png_(self) -> bytes | None:
         """What Jupyter shows; None of many worlds, which have no picture."""
@@ -181,10 +193,12 @@ class Frame:
         return png.getvalue()
 
     def _ids(self, owner: Owner) -> wp.array | None:
-        table = self._ids_of_shape.get(owner)
-        if table is None:
+        ids = self._source.shape_ids
+        if owner not in ids.of_shape:
             return None
-        return self._values(f"{owner}_id", partial(reading.take, table, self._kept.hits.shape))
+        if ids.are_shapes(owner):
+            return self._kept.shape_hit
+        return self._values(f"{owner}_id", partial(ids.look_up, owner, self._kept.hits.shape))
 
     def _values(self, name: str, work_out: Callable[[wp.array | None], wp.array]) -> wp.array:
         return self._kept.field(name, work_out, self._kept.scalars)

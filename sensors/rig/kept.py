@@ -27,12 +27,13 @@ _MOST_AXES = 4  # of a Warp array
 class Kept:
     """The arrays of one frame of this shape, each made when it is first asked for, then written over.
 
-    rays: of the present reading. hits: what they hit. range: (...) and normal: (..., 3), the same as a frame has them.
+    rays: of the present reading. hits: what they hit. range, shape_hit: (...), normal: (..., 3), as a frame shows them.
     """
 
     def __init__(self, hits: HitArrays, shape: tuple[int, ...], rays: Rays | None = None) -> None:
         self.hits, self.shape = hits, shape
         self.range = hits.distance.reshape(shape)
+        self.shape_hit = hits.shape.reshape(shape)
         self.normal = self.vectors(hits.normal, wp.float32)
         self.asked: set[str] = set()
         self._rays = rays
@@ -45,10 +46,9 @@ class Kept:
         self._fields: dict[str, wp.array] = {}
         self._current: set[str] = set()
         self._held: list[object] = []
-        self._of_hits = [hits.distance, hits.shape, hits.face, hits.normal, self.range, self.normal]
-        self._of_fields: list[wp.array] = []
+        # those that a frame gives, or whose parts the frame of one of many worlds does
+        self._given = [hits.distance, hits.shape, hits.normal, self.range, self.shape_hit, self.normal]
         self._at_first: list[int] = []
-        self._fields_at_first: list[int] = []
 
     @staticmethod
     def empty(shape: tuple[int, ...], device: wp.Device) -> "Kept":
@@ -64,11 +64,16 @@ class Kept:
         """Whether nobody holds any of the arrays."""
         if not self._at_first:  # a reading that failed has not given any of it to anybody
             return True
-        return _references(self._of_hits) == self._at_first and _references(self._of_fields) == self._fields_at_first
+        return _references(self._given) == self._at_first
 
     def start(self) -> None:
         """Begin another reading: what was worked out of the last one does not hold any more, but was `asked` for."""
         self.asked, self._current = self._current, set()
+
+    def start_over(self) -> None:
+        """Begin a reading of which nothing has been asked for yet."""
+        self.asked.clear()
+        self._current.clear()
 
     def aim(self, fixed: Rays, pose: NDArray[np.float64]) -> Rays:
         """Those rays in this pose (4, 4)."""
@@ -142,7 +147,7 @@ class Kept:
         if name not in self._current:
             self._work_out(name, work_out, shown)
             self._current.add(name)
-            self._fields_at_first += _references(self._of_fields, len(self._fields_at_first))
+            self._at_first += _references(self._given)[len(self._at_first) :]
         return self._fields[name]
 
     def _work_out(
@@ -152,7 +157,7 @@ class Kept:
         array = work_out(known)
         if array is not known:
             self._arrays[name], self._fields[name] = array, shown(array)
-            self._of_fields += [array, self._fields[name]]
+            self._given += [array, self._fields[name]]
 
     def scalars(self, array: wp.array) -> wp.array:
         """n values in the frame's shape."""
@@ -172,11 +177,11 @@ class Kept:
     def settle(self) -> None:
         """Take note of who holds the arrays now: nobody but this, and what shares its life."""
         if not self._at_first:  # nobody can hold any of it yet
-            self._at_first = _references(self._of_hits)
+            self._at_first = _references(self._given)
 
 
-def _references(arrays: list[wp.array], first: int = 0) -> list[int]:
-    return [getrefcount(array) for array in arrays[first:]]
+def _references(arrays: list[wp.array]) -> list[int]:
+    return list(map(getrefcount, arrays))
 
 
 class Pool:
@@ -199,8 +204,7 @@ class Pool:
             if self._kept[k].shape == shape and self._is_free(k):
                 kept = self._kept[k]
                 del self._kept[k]
-                kept.start()
-                kept.asked = set()
+                kept.start_over()
                 break
         else:
             for k in reversed(range(len(self._kept))):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.kernels.mounts import BYTES_PER_FRAME
+from rigcast.kernels.packing.bundling import sort_into_bundles
 from rigcast.kernels.packing.firings import groups_of, same_rows
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
@@ -35,6 +36,7 @@ from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 
+from .frame import Source
 from .kept import Kept, Pool
 from .motion import FEWEST, Firings, Track
 
@@ -162,6 +164,12 @@ class Mounted:
         copies = _returns(self.spec)
         return self.pattern.shape if copies == 1 else (*self.pattern.shape, copies)
 
+    @cached_property
+    def source(self) -> Source:
+        """What its frames share."""
+        scene = self.scene
+        return Source(self.spec.name, scene.shape_ids, scene.body_of_shape, self.firing_times, self.pattern)
+
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """(4, 4) the sensor's frame in the world."""
         pose = self.mount.pose(data)
@@ -254,8 +262,17 @@ def _in_packets(pattern: Pattern, scene: Scene) -> bool:
     """Whether rays are cast in packets: on the CPU, where enough of them leave from one origin."""
     if not scene.device.is_cpu or pattern.origins is None:
         return scene.device.is_cpu
-    group = same_rows(pattern.origins.reshape(-1, 3))
-    return FEWEST * (group.max() + 1) <= len(group)
+    return _are_shared(same_rows(pattern.origins.reshape(-1, 3)))
+
+
+def _in_bundles(pattern: Pattern, scene: Scene) -> bool:
+    """Whether rays that are not cast in packets are cast in bundles: on the CPU, where enough run in one direction."""
+    return scene.device.is_cpu and pattern.later is None and _are_shared(same_rows(pattern.directions.reshape(-1, 3)))
+
+
+def _are_shared(group: NDArray[np.int32]) -> bool:
+    """Whether groups, (n,) the one of each ray, have enough rays on the average."""
+    return FEWEST * (group.max(initial=-1) + 1) <= len(group)
 
 
 def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
@@ -265,7 +282,12 @@ def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
 
 
 def _packed(pattern: Pattern, rays: Rays, scene: Scene) -> Rays:
-    return replace(rays, packets=_packets(pattern, rays)) if _in_packets(pattern, scene) else rays
+    """The rays of a pattern as they are cast together."""
+    if _in_packets(pattern, scene):
+        return replace(rays, packets=_packets(pattern, rays))
+    if _in_bundles(pattern, scene):
+        return replace(rays, packets=sort_into_bundles(rays.origins.numpy(), same_rows(rays.directions.numpy())))
+    return rays
 
 
 def _packets(pattern: Pattern, rays: Rays) -> Packets:

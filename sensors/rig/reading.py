@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import warp as wp
 
@@ -44,30 +43,21 @@ def read(mounted: Mounted, rays: Rays, kept: Kept, random: Callable[[], RandomSo
 
 def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame:
     """The frame of what was read."""
-    spec, hits, looks = mounted.spec, aim.kept.hits, mounted.scene.looks
+    spec, kept, looks = mounted.spec, aim.kept, mounted.scene.looks
+    common = aim.time, aim.pose, kept.shape, kept, mounted.source
     if isinstance(spec, Lidar):
-        bright = brightness or partial(intensity, hits, aim.rays, looks().surfaces)
-        frame: Frame = LidarFrame(**_common(mounted, aim), ring=mounted.ring, column=mounted.column, _intensity=bright)
+        bright = brightness or partial(intensity, kept.hits, aim.rays, looks().surfaces)
+        frame: Frame = LidarFrame(*common, mounted.ring, mounted.column, bright)
     elif isinstance(spec, DepthCamera):
-        bright = brightness or partial(infrared, hits, aim.rays.directions, looks().reflectivity)
-        frame = _camera_frame(mounted, spec, aim, bright)
+        bright = brightness or partial(infrared, kept.hits, aim.rays.directions, looks().reflectivity)
+        pattern = mounted.pattern
+        assert pattern.intrinsics is not None
+        frame = CameraFrame(*common, pattern.intrinsics, pattern.lens, spec.depth_scale, bright)
     else:
-        frame = Frame(**_common(mounted, aim))
-    for field in aim.kept.asked:
+        frame = Frame(*common)
+    for field in kept.asked:
         getattr(frame, field)  # which writes over what it was
     return frame
-
-
-def _camera_frame(mounted: Mounted, spec: DepthCamera, aim: Aim, brightness: Brightness) -> CameraFrame:
-    pattern = mounted.pattern
-    assert pattern.intrinsics is not None
-    return CameraFrame(
-        **_common(mounted, aim),
-        intrinsics=pattern.intrinsics,
-        lens=pattern.lens,
-        depth_scale=spec.depth_scale,
-        _intensity=brightness,
-    )
 
 
 def _copied(values: wp.array, out: wp.array | None) -> wp.array:
@@ -75,18 +65,3 @@ def _copied(values: wp.array, out: wp.array | None) -> wp.array:
         return values.flatten()
     wp.copy(out, values.flatten())
     return out
-
-
-def _common(mounted: Mounted, aim: Aim) -> dict[str, Any]:
-    """What every frame is made with."""
-    return {
-        "sensor": mounted.spec.name,
-        "time": aim.time,
-        "pose": aim.pose,
-        "shape": aim.kept.shape,
-        "_kept": aim.kept,
-        "_ids_of_shape": mounted.scene.ids_in_use,
-        "_body_of_shape": mounted.scene.body_of_shape,
-        "_firing_times": mounted.firing_times,
-        "_pattern": mounted.pattern,
-    }

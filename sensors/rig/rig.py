@@ -119,12 +119,12 @@ class Rig:
             InputError: no sensor of this name, data of another model, no room in `out`, or more than memory holds.
         """
         mounted = self._select(names)
-        if is_batch(data):
-            return self._sense_worlds(mounted, as_worlds(data), out)
-        if not isinstance(data, mujoco.MjData):
+        if isinstance(data, mujoco.MjData):
+            self._look(data)
+            return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
+        if not is_batch(data):
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
-        self._look(data)
-        return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
+        return self._sense_worlds(mounted, as_worlds(data), out)
 
     def step(self, data: mujoco.MjData) -> Iterator[Frame]:
         """The frames that came in since the last call, in the order in which they did; call it after each `mj_step`.

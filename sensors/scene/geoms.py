@@ -40,8 +40,9 @@ class Geoms:
         self._lost = Lost(self.name)
         self._assets = geometry.assets
         # views of what the model holds, whoever writes there
-        self._type, self._dataid, self._size = model.geom_type, model.geom_dataid, model.geom_size
-        self._kinds, self._sizes = self._read_kinds(), self._size.tobytes()
+        self._kinds_now = [model.geom_type.data, model.geom_dataid.data]
+        self._now = [*self._kinds_now, model.geom_size.data]
+        self._kinds, self._read = b"".join(self._kinds_now), b"".join(self._now)
         self._fields = self._copied_fields()
         self._to_refresh: set[int] = set()
 
@@ -54,7 +55,9 @@ class Geoms:
             self._lost.warn(data.time, is_finite)
             # an infinite plane would be hit even where one of its in-plane axes is NaN
             position = np.where(is_finite[:, None], position, np.nan)
-        return Snapshot(position, rotation, None if trees is None else self.shapes, trees or {})
+        if trees is None:
+            return Snapshot(position, rotation)
+        return Snapshot(position, rotation, self.shapes, trees)
 
     def name(self, geom: int) -> str:
         """What a message calls a geom."""
@@ -80,17 +83,17 @@ class Geoms:
 
         Raises InputError for a size or height field that has become unusable, and for a geom of another kind.
         """
-        if self._read_kinds() != self._kinds:
-            raise InputError("Scene.update: geom_type or geom_dataid has changed; make a new Scene of the model")
-        sizes = self._size.tobytes()
+        now = b"".join(self._now)
         stale = self._to_refresh | {k for k, old in self._fields.items() if not _equal(old, self._read_field(k))}
-        if sizes == self._sizes and not stale:
+        if now == self._read and not stale:
             return None
+        if b"".join(self._kinds_now) != self._kinds:
+            raise InputError("Scene.update: geom_type or geom_dataid has changed; make a new Scene of the model")
         self._require_finite_sizes()
         renewed = {k: self._assets[k].tree(self.model) for k in sorted(stale)}
         self.trees = [renewed.get(k, tree) for k, tree in enumerate(self.trees)]
         self.shapes = self.shapes_with(self.model.geom_size, self.model.geom_dataid)
-        self._sizes, self._to_refresh = sizes, set()
+        self._read, self._to_refresh = now, set()
         self._fields |= {k: _copy(self._read_field(k)) for k in stale & self._fields.keys()}
         return renewed
 
@@ -118,9 +121,6 @@ class Geoms:
     def is_present(self, dataid: NDArray[np.int32]) -> NDArray[np.bool_]:
         """(..., ngeom): all but what has a mesh or height field in the model and -1 here."""
         return ~(needs_asset(self.model) & (dataid < 0))
-
-    def _read_kinds(self) -> tuple[bytes, bytes]:
-        return self._type.tobytes(), self._dataid.tobytes()
 
     def _copied_fields(self) -> dict[int, _Field]:
         """What the trees of height fields are made of, by the number of the tree."""

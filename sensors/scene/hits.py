@@ -1,19 +1,18 @@
 """What a cast gives back."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import HitArrays
-from rigcast.kernels.reading import take
 from rigcast.sensors.errors import InputError
 
-from .part import Owner
+from .part import OWNERS, Owner
+from .shape_ids import ShapeIds
 
 
 class NumpyHits(NamedTuple):
@@ -32,13 +31,13 @@ class NumpyHits(NamedTuple):
 class Hits:
     """The first hit of each ray, as Warp arrays on the scene's device, of the shape (...) of the rays.
 
-    Ids are worked out when asked for. Of a single ray, (3,), the Warp arrays have shape (1,) and those of `numpy()`
-    have none.
+    Ids are looked up when asked for, but those of geoms in a scene that has nothing else. Of a single ray, (3,), the
+    Warp arrays have shape (1,) and those of `numpy()` have none.
     """
 
     shape: tuple[int, ...]
     _arrays: HitArrays = field(repr=False)
-    _ids_of_shape: Mapping[Owner, wp.array] = field(repr=False)
+    _shape_ids: ShapeIds = field(repr=False)
 
     @cached_property
     def distance(self) -> wp.array:
@@ -76,11 +75,13 @@ class Hits:
         return self._ids("prop")
 
     def numpy(self) -> NumpyHits:
-        """All of it as numpy arrays; on the CPU they are views of the Warp arrays."""
-        arrays = {
-            name: getattr(self, name).numpy().reshape(self.shape) for name in NumpyHits._fields if name != "normal"
-        }
-        return NumpyHits(**arrays, normal=self.normal.numpy().reshape((*self.shape, 3)))
+        """All of it as numpy arrays; on the CPU they are views of the Warp arrays.
+
+        Ids of a kind that the scene has none of are one -1 in the shape of the rays, which cannot be written to.
+        """
+        ids = {f"{owner}_id": self._numpy_ids(owner) for owner in OWNERS}
+        normal = self.normal.numpy().reshape((*self.shape, 3))
+        return NumpyHits(**ids, distance=self._numpy(self.distance), face=self._numpy(self.face), normal=normal)
 
     def room_for(self, shape: tuple[int, ...], device: wp.Device) -> HitArrays:
         """The arrays, for other hits of rays of this shape.
@@ -100,6 +101,15 @@ class Hits:
         return self.shape or (1,)
 
     def _ids(self, owner: Owner) -> wp.array:
-        if owner in self._ids_of_shape:
-            return take(self._ids_of_shape[owner], self._arrays.shape).reshape(self._own_shape)
-        return wp.full(self._own_shape, -1, dtype=int, device=self._arrays.shape.device)
+        shape, ids = self._arrays.shape, self._shape_ids
+        if owner not in ids.of_shape:
+            return wp.full(self._own_shape, -1, dtype=int, device=shape.device)
+        return (shape if ids.are_shapes(owner) else ids.look_up(owner, shape)).reshape(self._own_shape)
+
+    def _numpy_ids(self, owner: Owner) -> NDArray[np.int32]:
+        if owner in self._shape_ids.of_shape:
+            return self._numpy(getattr(self, f"{owner}_id"))
+        return np.broadcast_to(np.int32(-1), self.shape)
+
+    def _numpy(self, array: wp.array) -> NDArray[Any]:
+        return np.asarray(array.numpy().reshape(self.shape))

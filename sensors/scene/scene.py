@@ -11,6 +11,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import HitArrays, cast, prepare_readings
+from rigcast.kernels.gather import Gathered
 from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
@@ -37,9 +38,10 @@ from .hits import Hits
 from .looks import Looks, LooksTable
 from .lost import Lost
 from .model_geometry import refuse_unsupported
-from .part import OWNERS, Part, ShapePoses, Snapshot, joined_poses, joined_shapes, owners_and_ids
+from .part import Part, ShapePoses, Snapshot, joined_poses, joined_shapes, owners_and_ids
 from .placed_rays import in_world, in_worlds
 from .props import Props
+from .shape_ids import ShapeIds
 from .sight import Sight
 from .skins import Skins
 
@@ -89,19 +91,14 @@ class Scene:
             *([self._props] if props else []),
         ]
         self._world = self._make_world()
-        owners, ids = owners_and_ids(self._parts)
-        self.ids_in_use = {
-            owner: wp.array(np.where(owners == owner, ids, -1), dtype=int, device=self.device)
-            for owner in OWNERS
-            if owner == "geom" or owner in owners
-        }
+        self.shape_ids = ShapeIds.of(self._parts, self.device)
         bodies = np.concatenate([part.bodies for part in self._parts])
-        table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
+        table = LooksTable(model, (*owners_and_ids(self._parts), bodies), [prop.name for prop in props], surfaces)
         self._sight = Sight(model, self._parts, table, self.device)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"
         self._worlds: int | None = None  # how many there are, if it is a batch of them
-        self._gathered: dict[str, NDArray[np.float64]] = {}  # see Standing
+        self._gathered: dict[str, Gathered] = {}  # see Standing
         self._part: slice | None = None  # which of the worlds stand, if not all
         self._differences = _NO_DIFFERENCES
         self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
@@ -352,4 +349,4 @@ class Scene:
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""
-        return Hits(shape, arrays, self.ids_in_use)
+        return Hits(shape, arrays, self.shape_ids)

@@ -32,14 +32,14 @@ class Sight:
     def __init__(self, model: mujoco.MjModel, parts: Sequence[Part], table: LooksTable, device: wp.Device) -> None:
         self._parts, self._table, self._device = parts, table, device
         # views of what the model holds, whoever writes there
-        self._now = [values for name in _LOOKS if (values := getattr(model, name)).size]
-        self._read: list[bytes] = []
+        self._now = [values.data for name in _LOOKS if (values := getattr(model, name)).size]
+        self._read: bytes | None = None
         self._visible: dict[Filter | PerWorld[Filter], wp.array] = {}
         self._looks: Looks | None = None
 
     def update(self) -> None:
         """Take the model as it looks now."""
-        now = [values.tobytes() for values in self._now]
+        now = b"".join(self._now)
         if now != self._read:
             self._read, self._visible, self._looks = now, {}, None
 

@@ -11,7 +11,8 @@ Lidar Sensor, Sensors 21(14):4722, 2021.
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from .pattern import Pattern, directions_at
 from .spec import Spec
 
 Coordinate = float | NDArray[np.float64]
+Aim = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 class Steered(Spec):
@@ -42,16 +44,24 @@ class Steered(Spec):
         column, ring = (index.ravel() for index in np.indices((samples, lines), dtype=np.int32))
         sampled = np.arange(samples) / self.sample_rate_hz
         fired = np.repeat(sampled, lines)
+        make_aim = cache(partial(self.aim, samples))  # only for those who want later readings
+
+        def pattern_of(directions: NDArray[np.float64]) -> Pattern:
+            return Pattern(directions.reshape(-1, 3), firing_times=fired, ring=ring, column=column, later=at)
 
         def at(time: float) -> Pattern:
-            rays = self.directions(self.start + time + sampled).reshape(-1, 3)
-            return Pattern(rays, firing_times=fired, ring=ring, column=column, later=at)
+            return pattern_of(make_aim()(self.start + time + sampled))
 
-        return at(0.0)
+        return pattern_of(self.directions(self.start + sampled))
 
     @abstractmethod
     def directions(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, lines, 3) unit: where each line looks at times (n,) [s] along the path."""
+
+    def aim(self, samples: int) -> Aim:
+        """`directions`, to be asked for again and again, of so many times."""
+        del samples  # numpy takes any number
+        return self.directions
 
 
 class Wedge(Spec):
@@ -62,10 +72,14 @@ class Wedge(Spec):
     index: float = Field(ge=1, description="refractive index of the glass")
     tilted_first: bool = Field(description="whether the light meets the tilted face before the other one")
 
+    def leaning(self, time: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+        """x, y (n,) and z (n,) of the tilted face's normal, along the light, at times (n,) [s]."""
+        turned, tilt = 2 * np.pi * self.rpm / 60 * time, np.deg2rad(self.tilt_deg)
+        return float(np.cos(tilt)), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)
+
     def bend(self, beam: NDArray[np.float64], time: NDArray[np.float64]) -> None:
         """Make unit directions (3, lines, n) before the wedge those behind it, at times (n,) [s]."""
-        turned, tilt = 2 * np.pi * self.rpm / 60 * time, np.deg2rad(self.tilt_deg)
-        leaning = np.cos(tilt), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)
+        leaning = self.leaning(time)
         if self.tilted_first:
             refract(beam, leaning, 1.0, self.index)
             refract_at_x(beam, self.index, 1.0)
@@ -98,12 +112,24 @@ class Rosette(Steered):
         return self
 
     def directions(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        line = np.deg2rad(np.asarray(self.line_elevation_deg))
-        beam = np.empty((3, len(line), len(time)))
-        beam[:] = directions_at(np.zeros_like(line), line).T[..., None]
+        lines = self._lines()
+        beam = np.empty((3, len(lines), len(time)))
+        beam[:] = lines.T[..., None]
         for wedge in self.wedges:
             wedge.bend(beam, time)
         return np.ascontiguousarray(beam.T)
+
+    def aim(self, samples: int) -> Aim:
+        from rigcast.kernels.wedges import Bending  # here, as cards of devices are drawn without Warp
+
+        index = np.array([wedge.index for wedge in self.wedges])
+        bending = Bending(self._lines(), index, np.array([wedge.tilted_first for wedge in self.wedges]), samples)
+        return lambda time: bending.directions([wedge.leaning(time) for wedge in self.wedges])
+
+    def _lines(self) -> NDArray[np.float64]:
+        """(lines, 3) unit, before the wedges."""
+        elevation = np.deg2rad(np.asarray(self.line_elevation_deg))
+        return directions_at(np.zeros_like(elevation), elevation)
 
 
 class Nodding(Steered):

@@ -8,10 +8,15 @@ import warp as wp
 from made_worlds import random_rotations
 from numpy.typing import NDArray
 
-from rigcast.kernels.packets.frustum import boxes_from, enter_lane_by_lane, inverse_directions, lanes_at_box
-from rigcast.kernels.packets.packet import LANES, Packet, PacketHits, View, lanes
+from rigcast.kernels.packets.frustum import (
+    boxes_from,
+    enter_lane_by_lane,
+    inverse_directions,
+    lanes_at_box,
+    margin_of_lanes,
+)
+from rigcast.kernels.packets.packet import ALL_LANES, LANES, Packet, PacketHits, View, lanes
 from rigcast.kernels.ray import box_margin
-from rigcast.kernels.traverse import ALL_LANES
 from rigcast.kernels.trees.nodes import empty_node
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
@@ -56,7 +61,7 @@ def _enter(
     node.half_x[0] = half[i][0]
     node.half_y[0] = half[i][1]
     node.half_z[0] = half[i][2]
-    box = boxes_from(node, view, 2.0)
+    box = boxes_from(node, view.origin, margin_of_lanes(view, 2.0))
     c = wp.vec3(box.center_x[0], box.center_y[0], box.center_z[0])
     h = wp.vec3(box.half_x[0], box.half_y[0], box.half_z[0])
     inverse = inverse_directions(packet, view)

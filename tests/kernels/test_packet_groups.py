@@ -137,7 +137,7 @@ def test_rays_from_the_second_imager_hit_what_they_hit_alone(seed: int, firings:
     seen = cast(world.geometry, visible, rays, limit, CULL_NONE)
     assert 0 < np.isfinite(seen.distance.numpy()).sum() < len(directions), f"seed {seed}"
     view = second_view(seen, rays, pair).rays
-    assert view.packets is not None
+    assert isinstance(view.packets, Packets)
     assert view.packets.tiles.size > 0
     assert_every_ray_is_in_one_place(view.packets, np.zeros(len(directions), np.int32) if firing is None else firing)
     assert_same(hits_of(world, view), hits_of(world, replace(view, packets=None)), f"seed {seed}")

@@ -191,6 +191,29 @@ def test_of_two_faces_in_one_place_the_one_that_faces_the_ray_is_hit(first: tupl
         assert ((got.normal[hit] * directions[hit]).sum(axis=1) <= 0).all()
 
 
+DOUBLED: dict[str, tuple[ArrayLike, Doubles, tuple[bool, bool, bool], set[int]]] = {
+    "in one place": ((0, 0, 0), np.eye(3), (True, True, True), {0}),
+    "the first unseen": ((0, 0, 0), np.eye(3), (False, True, True), {1}),
+    "the second unseen": ((0, 0, 0), np.eye(3), (True, False, True), {0}),
+    "the second nearer": ((1e-9, 0, 0), np.eye(3), (True, True, True), {0, 1}),
+    "the second turned": ((0, 0, 0), random_rotations(np.random.default_rng(0), 1)[0], (True, True, True), {0, 1}),
+}
+
+
+@pytest.mark.parametrize("name", DOUBLED)
+def test_one_mesh_three_times(name: str) -> None:
+    """Of shapes that are the same the first is hit, of those that differ ever so little the nearer one."""
+    position, rotation, visible, hit = DOUBLED[name]
+    plan = Plan()
+    plan.add_mesh(turned(icosphere(2), 1))
+    plan.add_mesh(0, position, rotation)
+    plan.add_mesh(0)
+    directions = unit(np.random.default_rng(6).uniform(-1, 1, (3000, 3)) - (3.0, 2.0, 1.5))
+    got, expected = in_packets_and_alone(plan.world(), (3.0, 2.0, 1.5), directions, visible=visible)
+    assert_same(got, expected)
+    assert set(np.unique(got.shape)) - {-1} == hit
+
+
 def test_a_ray_from_within_a_closed_mesh_never_escapes() -> None:
     plan = Plan()
     plan.add_mesh(turned(icosphere(4), 1))

@@ -1,5 +1,6 @@
 """Frames with chosen readings, and a small model for the ids in them."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -7,7 +8,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
+from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame, Source
+from rigcast.sensors.scene.shape_ids import ShapeIds
 
 MODEL_XML = """
 <mujoco>
@@ -36,15 +38,15 @@ def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -
 
     Fields can be `given` by name. A frame works out its fields when asked; here they are there already.
     """
-    frame = kind(
-        **(_own_fields(kind, distance.shape) | ({"lens": given.pop("lens")} if "lens" in given else {})),
-        sensor=given.pop("sensor", "eye"),
-        time=given.pop("time", 0.1),
-        pose=POSE,
-        shape=distance.shape,
-    )
-    arrays = _random_fields(kind, distance) | {"range": distance} | given
-    vars(frame).update({name: wp.array(array, device="cpu") for name, array in arrays.items()})
+    own = _own_fields(kind, distance.shape) | ({"lens": given.pop("lens")} if "lens" in given else {})
+    sensor, time = given.pop("sensor", "eye"), given.pop("time", 0.1)
+    fields = _random_fields(kind, distance) | {"range": distance} | given
+    arrays = {name: wp.array(array, device="cpu") for name, array in fields.items()}
+    kept: Any = SimpleNamespace(range=arrays.pop("range"), normal=arrays.pop("normal"))
+    nothing: Any = None
+    source = Source(sensor, shape_ids=ShapeIds({}), body_of_shape=nothing, firing_times=None, pattern=nothing)
+    frame = kind(time=time, pose=POSE, shape=distance.shape, _kept=kept, _source=source, **own)
+    vars(frame).update(arrays)
     if kind is not Frame and "intensity" not in given:
         vars(frame)["intensity"] = None
     return frame
@@ -60,15 +62,13 @@ def random_range(shape: tuple[int, ...], seed: int) -> NDArray[np.float32]:
 
 
 def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
-    """What the kind is made with, and nothing in place of the hits that readings are worked out from."""
-    fields: dict[str, Any] = dict.fromkeys(("_kept", "_body_of_shape", "_firing_times", "_pattern"))
-    fields["_ids_of_shape"] = {}
+    """What this kind alone is made with."""
     if kind is CameraFrame:
-        fields |= {"intrinsics": INTRINSICS, "lens": None, "depth_scale": 0.001, "_intensity": None}
+        return {"intrinsics": INTRINSICS, "lens": None, "depth_scale": 0.001, "_intensity": None}
     if kind is LidarFrame:
         ring, column, *_ = np.indices(shape, dtype=np.int32)
-        fields |= {"ring": wp.array(ring, device="cpu"), "column": wp.array(column, device="cpu"), "_intensity": None}
-    return fields
+        return {"ring": wp.array(ring, device="cpu"), "column": wp.array(column, device="cpu"), "_intensity": None}
+    return {}
 
 
 def _random_fields(kind: type[Frame], distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:

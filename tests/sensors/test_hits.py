@@ -31,6 +31,14 @@ def test_warp_and_numpy_fields_are_the_same(scene: Scene) -> None:
         np.testing.assert_array_equal(array.numpy(), getattr(hits.numpy(), name), err_msg=name)
 
 
+def test_ids_of_kinds_that_a_scene_has_none_of_are_one_number(scene: Scene) -> None:
+    hits = scene.cast(*RAYS).numpy()
+    for name in ("flex_id", "skin_id", "prop_id"):
+        ids = getattr(hits, name)
+        assert (ids.shape, ids.strides, ids.flags.writeable) == ((len(KINDS),), (0,), False), name
+        assert (ids == -1).all(), name
+
+
 def test_a_miss_and_every_kind_of_hit_have_the_values_of_the_contract(scene: Scene) -> None:
     hits = scene.cast(*RAYS).numpy()
     assert hits.geom_id.tolist() == [-1, *range(len(KINDS) - 1)]

@@ -57,6 +57,21 @@ def test_one_wedge_deviates_as_a_prism_does(tilt: float, index: float) -> None:
     np.testing.assert_allclose(angle[1], [0, -expected], atol=1e-12)
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("samples", [1, 15, 16, 17, 1000])
+@pytest.mark.parametrize("preset", [name for name in LIVOX if name != "livox_mid360"])
+def test_later_readings_have_the_same_bits_as_the_formula(
+    preset: str, samples: int, threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RIGCAST_THREADS", str(threads))
+    rosette = livox(preset, rate_hz=10).rosette
+    assert rosette is not None
+    aim, sampled = rosette.aim(samples), np.arange(samples) / rosette.sample_rate_hz
+    readings = {time: aim(time + sampled) for time in (0.0, 0.1, 1e4)}
+    for time, directions in readings.items():  # a reading does not change those before it
+        np.testing.assert_array_equal(directions, rosette.directions(time + sampled), err_msg=f"at {time} s")
+
+
 def test_a_thin_wedge_bends_the_other_way_when_its_tilted_face_is_met_first() -> None:
     first, last = (
         Rosette(wedges=[wedge(tilt_deg=0.01, tilted_first=order)], sample_rate_hz=1).directions(np.zeros(1))

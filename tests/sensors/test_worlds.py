@@ -1,5 +1,7 @@
 """Many worlds at once: each reads what it would read alone, from whatever holds its poses."""
 
+import gc
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +90,29 @@ def test_worlds_that_are_made_once_follow_their_data(robot: mujoco.MjModel, data
             mujoco.mj_forward(robot, data)
     with pytest.raises(InputError, match=r"batch\[0\] belongs to another model than the rig"):
         Rig(mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>"), []).sense(known)
+
+
+def test_lists_that_are_told_again_are_read_where_they_are_now(
+    robot: mujoco.MjModel, datas: list[mujoco.MjData]
+) -> None:
+    """Where each MjData has its poses is known from the last reading: others in its place are others."""
+    rig, others = rig_of(robot, "scan", "lidar"), states(robot, COUNT, seed=1)
+    mixed = [datas[0], others[1], *datas[2:]]
+    for given in (datas, mixed, datas[::-1], datas[:2], datas):
+        expected = rig_of(robot, "scan", "lidar").sense(arrays_of(given))
+        for name, frame in rig.sense(given).items():
+            np.testing.assert_array_equal(frame.points_world.numpy(), expected[name].points_world.numpy())
+
+
+def test_data_that_were_read_are_not_kept(robot: mujoco.MjModel) -> None:
+    datas = states(robot, 2)
+    alive = [weakref.ref(data) for data in datas]
+    rig = rig_of(robot, "scan")
+    frames = rig.sense(datas)
+    del datas
+    gc.collect()
+    assert [data() for data in alive] == [None, None]
+    assert rig.sense(states(robot, 2))["scan"].range.shape == frames["scan"].range.shape
 
 
 def plain(datas: list[mujoco.MjData]) -> Any:

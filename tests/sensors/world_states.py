@@ -73,7 +73,7 @@ SENSORS: dict[str, Lidar | DepthCamera | HeightScan] = {
         ),
         **_UNSEEN,
     ),
-    "scan": HeightScan(name="scan", mount=Mount(body="robot"), size=(1.0, 0.6), spacing=0.2, **_UNSEEN),
+    "scan": HeightScan(name="scan", mount=Mount(body="robot"), size=(1.0, 0.6), spacing=0.1, **_UNSEEN),
     "camera": DepthCamera(name="camera", **_EYE),
     "rolling": DepthCamera(name="rolling", readout_time=0.01, **_EYE),
     "noisy": Lidar(

@@ -1,6 +1,8 @@
 """Where the poses of many worlds come from."""
 
+import operator
 import sys
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias
 
@@ -49,22 +51,15 @@ class Source(Protocol):
 
 
 class Rows:
-    """A field of several MjData, which is still where it was: where that is is found out once."""
+    """A field of vectors or matrices of several MjData, which is still where it was."""
 
     def __init__(self, rows: Sequence[NDArray[np.float64]]) -> None:
-        self._rows = rows
-        self._of: dict[tuple[int, bytes], list[NDArray[np.float64]]] = {}
+        self._addresses = wp.array([row.ctypes.data for row in rows], dtype=wp.uint64, device="cpu")
 
-    def all(self, part: slice, out: NDArray[np.float64]) -> None:
-        """Of all things of some of the worlds, copied to `out` (n, m, ...)."""
-        np.concatenate(self._rows[part], out=out.reshape(-1, *self._rows[0].shape[1:]))
-
-    def of(self, part: slice, which: NDArray[np.int32]) -> NDArray[np.float64]:
-        """(n, ...) of one thing of each of some of the worlds."""
-        key = part.start, which.tobytes()
-        if key not in self._of:
-            self._of[key] = [row[k] for row, k in zip(self._rows[part], which.tolist(), strict=True)]
-        return np.array(self._of[key])
+    def of_worlds(self, part: slice) -> wp.array:
+        """(n,) uint64, their addresses in some of the worlds."""
+        addresses = self._addresses
+        return addresses if part == slice(0, addresses.size) else addresses[part]
 
 
 class _ListOfData:
@@ -73,32 +68,53 @@ class _ListOfData:
     unset = "has not been worked out, expected mj_forward or mj_kinematics first"
 
     def __init__(self, datas: Sequence[Any]) -> None:
-        for k, data in enumerate(datas):
-            if not isinstance(data, mujoco.MjData):
-                raise InputError(f"Worlds: batch[{k}]: got {type(data).__name__}, expected MjData")
         self._datas = tuple(datas)
-        self._rows: dict[str, Rows] = {}
-        self._model: mujoco.MjModel | None = None  # that all of them have been seen to be of
+        self._found = _found_of(self._datas)
         self.count, self.bytes_per_pose = len(datas), 2 * BYTES_PER_FRAME
 
     def field(self, name: str, part: slice) -> Any:
         if name == "time":
             return np.array([data.time for data in self._datas[part]])
-        if name not in self._rows:
-            self._rows[name] = Rows([getattr(data, name) for data in self._datas])
-        return self._rows[name]
+        rows = self._found.rows
+        if name not in rows:
+            rows[name] = Rows([getattr(data, name) for data in self._datas])
+        return rows[name]
 
     def of_models(self) -> dict[str, NDArray[Any]]:
         return {}
 
     def require_model(self, model: mujoco.MjModel) -> None:
-        if self._model is model:
-            return
-        signature = model.signature
-        for k, data in enumerate(self._datas):
-            if data.signature != signature:
-                raise InputError(f"Worlds: batch[{k}] belongs to another model than the rig")
-        self._model = model
+        is_other = self._found.signatures != model.signature
+        if is_other.any():
+            raise InputError(f"Worlds: batch[{np.argmax(is_other)}] belongs to another model than the rig")
+
+
+class _Found:
+    """What has been found out of several MjData, which it does not keep: it holds for as long as the same ones come."""
+
+    def __init__(self, datas: Sequence[Any]) -> None:
+        for k, data in enumerate(datas):
+            if not isinstance(data, mujoco.MjData):
+                raise InputError(f"Worlds: batch[{k}]: got {type(data).__name__}, expected MjData")
+        self._datas = [weakref.ref(data) for data in datas]
+        self.signatures = np.array([data.signature for data in datas], np.uint64)
+        self.rows: dict[str, Rows] = {}
+
+    def is_of(self, datas: Sequence[Any]) -> bool:
+        return len(datas) == len(self._datas) and all(map(operator.is_, map(operator.call, self._datas), datas))
+
+
+_recent: list[_Found] = []
+_MOST_RECENT = 4  # lists that are told again when they come in turns
+
+
+def _found_of(datas: Sequence[Any]) -> _Found:
+    for found in _recent:
+        if found.is_of(datas):
+            return found
+    found = _Found(datas)
+    _recent[:] = [found, *_recent][:_MOST_RECENT]
+    return found
 
 
 class _MujocoBatch:

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from rigcast.kernels.gather import Gathered
 from rigcast.kernels.mounts import Carriers, origin
 from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.errors import InputError
@@ -33,7 +34,7 @@ _DEVICE_TYPES: dict[str, tuple[tuple[int, ...], tuple[type, type]]] = {
 class Standing:
     """Poses are asked for once; of carriers on the host only what is used is copied.
 
-    part: which of the worlds. gathered: where geoms of several MjData are copied together, the same for every reading.
+    part: which of the worlds. gathered: where poses of several MjData are copied together, the same for every reading.
     """
 
     def __init__(
@@ -42,7 +43,7 @@ class Standing:
         part: slice,
         model: mujoco.MjModel,
         device: wp.Device,
-        gathered: dict[str, NDArray[np.float64]],
+        gathered: dict[str, Gathered],
     ) -> None:
         self.part, self.count, self.device = part, part.stop - part.start, device
         self._worlds, self._model, self._gathered = worlds, model, gathered
@@ -80,12 +81,12 @@ class Standing:
         return self._carriers[key]
 
     def _read(self, attached: Attached) -> Carriers:
-        return self._uploaded(*self._values(attached.kind, np.broadcast_to(attached.which, self.count)))
+        return self._uploaded(*self._values(attached.kind, attached.which))
 
     def _values(self, kind: str, which: NDArray[np.int32] | None = None) -> list[Any]:
         """Position and rotation of all things of a kind, checked, in one precision.
 
-        They are Warp arrays, or numpy arrays, where `which` (n,) says to take one thing of each world only.
+        They are Warp arrays, or numpy arrays, where `which`, (n,) or (1,), says to take one thing of each world only.
         """
         *names, count = _POSES[kind]
         shape = (self.count, getattr(self._model, count))
@@ -117,14 +118,12 @@ class Standing:
         self, name: str, rows: Rows, axes: tuple[int, ...], which: NDArray[np.int32] | None
     ) -> NDArray[np.float64]:
         """(n, m, *axes) of all things, or (n, 1, *axes)."""
-        if which is not None:
-            return rows.of(self.part, which).reshape(self.count, 1, *axes)
-        shape = (self.count, self._model.ngeom, *axes)
-        out = self._gathered.get(name)
-        if out is None or out.shape != shape:
-            out = self._gathered[name] = np.empty(shape)
-        rows.all(self.part, out.reshape(*shape[:2], -1))
-        return out
+        shape = (self.count, self._model.ngeom if which is None else 1, *axes)
+        gathered = self._gathered.get(name)
+        if gathered is None or gathered.values.shape != shape:
+            gathered = self._gathered[name] = Gathered(shape)
+        gathered.take(rows.of_worlds(self.part), which)
+        return gathered.values
 
     def _uploaded(self, position: Any, rotation: Any) -> Carriers:
         if isinstance(position, wp.array):

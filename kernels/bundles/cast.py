@@ -1,0 +1,110 @@
+"""The cast of rays in bundles, on the CPU."""
+
+from collections.abc import Callable
+from typing import Any
+
+import warp as wp
+
+from rigcast.kernels.alone import Job, is_castable, write_hit
+from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.hits import WorldRay, no_hit
+from rigcast.kernels.launch import TURN, prepare_over_tiles
+from rigcast.kernels.out import read_hit, write_miss
+from rigcast.kernels.packing.bundling import MOST, Bundles
+from rigcast.kernels.poses import scope_of
+from rigcast.kernels.rays import direction_of, firing_of, origin_of, span_of
+from rigcast.kernels.turns import turn_of
+
+from .bundle import Bundle, Member, cast_bundle, world_ray_of
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
+
+
+@wp.struct
+class InBundles:
+    """Bundles, those of every world, and scratch of each thread."""
+
+    worlds: int
+    rays: wp.array2d[int]  # (bundles, MOST)
+    # scratch:
+    copies: wp.array2d[Geometry]  # (threads, 1)
+    members: wp.array[Member]  # MOST of each thread
+
+
+@wp.func
+def bundle_of(
+    world: int, rays: wp.array[int], g: wp.array[Geometry], job: Job, members: wp.array[Member], first: int
+) -> Bundle:
+    """Those of these rays of a world that can be cast; the others give NaN."""
+    own = job.rays
+    ray = WorldRay()
+    begin = world * own.count
+    firing = firing_of(own, begin + rays[0])
+    rotation = own.rotation[firing]
+    bundle = Bundle()
+    bundle.members = members
+    bundle.first = first
+    bundle.middle.world_direction = rotation * direction_of(own, begin + rays[0])
+    bundle.middle.scope = scope_of(g, span_of(own, firing), firing)
+    bundle.middle.limit = job.limit
+    bundle.middle.world_cull = job.cull
+    bundle.middle.cull = job.cull
+    ray.direction = bundle.middle.world_direction
+    for lane in range(MOST):
+        if rays[lane] >= 0:
+            i = begin + rays[lane]
+            ray.origin = own.position[firing] + rotation * origin_of(own, i)
+            if is_castable(ray):
+                k = first + bundle.count
+                members[k].number = i
+                members[k].origin = ray.origin
+                members[k].best = no_hit()
+                bundle.count += 1
+            else:
+                write_miss(job.out, i, wp.nan)
+    return bundle
+
+
+@wp.func
+def write_bundle(g: wp.array[Geometry], job: Job, bundle: Bundle) -> None:
+    for k in range(bundle.first, bundle.first + bundle.count):
+        i = bundle.members[k].number
+        write_hit(g, job.out, i, bundle.members[k].best, world_ray_of(bundle, k))
+        if job.out.is_read:
+            read_hit(job.out, i, job.rays.rotation[firing_of(job.rays, i)])
+
+
+@wp.func
+def cast_turn(begin: int, end: int, g: wp.array[Geometry], job: Job, these: InBundles, thread: int) -> None:
+    """Bundles begin to end - 1. A loop within a function, for Warp compiles the body of a kernel twice."""
+    bundles = these.rays.shape[0]
+    for at in range(begin, end):
+        bundle = bundle_of(at / bundles, these.rays[at % bundles], g, job, these.members, thread * MOST)
+        if bundle.count > 0:
+            cast_bundle(g, bundle)
+            write_bundle(g, job, bundle)
+
+
+@wp.kernel
+def cast_bundles(thread: int, turns: wp.array[int], g: Geometry, job: Job, these: InBundles) -> None:
+    """Bundles that no other thread takes, TURN at a time, of all worlds. turns: how many were taken."""
+    g.visible = job.visible
+    these.copies[thread, 0] = g
+    count = these.worlds * these.rays.shape[0]
+    begin = turn_of(turns) * TURN
+    while begin < count:
+        cast_turn(begin, wp.min(begin + TURN, count), these.copies[thread], job, these, thread)
+        begin = turn_of(turns) * TURN
+
+
+def prepare_bundles(geometry: Geometry, job: Job, bundles: Bundles, worlds: int) -> Callable[[], object]:
+    """The launch of a cast of all bundles in so many worlds."""
+
+    def inputs(threads: int) -> list[Any]:
+        these = InBundles()
+        these.worlds, these.rays = worlds, bundles.rays
+        these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
+        these.members = wp.empty(threads * MOST, dtype=Member, device="cpu")
+        return [geometry, job, these]
+
+    return prepare_over_tiles(cast_bundles, worlds * bundles.rays.shape[0], inputs)

@@ -1,0 +1,39 @@
+"""Sorting parallel rays into bundles of neighbours, as rigcast.kernels.bundles casts them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from .sorting import Doubles, Indices, halved_to, in_parts
+
+MOST = wp.constant(16)
+"""Rays of a bundle."""
+_CHUNK = 32 * MOST
+
+
+@dataclass(frozen=True)
+class Bundles:
+    """Rays that are cast in bundles, on the CPU.
+
+    rays: (m, MOST) int32, those of each bundle by their number; where it has fewer, -1 follows.
+    """
+
+    rays: wp.array
+
+
+def sort_into_bundles(origins: Doubles, group: npt.NDArray[np.int32]) -> Bundles:
+    """Sort rays with origins (n, 3); those of a bundle belong to one group, (n,), of one direction and firing."""
+    order = np.argsort(group, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
+    return Bundles(wp.array(np.concatenate([_bundles_of(rays, origins) for rays in groups]), dtype=int, device="cpu"))
+
+
+def _bundles_of(rays: Indices, origins: Doubles) -> Indices:
+    """(m, MOST) of rays (n,), neighbours in a bundle."""
+    chunks = in_parts(rays, origins, _CHUNK)
+    whole = np.array([chunk for chunk in chunks if len(chunk) == _CHUNK], np.int64).reshape(-1, _CHUNK)
+    rest = [part for chunk in chunks if len(chunk) != _CHUNK for part in in_parts(chunk, origins, MOST)]
+    filled = [np.concatenate([part, np.full(MOST - len(part), -1)]) for part in rest]
+    return np.concatenate([halved_to(whole, origins, MOST), *(part[None] for part in filled)])

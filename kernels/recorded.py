@@ -1,0 +1,66 @@
+"""Launches that are made again and again, with arguments that were packed once."""
+
+import ctypes
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import warp as wp
+
+
+def recorded(
+    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
+) -> Callable[[], None]:
+    """A launch whose arguments are kept for as long as it is, as Warp 1.12 does not keep them.
+
+    It reads what structs among the arguments hold by then.
+    """
+    command = wp.launch(kernel, count, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
+    return (_OnCpu if wp.get_device(device).is_cpu else _OnCuda)(command, (*inputs, *outputs))
+
+
+class _OnCuda:
+    def __init__(self, command: wp.Launch, arguments: Sequence[Any]) -> None:
+        self._command, self._arguments = command, arguments
+
+    def __call__(self) -> None:
+        self._command.launch()
+
+
+class _OnCpu:
+    """Calls the compiled function as Warp did the first time, without the way there, which takes as long as a few rays.
+
+    Each time Warp looks up a struct of all arguments by their types, and copies all of them there. The copy of the
+    first time serves here, in which structs are renewed. Should Warp call the function in another way, it goes on to.
+    """
+
+    def __init__(self, command: wp.Launch, arguments: Sequence[Any]) -> None:
+        self._command, self._arguments = command, arguments
+        self._compiled = command.hooks.forward
+        self._calls: list[tuple[Any, ...]] = []
+        self._packed: ctypes.Structure | None = None
+        self._structs: list[tuple[str, ctypes.Structure]] = []
+
+    def __call__(self) -> None:
+        if self._packed is None:
+            self._launch_by_warp()
+            return
+        for name, struct in self._structs:
+            setattr(self._packed, name, struct)
+        self._compiled(*self._calls[0])
+
+    def _launch_by_warp(self) -> None:
+        hooks, self._command.hooks = self._command.hooks, self
+        self._calls.clear()
+        self._command.launch()
+        self._command.hooks = hooks
+        packed = getattr(self._calls[0][-1], "_obj", None) if len(self._calls) == 1 else None
+        if isinstance(packed, ctypes.Structure):
+            names = [field[0] for field in packed._fields_]
+            given = zip(names, self._command.params[1:], strict=True)
+            self._structs = [(name, value) for name, value in given if isinstance(value, ctypes.Structure)]
+            self._packed = packed
+
+    def forward(self, *arguments: Any) -> None:
+        """Called by Warp in place of the compiled function."""
+        self._calls.append(arguments)
+        self._compiled(*arguments)
