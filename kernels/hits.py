@@ -9,6 +9,7 @@ shape, then the one that faces the ray, then that of the lower triangle.
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
+from .noinline import noinline
 from .poses import Scope, pose_of
 from .shapes.solid_normals import closed_form_normal
 from .shapes.solids import SHEET, decide_closed_form, has_triangles
@@ -70,7 +71,7 @@ def decide_lane(block: TriangleBlock, j: int, origin: wp.vec3d, direction: wp.ve
     return decide_triangle(direction, v0, v1, v2, cull)
 
 
-@wp.func
+@noinline
 def distance_of(g: wp.array[Geometry], shape: int, triangle: int, ray: WorldRay) -> wp.float64:
     """Distance to a closed form, or to one triangle of a shape, +inf on a miss."""
     pose = pose_of(g, shape, ray.scope)

@@ -24,6 +24,7 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.out import Out
 from rigcast.kernels.rays import RayArrays, Rays, firing_of
 from rigcast.kernels.vectors import of_ray, to_double
 
@@ -118,10 +119,7 @@ def reflect_paths(
     first: int,
     # what was hit:
     surfaces: SurfaceArrays,
-    distance: wp.array[float],
-    shape: wp.array[int],
-    face: wp.array[int],
-    normal: wp.array[wp.vec3],
+    hits: Out,
     # the light:
     paths: Paths,
     rays: RayArrays,
@@ -136,23 +134,24 @@ def reflect_paths(
     aside: Paths,
 ) -> None:
     j = first + wp.tid()
-    slot = (first_slot + j % sub_rays) * (distance.shape[0] / sub_rays) + j / sub_rays
+    slot = (first_slot + j % sub_rays) * (hits.distance.shape[0] / sub_rays) + j / sub_rays
     echoes.distance[slot] = wp.inf
     echoes.power[slot] = 0.0
     if beyond.direction.shape[0] > 0:
         beyond.direction[j] = stopped()
-    hit = shape[j]
+    hit = hits.shape[j]
     if hit < 0:
         if first_slot == 0:
-            echoes.distance[slot] = distance[j]  # +inf, or NaN
+            echoes.distance[slot] = hits.distance[j]  # +inf, or NaN
         return
-    travelled = paths.travelled[j % paths.travelled.shape[0]] + distance[j]
+    distance = hits.distance[j]
+    travelled = paths.travelled[j % paths.travelled.shape[0]] + distance
     if travelled > limit:
         return
     rotation = rays.rotation[firing_of(rays, j)]
     direction = of_ray(paths.direction, j)
     d = rotation * direction
-    n = to_double(normal[j])
+    n = to_double(hits.normal[j])
     along = wp.dot(d, n)
     cosine = wp.min(float(wp.abs(along)), 1.0)
     opaque = 1.0 - surfaces.transmission[hit]
@@ -163,20 +162,20 @@ def reflect_paths(
     echoes.distance[slot] = travelled
     echoes.power[slot] = spread_power(paths.share[j % paths.share.shape[0]] * reflected, travelled, extinction)
     echoes.shape[slot] = hit
-    echoes.face[slot] = face[j]
-    echoes.normal[slot] = normal[j]
+    echoes.face[slot] = hits.face[j]
+    echoes.normal[slot] = hits.normal[j]
     let_through = surfaces.transmission[hit]
     # a little on, so as not to hit the same surface again
-    step = 1.0e-5 * (1.0 + distance[j]) / wp.max(cosine, SHALLOWEST)
+    step = 1.0e-5 * (1.0 + distance) / wp.max(cosine, SHALLOWEST)
     if beyond.direction.shape[0] > 0 and let_through > 0.0:
-        go_on(paths, j, direction, distance[j] + step, let_through, beyond)
+        go_on(paths, j, direction, distance + step, let_through, beyond)
     is_seen_aside = aside.direction.shape[0] > 0 and mirrored > 0.0 and cosine < lobe_cosine
     # one bounce: the first mirror on the way
     # nested, as older versions of Warp evaluate the whole of an `and`, and aside may be empty
     if is_seen_aside:  # noqa: SIM102
         if not wp.isfinite(aside.direction[j]):
             reflected_direction = wp.transpose(rotation) * (d - wp.float64(2.0) * along * n)
-            go_on(paths, j, reflected_direction, distance[j] - step, mirrored, aside)
+            go_on(paths, j, reflected_direction, distance - step, mirrored, aside)
 
 
 def new_echoes(slots: int, beams: int, device: wp.DeviceLike) -> Echoes:
@@ -216,6 +215,6 @@ def reflect(
 
     beyond: what goes through a surface. aside: what the first mirror throws elsewhere.
     """
-    inputs = [setting.surfaces, hits.distance, hits.shape, hits.face, hits.normal, paths, setting.rays.arrays]
+    inputs = [setting.surfaces, hits.out(), paths, setting.rays.arrays]
     inputs += [setting.limit, setting.extinction, math.cos(setting.lobe), setting.sub_rays, first_slot]
     launch_over_rays(reflect_paths, hits.distance.size, inputs, [echoes, beyond, aside], hits.distance.device)

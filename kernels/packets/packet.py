@@ -4,6 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within
+from rigcast.kernels.noinline import noinline
 from rigcast.kernels.poses import Scope
 from rigcast.kernels.ray import box_margin
 from rigcast.kernels.trees.nodes import vec8
@@ -242,7 +243,7 @@ def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int
     return APART * farthest(packet.best[slot].far)
 
 
-@wp.func
+@noinline
 def decide_lane_of_packet(packet: PacketRays, i: int, near: float, far: float, shape: int, triangle: int) -> None:
     """Float64 decides."""
     hit = hit_within(near, far, shape, triangle)

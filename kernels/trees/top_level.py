@@ -145,8 +145,16 @@ def plant(first: int, nodes: wp.array[Node], top: wp.array[Node]) -> None:
     top[i] = node
 
 
+@wp.struct
+class Boxes:
+    """The lower and upper ends of boxes."""
+
+    lower: wp.array[wp.vec3]
+    upper: wp.array[wp.vec3]
+
+
 @wp.kernel
-def first_boxes(first: int, g: Geometry, anchor_shape: int, lower: wp.array[wp.vec3], upper: wp.array[wp.vec3]) -> None:
+def first_boxes(first: int, g: Geometry, anchor_shape: int, boxes: Boxes) -> None:
     """The box of each shape in the first span in which it has one; empty where it never has."""
     shape = first + wp.tid()
     box = empty_box()
@@ -154,8 +162,8 @@ def first_boxes(first: int, g: Geometry, anchor_shape: int, lower: wp.array[wp.v
     while is_empty(box) and span < g.anchor.shape[0]:
         box = span_box(g, span, shape, anchor_of(g, span, anchor_shape))
         span += 1
-    lower[shape] = box.lower
-    upper[shape] = box.upper
+    boxes.lower[shape] = box.lower
+    boxes.upper[shape] = box.upper
 
 
 @wp.kernel

@@ -11,7 +11,7 @@ from rigcast.kernels.launch import launch_over_rays, prepare_over_rays
 
 from .fit import REBUILD_RATIO, Fit
 from .nodes import NO_CHILD, WIDTH, Node, empty_nodes, join_trees
-from .top_level import Refit, first_boxes, plant, refit, turn_shapes
+from .top_level import Boxes, Refit, first_boxes, plant, refit, turn_shapes
 from .tree import build_tree
 
 LEAVES_PER_SLICE = 4096
@@ -128,10 +128,10 @@ class TopTrees:
 
     def _first_boxes(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         shapes = self._geometry.kind.size
-        boxes = [wp.empty(shapes, dtype=wp.vec3, device=self._device) for _ in range(2)]
-        launch_over_rays(first_boxes, shapes, [self._geometry, self._anchor_shape], boxes, self._device)
-        lower, upper = (box.numpy() for box in boxes)
-        return lower, upper
+        boxes = Boxes()
+        boxes.lower, boxes.upper = (wp.empty(shapes, dtype=wp.vec3, device=self._device) for _ in range(2))
+        launch_over_rays(first_boxes, shapes, [self._geometry, self._anchor_shape], [boxes], self._device)
+        return boxes.lower.numpy(), boxes.upper.numpy()
 
     def _mean_area(self) -> float:
         """Of the trees' boxes; on CUDA, once they are built, that of an earlier fit, so as not to wait for this one."""

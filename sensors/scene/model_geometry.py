@@ -18,7 +18,7 @@ from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.errors import InputError, warn_user
 from rigcast.sensors.names import expected_one_of
 
-from .tree_cache import cached_triangle_tree
+from .tree_cache import FEWEST_FACES, cached_small_trees, cached_triangle_tree
 
 _GEOM = mujoco.mjtGeom
 
@@ -70,9 +70,17 @@ class ModelGeometry:
 def read_model(model: mujoco.MjModel) -> ModelGeometry:
     """The geometry of a model: one triangle tree for each mesh and height field in use."""
     assets = assets_in_use(model, model.geom_dataid)
-    trees = [asset.tree(model, cached_triangle_tree) for asset in assets]
+    trees = _trees(model, assets)
     shapes = read_shapes(model, assets, trees, model.geom_size, model.geom_dataid)
     return ModelGeometry(assets, trees, shapes, _is_supported(model))
+
+
+def _trees(model: mujoco.MjModel, assets: list[Asset]) -> list[TriangleTree]:
+    """The tree of each asset, from disk where they were built before."""
+    small = [asset for asset in assets if asset.kind == "mesh" and model.mesh_facenum[asset.id] < FEWEST_FACES]
+    meshes = [_triangles(model, asset) for asset in small]
+    of_small = dict(zip(small, cached_small_trees(meshes, lambda: [a.tree(model) for a in small]), strict=True))
+    return [of_small[asset] if asset in of_small else asset.tree(model, cached_triangle_tree) for asset in assets]
 
 
 def read_shapes(

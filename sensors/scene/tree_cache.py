@@ -1,5 +1,6 @@
 """Triangle trees kept on disk, so that a second start with the same meshes does not build them."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -15,6 +16,7 @@ FEWEST_FACES = 1000
 """Trees of fewer faces are built sooner than read."""
 
 _NAMES = [field.name for field in fields(TriangleTree)]
+_SIZES = ["node_count", "block_count"]
 
 
 def cached_triangle_tree(vertices: ArrayLike, faces: ArrayLike) -> TriangleTree:
@@ -24,6 +26,36 @@ def cached_triangle_tree(vertices: ArrayLike, faces: ArrayLike) -> TriangleTree:
         return build_triangle_tree(v, f)
     arrays = kept_arrays(_NAMES, (v, f), lambda: _arrays(build_triangle_tree(v, f)))
     return TriangleTree(**{name: _plain(array) for name, array in arrays.items()})
+
+
+def cached_small_trees(
+    meshes: Sequence[tuple[NDArray[Any], NDArray[Any]]], build: Callable[[], list[TriangleTree]]
+) -> list[TriangleTree]:
+    """What `build` makes of meshes of fewer faces, kept in one file for all of them; raises what that raises."""
+    if sum(len(faces) for _, faces in meshes) < FEWEST_FACES:
+        return build()
+    sources = [array for mesh in meshes for array in mesh]
+    return _apart(kept_arrays([*_NAMES, *_SIZES], sources, lambda: _joined(build())))
+
+
+def _joined(trees: Sequence[TriangleTree]) -> Arrays:
+    """All trees in one array of each kind, and how many nodes and blocks each has."""
+    ends = {name: np.array([getattr(tree, name) for tree in trees]) for name in ("lower", "upper", "dropped")}
+    whole = {name: np.concatenate([getattr(tree, name) for tree in trees]) for name in ("nodes", "blocks")}
+    sizes = [[len(tree.nodes) for tree in trees], [len(tree.blocks) for tree in trees]]
+    return ends | whole | {name: np.array(size) for name, size in zip(_SIZES, sizes, strict=True)}
+
+
+def _apart(arrays: Arrays) -> list[TriangleTree]:
+    """The trees that `_joined` put together."""
+    nodes, blocks = (
+        np.split(arrays[name], np.cumsum(arrays[size])[:-1])
+        for name, size in zip(("nodes", "blocks"), _SIZES, strict=True)
+    )
+    return [
+        TriangleTree(*tree)
+        for tree in zip(nodes, blocks, arrays["lower"], arrays["upper"], arrays["dropped"].tolist(), strict=True)
+    ]
 
 
 def _arrays(tree: TriangleTree) -> Arrays:

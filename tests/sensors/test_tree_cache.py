@@ -15,7 +15,7 @@ from rigcast import InputError, Scene
 from rigcast.kernels.geometry import TriangleTree
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.scene import disk_cache, tree_cache
-from rigcast.sensors.scene.model_geometry import hfield_triangles
+from rigcast.sensors.scene.model_geometry import Asset, hfield_triangles, read_model
 from rigcast.sensors.scene.tree_cache import cached_triangle_tree
 
 HILLS = np.random.default_rng(0).random((30, 30), dtype=np.float32)
@@ -169,3 +169,42 @@ def test_scene_reads_its_height_field_but_keeps_no_edited_one(builds: list[int],
     model.hfield_data[0] = np.nan
     with pytest.raises(InputError, match="hfield 'hills'"):
         scene.update(data)
+
+
+def _meshes(spheres: int, move: float = 0.0) -> mujoco.MjModel:
+    """Spheres of 320 faces each, the last one moved."""
+    points = np.random.default_rng(3).normal(size=(spheres, 162, 3))
+    points /= np.linalg.norm(points, axis=-1, keepdims=True)
+    points[-1, 0] *= 1.0 + move
+    assets = "".join(f'<mesh name="m{k}" vertex="{" ".join(map(str, v.ravel()))}"/>' for k, v in enumerate(points))
+    geoms = "".join(f'<geom type="mesh" mesh="m{k}"/>' for k in range(spheres))
+    return mujoco.MjModel.from_xml_string(f"<mujoco><asset>{assets}</asset><worldbody>{geoms}</worldbody></mujoco>")
+
+
+def test_small_meshes_of_a_model_are_kept_in_one_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = _meshes(5)
+    first = read_model(model)
+    with monkeypatch.context() as patched:
+        patched.setattr(Asset, "tree", None)  # which builds
+        second = read_model(model)
+    (file,) = folder.iterdir()
+    for kept, built, asset in zip(second.trees, first.trees, first.assets, strict=True):
+        assert_same(kept, built)
+        assert_same(kept, asset.tree(model))
+    read_model(_meshes(5, 1e-3))
+    assert len(list(folder.iterdir())) == 2
+    file.write_bytes(file.read_bytes()[:-100])
+    assert_same(read_model(model).trees[4], first.trees[4])
+
+
+def test_few_small_meshes_are_not_kept(folder: Path) -> None:
+    read_model(_meshes(2))
+    assert not folder.exists()
+
+
+def test_a_fault_in_a_small_mesh_names_it(folder: Path) -> None:
+    model = _meshes(5)
+    model.mesh_vert[model.mesh_vertadr[3]] = np.nan
+    with pytest.raises(InputError, match="mesh 'm3'"):
+        read_model(model)
+    assert not folder.exists()
