@@ -4,8 +4,9 @@ Rounding, u = eps / 2: s(0) is within 11u |e|_1 (|a|_1 + |b|_1), as for a single
 each of e, the products and their difference; the offset x has one, and its product with that three: 8u of 2 |e|_1
 |x|_1. The sum has one more of each: 12u |e|_1 (|a|_1 + |b|_1) + 18u |e|_1 |x|_1. 16u |e|_1 (|a|_1 + |b|_1 + 4 |x|_1)
 are allowed for. Of the height, n . a has 5u |a|, n . x 4u |x|, and the difference one of each: 6u |a| + 5u |x|, in
-place of 5u |a - x| of a single ray. With what triage_triangle has besides these are 7u |a| + 6u |x| + 6u t over |cos|,
-where 8u (|a| + 2 |x| + t) / |cos| are allowed for. What is too near to call goes to float64, by rigcast.kernels.hits.
+place of 5u |a - x| of a single ray. With what triage_triangle has besides, and one more where it is multiplied with
+1 / (d . n), these are 7u |a| + 6u |x| + 7u t over |cos|, where 8u (|a| + 2 |x| + t) / |cos| are allowed for. What is
+too near to call goes to float64, by rigcast.kernels.hits.
 """
 
 import warp as wp
@@ -37,9 +38,10 @@ class Sides:
     turn2_x: vec8
     turn2_y: vec8
     turn2_z: vec8
-    slope: vec8
+    per_slope: vec8  # 1 / (d . n)
     height: vec8
     rounding: vec8
+    sure: vec8  # how far inside its edges a ray hits for sure, +inf where it grazes the plane
     reach: vec8
 
 
@@ -74,9 +76,10 @@ def sides_of(block: TriangleBlock, ray: Ray, spread: wp.vec3) -> Sides:
     turn2_x = vec8()
     turn2_y = vec8()
     turn2_z = vec8()
-    slope = vec8()
+    per_slope = vec8()
     height = vec8()
     rounding = vec8()
+    sure = vec8()
     reach = vec8()
     for j in range(WIDTH):
         w0 = wp.vec3(x0[j], y0[j], z0[j])
@@ -108,9 +111,11 @@ def sides_of(block: TriangleBlock, ray: Ray, spread: wp.vec3) -> Sides:
         size1 = norm1(v1) + wider
         size2 = norm1(v2) + wider
         side = larger(norm1(e0) * (size0 + size1), larger(norm1(e1) * (size1 + size2), norm1(e2) * (size2 + size0)))
-        slope[j] = wp.dot(d, n)
+        slope = wp.dot(d, n)
+        per_slope[j] = 1.0 / slope
         height[j] = wp.dot(v0, n)
         rounding[j] = ROUNDING * side
+        sure[j] = wp.where(wp.abs(slope) > GRAZING, ROUNDING * side, wp.inf)
         reach[j] = larger(size0, larger(size1, size2))
     sides = Sides()
     sides.side0 = side0
@@ -125,9 +130,10 @@ def sides_of(block: TriangleBlock, ray: Ray, spread: wp.vec3) -> Sides:
     sides.turn2_x = turn2_x
     sides.turn2_y = turn2_y
     sides.turn2_z = turn2_z
-    sides.slope = slope
+    sides.per_slope = per_slope
     sides.height = height
     sides.rounding = rounding
+    sides.sure = sure
     sides.reach = reach
     return sides
 
@@ -147,9 +153,10 @@ def meet_sides(sides: Sides, block: TriangleBlock, offset: wp.vec3, cull: int) -
     turn2_x = sides.turn2_x
     turn2_y = sides.turn2_y
     turn2_z = sides.turn2_z
-    slopes = sides.slope
+    per_slopes = sides.per_slope
     heights = sides.height
     roundings = sides.rounding
+    sure = sides.sure
     reaches = sides.reach
     normal_x = block.normal_x
     normal_y = block.normal_y
@@ -166,13 +173,13 @@ def meet_sides(sides: Sides, block: TriangleBlock, offset: wp.vec3, cull: int) -
         s2 = side2[j] + (x * turn2_x[j] + y * turn2_y[j] + z * turn2_z[j])
         # how far inside its nearest edge the ray passes
         inside = larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
-        slope = slopes[j]
+        per_slope = per_slopes[j]
         height = heights[j] - (x * normal_x[j] + y * normal_y[j] + z * normal_z[j])
-        t = height / slope
-        error = DISTANCE_ROUNDING * (reaches[j] + wp.abs(t)) / wp.abs(slope)
+        t = height * per_slope
+        error = DISTANCE_ROUNDING * (reaches[j] + wp.abs(t)) * wp.abs(per_slope)
         is_far = wp.abs(height) > ROUNDING * reaches[j]
-        is_sure = inside > roundings[j] and wp.abs(slope) > GRAZING and is_far
-        is_hit = inside >= -roundings[j] and not (is_sure and (t < 0.0 or is_culled(slope, cull)))
+        is_sure = inside > sure[j] and is_far
+        is_hit = inside >= -roundings[j] and not (is_sure and (t < 0.0 or is_culled(per_slope, cull)))
         near[j] = wp.where(is_hit, wp.where(is_sure, t - error, 0.0), wp.inf)
         far[j] = wp.where(is_hit and is_sure, t + error, wp.inf)
         possible[j] = wp.where(is_hit, -1, 0)

@@ -2,11 +2,16 @@
 
 Boxes are split where the areas of the two sides, each times the leaves that its boxes fill, are least, among the planes
 between BINS bins along each axis (Wald, "On fast construction of SAH-based bounding volume hierarchies", 2007).
+
+Two passes over the boxes make a split: one fills the bins, one moves the boxes. What they reach on either side comes
+out of these, too. Loops over boxes are `while`, as the compiler keeps what a `for` counts with in memory.
 """
 
 import warp as wp
 
-from .boxes import Box, empty_box, half_area, join
+from rigcast.kernels.vectors import larger, smaller
+
+from .boxes import Box, half_area
 
 BINS = wp.constant(16)
 
@@ -23,10 +28,35 @@ class Boxes:
 
 
 @wp.struct
+class Reach:
+    """A box each of whose ends fills a vector register; the fourth number is 0."""
+
+    low: wp.vec4
+    high: wp.vec4
+
+
+@wp.struct
+class Extent:
+    """The box around some boxes, and that around their centres."""
+
+    box: Reach
+    centers: Reach
+
+
+@wp.struct
+class Halves:
+    """Boxes that were split: so many, the first ones, on the left, the others on the right."""
+
+    left_count: int
+    left: Extent
+    right: Extent
+
+
+@wp.struct
 class Bin:
     """The boxes whose centres fall into it: that around them, and how many they are."""
 
-    box: Box
+    box: Reach
     count: int
 
 
@@ -34,8 +64,8 @@ class Bin:
 class Grid:
     """Where the bins are: bin = (centre - base) * scale."""
 
-    base: wp.vec3
-    scale: wp.vec3
+    base: wp.vec4
+    scale: wp.vec4
 
 
 @wp.struct
@@ -48,8 +78,55 @@ class Split:
 
 
 @wp.func
-def center(boxes: Boxes, i: int) -> wp.vec3:
-    return 0.5 * boxes.lower[i] + 0.5 * boxes.upper[i]
+def wide(a: wp.vec3) -> wp.vec4:
+    return wp.vec4(a[0], a[1], a[2], 0.0)
+
+
+@wp.func
+def reach_of(boxes: Boxes, i: int) -> Reach:
+    reach = Reach()
+    reach.low = wide(boxes.lower[i])
+    reach.high = wide(boxes.upper[i])
+    return reach
+
+
+@wp.func
+def no_reach() -> Reach:
+    reach = Reach()
+    reach.low = wp.vec4(wp.inf, wp.inf, wp.inf, 0.0)
+    reach.high = wp.vec4(-wp.inf, -wp.inf, -wp.inf, 0.0)
+    return reach
+
+
+@wp.func
+def lowest(a: wp.vec4, b: wp.vec4) -> wp.vec4:
+    return wp.vec4(smaller(a[0], b[0]), smaller(a[1], b[1]), smaller(a[2], b[2]), 0.0)
+
+
+@wp.func
+def highest(a: wp.vec4, b: wp.vec4) -> wp.vec4:
+    return wp.vec4(larger(a[0], b[0]), larger(a[1], b[1]), larger(a[2], b[2]), 0.0)
+
+
+@wp.func
+def joined(a: Reach, low: wp.vec4, high: wp.vec4) -> Reach:
+    reach = Reach()
+    reach.low = lowest(a.low, low)
+    reach.high = highest(a.high, high)
+    return reach
+
+
+@wp.func
+def box_of(reach: Reach) -> Box:
+    box = Box()
+    box.lower = wp.vec3(reach.low[0], reach.low[1], reach.low[2])
+    box.upper = wp.vec3(reach.high[0], reach.high[1], reach.high[2])
+    return box
+
+
+@wp.func
+def center(reach: Reach) -> wp.vec4:
+    return 0.5 * reach.low + 0.5 * reach.high
 
 
 @wp.func
@@ -66,35 +143,39 @@ def swap(boxes: Boxes, i: int, j: int) -> None:
 
 
 @wp.func
-def bin_of(grid: Grid, axis: int, point: wp.vec3) -> int:
+def bin_of(grid: Grid, axis: int, point: wp.vec4) -> int:
     at = (point[axis] - grid.base[axis]) * grid.scale[axis]
     # kept in range as a float, NaN to 0: what int() makes of a float beyond its range is undefined
     return int(wp.where(at > 0.0, wp.min(at, float(BINS - 1)), 0.0))
 
 
 @wp.func
-def bounds(boxes: Boxes, first: int, count: int) -> Box:
-    box = empty_box()
-    for i in range(first, first + count):
-        box = join(box, boxes.lower[i], boxes.upper[i])
-    return box
+def no_extent() -> Extent:
+    extent = Extent()
+    extent.box = no_reach()
+    extent.centers = no_reach()
+    return extent
 
 
 @wp.func
-def center_bounds(boxes: Boxes, first: int, count: int) -> Box:
-    box = empty_box()
-    for i in range(first, first + count):
-        point = center(boxes, i)
-        box = join(box, point, point)
-    return box
+def extent_of(boxes: Boxes, first: int, count: int) -> Extent:
+    extent = no_extent()
+    i = int(first)
+    while i < first + count:
+        own = reach_of(boxes, i)
+        point = center(own)
+        extent.box = joined(extent.box, own.low, own.high)
+        extent.centers = joined(extent.centers, point, point)
+        i += 1
+    return extent
 
 
 @wp.func
-def grid_over(centers: Box) -> Grid:
+def grid_over(centers: Reach) -> Grid:
     grid = Grid()
-    grid.base = centers.lower
+    grid.base = centers.low
     for axis in range(3):
-        extent = centers.upper[axis] - centers.lower[axis]
+        extent = centers.high[axis] - centers.low[axis]
         grid.scale[axis] = wp.where(extent > 0.0, float(BINS) / extent, 0.0)
     return grid
 
@@ -103,41 +184,44 @@ def grid_over(centers: Box) -> Grid:
 def fill_bins(boxes: Boxes, first: int, count: int, grid: Grid, bins: wp.array[Bin], first_bin: int) -> None:
     for b in range(first_bin, first_bin + 3 * BINS):
         empty = Bin()
-        empty.box = empty_box()
+        empty.box = no_reach()
         bins[b] = empty
-    for i in range(first, first + count):
-        point = center(boxes, i)
+    i = int(first)
+    while i < first + count:
+        own = reach_of(boxes, i)
+        point = center(own)
         for axis in range(3):
             at = first_bin + axis * BINS + bin_of(grid, axis, point)
             filled = bins[at]
-            filled.box = join(filled.box, boxes.lower[i], boxes.upper[i])
+            filled.box = joined(filled.box, own.low, own.high)
             filled.count += 1
             bins[at] = filled
+        i += 1
 
 
 @wp.func
-def side_cost(box: Box, count: int, leaf_size: int) -> float:
+def side_cost(reach: Reach, count: int, leaf_size: int) -> float:
     """Area x leaves, the expected cost of one side of a split; +inf for a side without boxes."""
     leaves = (count + leaf_size - 1) / leaf_size
-    return wp.where(count > 0, half_area(box) * float(leaves), wp.inf)
+    return wp.where(count > 0, half_area(box_of(reach)) * float(leaves), wp.inf)
 
 
 @wp.func
 def best_split_along(axis: int, bins: wp.array[Bin], first_bin: int, leaf_size: int, best: Split) -> Split:
     right_cost = vec16()
-    box = empty_box()
+    box = no_reach()
     count = int(0)
     for k in range(BINS - 1):
         b = BINS - 1 - k
         one = bins[first_bin + axis * BINS + b]
-        box = join(box, one.box.lower, one.box.upper)
+        box = joined(box, one.box.low, one.box.high)
         count += one.count
         right_cost[b] = side_cost(box, count, leaf_size)
-    box = empty_box()
+    box = no_reach()
     count = int(0)
     for b in range(BINS - 1):
         one = bins[first_bin + axis * BINS + b]
-        box = join(box, one.box.lower, one.box.upper)
+        box = joined(box, one.box.low, one.box.high)
         count += one.count
         cost = side_cost(box, count, leaf_size) + right_cost[b + 1]
         if cost < best.cost:
@@ -148,45 +232,79 @@ def best_split_along(axis: int, bins: wp.array[Bin], first_bin: int, leaf_size: 
 
 
 @wp.func
-def partition(boxes: Boxes, first: int, count: int, grid: Grid, split: Split) -> int:
-    """Move the boxes left of the split to the front; return how many they are."""
+def partition(boxes: Boxes, first: int, count: int, grid: Grid, split: Split) -> Halves:
+    """Move the boxes left of the split to the front; what they reach is left to the bins."""
+    left = no_reach()
+    right = no_reach()
     i = int(first)
     j = int(first + count - 1)
     while i <= j:
-        if bin_of(grid, split.axis, center(boxes, i)) <= split.last_left_bin:
+        point = center(reach_of(boxes, i))
+        if bin_of(grid, split.axis, point) <= split.last_left_bin:
+            left = joined(left, point, point)
             i += 1
         else:
+            right = joined(right, point, point)
             swap(boxes, i, j)
             j -= 1
-    return i - first
+    halves = Halves()
+    halves.left_count = i - first
+    halves.left.centers = left
+    halves.right.centers = right
+    return halves
 
 
 @wp.func
-def split_by_sah(boxes: Boxes, first: int, count: int, leaf_size: int, bins: wp.array[Bin], first_bin: int) -> int:
-    """Reorder the boxes along the split of least cost; return how many lie left of it, 0 if there is none."""
-    grid = grid_over(center_bounds(boxes, first, count))
+def joined_bins(bins: wp.array[Bin], begin: int, end: int) -> Reach:
+    box = no_reach()
+    for b in range(begin, end):
+        box = joined(box, bins[b].box.low, bins[b].box.high)
+    return box
+
+
+@wp.func
+def split_by_sah(
+    boxes: Boxes, first: int, count: int, centers: Reach, leaf_size: int, bins: wp.array[Bin], first_bin: int
+) -> Halves:
+    """Reorder the boxes along the split of least cost; none lie left of it if there is none."""
+    grid = grid_over(centers)
     fill_bins(boxes, first, count, grid, bins, first_bin)
     split = Split()
     split.axis = -1
     split.cost = wp.inf
     for axis in range(3):
         split = best_split_along(axis, bins, first_bin, leaf_size, split)
-    if split.axis < 0:
-        return 0
-    return partition(boxes, first, count, grid, split)
+    halves = Halves()
+    if split.axis >= 0:
+        halves = partition(boxes, first, count, grid, split)
+        begin = first_bin + split.axis * BINS
+        middle = begin + split.last_left_bin + 1
+        halves.left.box = joined_bins(bins, begin, middle)
+        halves.right.box = joined_bins(bins, middle, begin + BINS)
+    return halves
 
 
 @wp.func
 def split_boxes(
-    boxes: Boxes, first: int, count: int, leaf_size: int, balanced: bool, bins: wp.array[Bin], first_bin: int
-) -> int:
-    """Reorder two boxes or more; return how many go left, at least one and not all.
+    boxes: Boxes,
+    first: int,
+    count: int,
+    centers: Reach,
+    leaf_size: int,
+    balanced: bool,
+    bins: wp.array[Bin],
+    first_bin: int,
+) -> Halves:
+    """Reorder two boxes or more, with their centres in this box, so that at least one goes left, and not all.
 
     Where the heuristic finds no split, and always if balanced, half of them do.
     """
-    left_count = int(0)
+    halves = Halves()
     if not balanced:
-        left_count = split_by_sah(boxes, first, count, leaf_size, bins, first_bin)
-    if left_count == 0 or left_count == count:
-        return count >> 1
-    return left_count
+        halves = split_by_sah(boxes, first, count, centers, leaf_size, bins, first_bin)
+    if halves.left_count == 0 or halves.left_count == count:
+        half = count >> 1
+        halves.left_count = half
+        halves.left = extent_of(boxes, first, half)
+        halves.right = extent_of(boxes, first + half, count - half)
+    return halves

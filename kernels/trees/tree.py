@@ -15,7 +15,7 @@ from rigcast.kernels.launch import launch_over_rays
 
 from .boxes import half_area
 from .nodes import NO_CHILD, WIDTH, Node, empty_node, empty_nodes, moved_nodes, set_child, struct_zeros, vec8, vec8i
-from .splits import BINS, Bin, Boxes, bounds, split_boxes
+from .splits import BINS, Bin, Boxes, Extent, box_of, extent_of, split_boxes
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -82,12 +82,10 @@ def make_pending(node: int, run: Run, room: int) -> Pending:
 
 
 @wp.func
-def with_member(bud: Bud, boxes: Boxes, j: int, run: Run, balanced: bool) -> Bud:
-    box = bounds(boxes, run.first, run.count)
-    bud.node = set_child(bud.node, j, box, NO_CHILD)
+def with_member(bud: Bud, j: int, run: Run, extent: Extent, balanced: bool) -> Bud:
     bud.first[j] = run.first
     bud.count[j] = run.count
-    bud.size[j] = wp.where(balanced, float(run.count), half_area(box))
+    bud.size[j] = wp.where(balanced, float(run.count), half_area(box_of(extent.box)))
     return bud
 
 
@@ -104,27 +102,6 @@ def member_to_split(bud: Bud, run_size: int) -> int:
     return best
 
 
-@wp.func
-def unfold(
-    boxes: Boxes, run: Run, leaf_size: int, run_size: int, balanced: bool, bins: wp.array[Bin], first_bin: int
-) -> Bud:
-    """Split a run into up to eight, none of which needs to have fewer boxes than run_size."""
-    bud = Bud()
-    bud.node = empty_node()
-    bud = with_member(bud, boxes, 0, run, balanced)
-    bud.members = 1
-    j = member_to_split(bud, run_size)
-    while j >= 0 and bud.members < WIDTH:
-        first = bud.first[j]
-        count = bud.count[j]
-        left_count = split_boxes(boxes, first, count, leaf_size, balanced, bins, first_bin)
-        bud = with_member(bud, boxes, j, make_run(first, left_count), balanced)
-        bud = with_member(bud, boxes, bud.members, make_run(first + left_count, count - left_count), balanced)
-        bud.members += 1
-        j = member_to_split(bud, run_size)
-    return bud
-
-
 @wp.struct
 class Plot:
     """What trees are grown from and in: arrays, for Warp compiles a kernel twice that is given any by itself."""
@@ -135,11 +112,43 @@ class Plot:
     run_size: int
     balanced: bool
     bins: wp.array[Bin]  # 3 * BINS for each run
+    extents: wp.array[Extent]  # WIDTH for each run
     pending: wp.array[Pending]  # one for each box
     # out, one for each box; those of a run begin at its first box:
     nodes: wp.array[Node]
     leaves: wp.array[Run]
     grown: wp.array[Growth]  # one for each run
+
+
+@wp.func
+def unfold(plot: Plot, thread: int, run: Run) -> Bud:
+    """Split a run into up to eight, none of which needs to have fewer boxes than run_size."""
+    boxes = plot.boxes
+    extents = plot.extents
+    at = thread * WIDTH
+    bud = Bud()
+    extents[at] = extent_of(boxes, run.first, run.count)
+    bud = with_member(bud, 0, run, extents[at], plot.balanced)
+    bud.members = 1
+    j = member_to_split(bud, plot.run_size)
+    while j >= 0 and bud.members < WIDTH:
+        first = bud.first[j]
+        count = bud.count[j]
+        halves = split_boxes(
+            boxes, first, count, extents[at + j].centers, plot.leaf_size, plot.balanced, plot.bins, thread * 3 * BINS
+        )
+        left = make_run(first, halves.left_count)
+        right = make_run(first + halves.left_count, count - halves.left_count)
+        bud = with_member(bud, j, left, halves.left, plot.balanced)
+        bud = with_member(bud, bud.members, right, halves.right, plot.balanced)
+        extents[at + j] = halves.left
+        extents[at + bud.members] = halves.right
+        bud.members += 1
+        j = member_to_split(bud, plot.run_size)
+    bud.node = empty_node()
+    for m in range(bud.members):
+        bud.node = set_child(bud.node, m, box_of(extents[at + m].box), NO_CHILD)
+    return bud
 
 
 @wp.kernel
@@ -162,7 +171,7 @@ def grow(first_thread: int, plot: Plot) -> None:
     while left_to_do > 0:
         left_to_do -= 1
         parent = pending[base + left_to_do]
-        bud = unfold(plot.boxes, parent.run, plot.leaf_size, plot.run_size, plot.balanced, plot.bins, thread * 3 * BINS)
+        bud = unfold(plot, thread, parent.run)
         room = parent.room - 1 + bud.members
         growth.stack = wp.max(growth.stack, room)
         for j in range(bud.members):
@@ -238,6 +247,7 @@ def _grow(
     plot.boxes, plot.runs = boxes, wp.array(runs, dtype=Run, device="cpu")
     plot.leaf_size, plot.run_size, plot.balanced = leaf_size, run_size, balanced
     plot.bins = wp.empty(len(runs) * 3 * BINS, dtype=Bin, device="cpu")
+    plot.extents = wp.empty(len(runs) * WIDTH, dtype=Extent, device="cpu")
     plot.pending, plot.nodes, plot.leaves = (wp.empty(n, dtype=kind, device="cpu") for kind in (Pending, Node, Run))
     plot.grown = wp.empty(len(runs), dtype=Growth, device="cpu")
     launch_over_rays(grow, len(runs), [plot], [], "cpu", slice_size=1)

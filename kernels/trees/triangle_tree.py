@@ -125,7 +125,8 @@ def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triang
     corners = on_cpu(f.astype(np.int32, copy=False), wp.vec3i)
     lower, upper, has_area = _measured(places, corners)
     face = np.flatnonzero(has_area)
-    tree = build_tree(lower[face], upper[face], leaf_size=WIDTH)
+    kept = slice(None) if len(face) == len(f) else face  # without a copy where it is all of them
+    tree = build_tree(lower[kept], upper[kept], leaf_size=WIDTH)
     blocks = blocks_of(tree, face)
     box = whole_box(*fill(on_cpu(blocks, TriangleBlock), places, corners))
     return TriangleTree(tree.nodes, blocks, *box, dropped=len(f) - len(face))

@@ -11,6 +11,7 @@ from rich.markup import escape
 
 from rigcast.quiet import quiet_warp
 from rigcast.rig_file import RigConfig
+from rigcast.sensors.rig.frame import Frame
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.scene.hits import Hits
 
@@ -30,11 +31,17 @@ def ready_rig(
     quiet_warp()
     with word_if_compiling(console):
         rig = config.build(model, device, seed)
-        rig.sense(data)
-    for sensor, hits in rig.cast(data).items():
+        frames = rig.sense(data)
+    close = [name for name, frame in frames.items() if _is_close(frame)]
+    for sensor, hits in rig.cast(data, close).items():
         if word := _word_if_boxed_in(sensor, hits, model):
             console.print(escape(word), soft_wrap=True)
     return rig
+
+
+def _is_close(frame: Frame) -> bool:
+    """Whether half of the rays or more read less than _TOUCHING: too near, as what is invalid may be, too."""
+    return float(np.mean(~(frame.range.numpy() >= _TOUCHING))) >= 0.5
 
 
 def _word_if_boxed_in(sensor: str, hits: Hits, model: mujoco.MjModel) -> str:
