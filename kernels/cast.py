@@ -12,9 +12,9 @@ from .geometry import Geometry
 from .launch import TURN, prepare_over_rays, prepare_over_tiles
 from .moving import at_firings
 from .out import Out
-from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, world_ray
+from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, world_ray
 from .packets.places import miss_packet, read_packet, write_packet
-from .packets.prefetch import prefetch_out, prefetch_packet
+from .packets.prefetch import prefetch_out, prefetch_packet, prefetch_tile
 from .packets.tile import cast_tile, clear_packet
 from .packing.bundling import Bundles
 from .packing.sorting import Packets
@@ -83,8 +83,10 @@ class InPackets:
     packets: wp.array[Packet]
     # scratch:
     copies: wp.array2d[Geometry]  # (threads, 1)
+    rays: wp.array2d[TileRays]  # (threads, 1)
     best: wp.array[PacketHits]
     world_directions: wp.array[Directions]
+    local_directions: wp.array2d[Vectors]  # (threads, 1)
 
 
 @wp.kernel
@@ -97,44 +99,47 @@ def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
     packets = these.packets
     own = job.rays
     out = job.out
+    rays = these.rays[thread]
+    rays[0].limit = job.limit
+    rays[0].cull = job.cull
+    rays[0].packets = packets
+    rays[0].geometry = held
+    rays[0].first_slot = thread * PACKETS
+    rays[0].best = these.best
+    rays[0].directions = these.world_directions
+    rays[0].local = these.local_directions[thread]
     at = turn_of(turns) * TURN
     while at < these.worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
         index = at % tiles.shape[0]
-        rays = TileRays()
-        rays.tile = tiles[index]
-        ray = world * own.count + rays.tile.ray
+        rays[0].tile = tiles[index]
+        ray = world * own.count + rays[0].tile.ray
         firing = firing_of(own, ray)
         rotation = own.rotation[firing]
-        rays.origin = own.position[firing] + rotation * origin_of(own, ray)
-        rays.axis = rotation * rays.tile.axis
-        rays.u = rotation * rays.tile.u
-        rays.v = rotation * rays.tile.v
-        rays.scope = scope_of(held, span_of(own, firing), firing)
-        rays.first_ray = world * own.count
-        rays.limit = job.limit
-        rays.cull = job.cull
-        rays.first_packet = index * PACKETS
-        rays.packets = packets
-        rays.geometry = held
-        rays.first_slot = thread * PACKETS
-        rays.best = these.best
-        rays.directions = these.world_directions
+        rays[0].origin = own.position[firing] + rotation * origin_of(own, ray)
+        rays[0].rotation = rotation
+        rays[0].axis = rotation * rays[0].tile.axis
+        rays[0].u = rotation * rays[0].tile.u
+        rays[0].v = rotation * rays[0].tile.v
+        rays[0].scope = scope_of(held, span_of(own, firing), firing)
+        rays[0].first_ray = world * own.count
+        rays[0].first_packet = index * PACKETS
         following = (at + 1) % tiles.shape[0]
+        prefetch_tile(tiles, following)
         for k in range(PACKETS):
-            clear_packet(rays, k, rotation)
-            prefetch_out(out, rays, k)
+            clear_packet(rays, k)
             prefetch_packet(packets, following * PACKETS + k)
-        is_sound = is_castable(world_ray(rays, rays.first_slot, 0))
+        is_sound = is_castable(world_ray(rays, rays[0].first_slot, 0))
         if is_sound:
             cast_tile(g, rays)
         for k in range(PACKETS):
+            prefetch_out(out, packets, following * PACKETS + k, rays[0].first_ray)
             if is_sound:
                 write_packet(g, out, rays, k)
             else:
                 miss_packet(out, rays, k, wp.nan)
             if out.is_read:
-                read_packet(out, rays, k, rotation)
+                read_packet(out, rays, k)
         at = tile_after(at, turns)
 
 
@@ -200,8 +205,10 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     these = InPackets()
     these.worlds, these.tiles, these.packets = worlds, packets.tiles, packets.packets
     these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
+    these.rays = wp.empty((threads, 1), dtype=TileRays, device="cpu")
     these.best = wp.empty(threads * PACKETS, dtype=PacketHits, device="cpu")
     these.world_directions = wp.empty(threads * PACKETS, dtype=Directions, device="cpu")
+    these.local_directions = wp.empty((threads, 1), dtype=Vectors, device="cpu")
     return [geometry, job, these]
 
 

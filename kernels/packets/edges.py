@@ -25,22 +25,18 @@ SIDE_ROUNDING = wp.constant(12.0 * 2.0**-23)  # 24u
 DISTANCE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
 
 
+linear = wp.types.matrix(shape=(3, 8), dtype=wp.float32)
+"""A linear function of (1, p, q) of each of eight triangles."""
+
+
 @wp.struct
 class Edges:
-    """What the triangles of a block are to the rays of a tile: linear functions of (1, p, q), and their rounding."""
+    """What the triangles of a block are to the rays of a tile, and their rounding."""
 
-    side0_a: vec8
-    side0_u: vec8
-    side0_v: vec8
-    side1_a: vec8
-    side1_u: vec8
-    side1_v: vec8
-    side2_a: vec8
-    side2_u: vec8
-    side2_v: vec8
-    slope_a: vec8
-    slope_u: vec8
-    slope_v: vec8
+    side0: linear
+    side1: linear
+    side2: linear
+    slope: linear
     rounding: vec8
     height: vec8
     reach: vec8
@@ -63,26 +59,17 @@ def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
     normal_z = block.normal_z
     origin = sought.view.origin
     rest = sought.view.origin_rest
-    a = sought.view.axis
-    u = sought.view.u
-    v = sought.view.v
+    to_basis = wp.matrix_from_rows(sought.view.axis, sought.view.u, sought.view.v)
     scale = SIDE_ROUNDING * sought.widest
-    s0a = vec8()
-    s0u = vec8()
-    s0v = vec8()
-    s1a = vec8()
-    s1u = vec8()
-    s1v = vec8()
-    s2a = vec8()
-    s2u = vec8()
-    s2v = vec8()
-    na = vec8()
-    nu = vec8()
-    nv = vec8()
+    side0 = linear()
+    side1 = linear()
+    side2 = linear()
+    slope = linear()
     rounding = vec8()
     height = vec8()
     reach = vec8()
     for j in range(WIDTH):
+        # edge by edge: registers do not suffice for all of them at once
         w0 = wp.vec3(x0[j], y0[j], z0[j])
         w1 = wp.vec3(x1[j], y1[j], z1[j])
         w2 = wp.vec3(x2[j], y2[j], z2[j])
@@ -91,46 +78,34 @@ def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
         size0 = norm1(v0)
         size1 = norm1(v1)
         e0 = w0 - w1
-        c0 = wp.cross(e0, v0 + v1)
-        s0a[j] = wp.dot(c0, a)
-        s0u[j] = wp.dot(c0, u)
-        s0v[j] = wp.dot(c0, v)
-        side0 = norm1(e0) * (size0 + size1)
+        s0 = to_basis * wp.cross(e0, v0 + v1)
+        for k in range(3):
+            side0[k, j] = s0[k]
+        side = norm1(e0) * (size0 + size1)
         v2 = (w2 - origin) - rest
         size2 = norm1(v2)
         e1 = w1 - w2
-        c1 = wp.cross(e1, v1 + v2)
-        s1a[j] = wp.dot(c1, a)
-        s1u[j] = wp.dot(c1, u)
-        s1v[j] = wp.dot(c1, v)
-        side1 = norm1(e1) * (size1 + size2)
+        s1 = to_basis * wp.cross(e1, v1 + v2)
+        for k in range(3):
+            side1[k, j] = s1[k]
+        side = larger(side, norm1(e1) * (size1 + size2))
         e2 = w2 - w0
-        c2 = wp.cross(e2, v2 + v0)
-        s2a[j] = wp.dot(c2, a)
-        s2u[j] = wp.dot(c2, u)
-        s2v[j] = wp.dot(c2, v)
-        side2 = norm1(e2) * (size2 + size0)
-        side = larger(side0, larger(side1, side2))
+        s2 = to_basis * wp.cross(e2, v2 + v0)
+        for k in range(3):
+            side2[k, j] = s2[k]
+        side = larger(side, norm1(e2) * (size2 + size0))
         n = wp.vec3(normal_x[j], normal_y[j], normal_z[j])
-        na[j] = wp.dot(n, a)
-        nu[j] = wp.dot(n, u)
-        nv[j] = wp.dot(n, v)
+        s = to_basis * n
+        for k in range(3):
+            slope[k, j] = s[k]
         rounding[j] = scale * side
         height[j] = wp.dot(v0, n)
         reach[j] = larger(size0, larger(size1, size2))
     edges = Edges()
-    edges.side0_a = s0a
-    edges.side0_u = s0u
-    edges.side0_v = s0v
-    edges.side1_a = s1a
-    edges.side1_u = s1u
-    edges.side1_v = s1v
-    edges.side2_a = s2a
-    edges.side2_u = s2u
-    edges.side2_v = s2v
-    edges.slope_a = na
-    edges.slope_u = nu
-    edges.slope_v = nv
+    edges.side0 = side0
+    edges.side1 = side1
+    edges.side2 = side2
+    edges.slope = slope
     edges.rounding = rounding
     edges.height = height
     edges.reach = reach
@@ -140,15 +115,9 @@ def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
 @wp.func
 def may_be_hit(edges: Edges, sought: Sought) -> int:
     """Bit by bit, the triangles that a packet may hit: by the sides at its middle, and their change to its corners."""
-    side0_a = edges.side0_a
-    side0_u = edges.side0_u
-    side0_v = edges.side0_v
-    side1_a = edges.side1_a
-    side1_u = edges.side1_u
-    side1_v = edges.side1_v
-    side2_a = edges.side2_a
-    side2_u = edges.side2_u
-    side2_v = edges.side2_v
+    side0 = edges.side0
+    side1 = edges.side1
+    side2 = edges.side2
     rounding = edges.rounding
     p = sought.p
     q = sought.q
@@ -156,12 +125,12 @@ def may_be_hit(edges: Edges, sought: Sought) -> int:
     q_half = sought.q_half
     possible = int(0)
     for j in range(WIDTH):
-        middle0 = side0_a[j] + p * side0_u[j] + q * side0_v[j]
-        middle1 = side1_a[j] + p * side1_u[j] + q * side1_v[j]
-        middle2 = side2_a[j] + p * side2_u[j] + q * side2_v[j]
-        change0 = p_half * wp.abs(side0_u[j]) + q_half * wp.abs(side0_v[j]) + rounding[j]
-        change1 = p_half * wp.abs(side1_u[j]) + q_half * wp.abs(side1_v[j]) + rounding[j]
-        change2 = p_half * wp.abs(side2_u[j]) + q_half * wp.abs(side2_v[j]) + rounding[j]
+        middle0 = side0[0, j] + p * side0[1, j] + q * side0[2, j]
+        middle1 = side1[0, j] + p * side1[1, j] + q * side1[2, j]
+        middle2 = side2[0, j] + p * side2[1, j] + q * side2[2, j]
+        change0 = p_half * wp.abs(side0[1, j]) + q_half * wp.abs(side0[2, j]) + rounding[j]
+        change1 = p_half * wp.abs(side1[1, j]) + q_half * wp.abs(side1[2, j]) + rounding[j]
+        change2 = p_half * wp.abs(side2[1, j]) + q_half * wp.abs(side2[2, j]) + rounding[j]
         left = smaller(middle0 + change0, smaller(middle1 + change1, middle2 + change2)) >= 0.0
         right = larger(middle0 - change0, larger(middle1 - change1, middle2 - change2)) <= 0.0
         possible = possible | wp.where(left or right, 1 << j, 0)
@@ -200,18 +169,10 @@ def span_in_plane(
 @wp.func
 def meet_triangles(edges: Edges, p: float, q: float, length: float, cull: int, limit: float) -> Spans:
     """One ray against the triangles of a block, up to a limit."""
-    side0_a = edges.side0_a
-    side0_u = edges.side0_u
-    side0_v = edges.side0_v
-    side1_a = edges.side1_a
-    side1_u = edges.side1_u
-    side1_v = edges.side1_v
-    side2_a = edges.side2_a
-    side2_u = edges.side2_u
-    side2_v = edges.side2_v
-    slope_a = edges.slope_a
-    slope_u = edges.slope_u
-    slope_v = edges.slope_v
+    side0 = edges.side0
+    side1 = edges.side1
+    side2 = edges.side2
+    slopes = edges.slope
     rounding = edges.rounding
     height = edges.height
     size = edges.reach
@@ -219,10 +180,10 @@ def meet_triangles(edges: Edges, p: float, q: float, length: float, cull: int, l
     far = vec8()
     possible = vec8i()
     for j in range(WIDTH):
-        s0 = side0_a[j] + p * side0_u[j] + q * side0_v[j]
-        s1 = side1_a[j] + p * side1_u[j] + q * side1_v[j]
-        s2 = side2_a[j] + p * side2_u[j] + q * side2_v[j]
-        slope = slope_a[j] + p * slope_u[j] + q * slope_v[j]
+        s0 = side0[0, j] + p * side0[1, j] + q * side0[2, j]
+        s1 = side1[0, j] + p * side1[1, j] + q * side1[2, j]
+        s2 = side2[0, j] + p * side2[1, j] + q * side2[2, j]
+        slope = slopes[0, j] + p * slopes[1, j] + q * slopes[2, j]
         span = span_in_plane(inside_edges(s0, s1, s2), slope, length, rounding[j], height[j], size[j], cull)
         near[j] = span[0]
         far[j] = span[1]

@@ -117,7 +117,8 @@ def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
         outside = larger(larger(off_left, off_right), larger(off_bottom, off_top))
         near_xy = larger((wp.abs(x) - hx) * slowness[0], (wp.abs(y) - hy) * slowness[1])
         near = larger(near_xy, larger((wp.abs(z) - hz) * slowness[2], 0.0))
-        distance[j] = near
+        # planes without bounds first, as they bound how far all rays reach
+        distance[j] = wp.where(half_x[j] + half_y[j] + half_z[j] < wp.inf, near, 0.0)
         enters = outside <= 0.0 and ahead >= 0.0 and near <= limit and half_x[j] >= 0.0
         children = children | wp.where(enters, 1 << j, 0)
     entered = Entered()
@@ -264,3 +265,24 @@ def packets_at_box(view: View, tile: Tile, center: wp.vec3, half: wp.vec3, dista
         outside |= wp.where(distance <= reach[j], 0, 1)
         packets = packets | wp.where(outside == 0, 1 << j, 0)
     return packets & tile.packets
+
+
+@wp.func
+def packets_going_down(view: View, tile: Tile) -> int:
+    """Bit by bit, the packets some of whose rays may go down in the view's frame, as those do that hit its plane z = 0.
+
+    a_z + p u_z + q v_z, which has the sign of d_z, is within 5u (1 + |p| + |q|) of what it is without rounding.
+    """
+    p_low = tile.p_low
+    p_high = tile.p_high
+    q_low = tile.q_low
+    q_high = tile.q_high
+    a = view.axis[2]
+    u = view.u[2]
+    v = view.v[2]
+    packets = int(0)
+    for j in range(PACKETS):
+        lowest = a + smaller(p_low[j] * u, p_high[j] * u) + smaller(q_low[j] * v, q_high[j] * v)
+        widest = 1.0 + larger(-p_low[j], p_high[j]) + larger(-q_low[j], q_high[j])
+        packets = packets | wp.where(lowest <= LANE_ROUNDING * widest, 1 << j, 0)
+    return packets

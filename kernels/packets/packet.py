@@ -69,6 +69,33 @@ class Vectors:
     z: lanes
 
 
+# without a return type, as Warp 1.12 knows none but numbers there
+@wp.func_native("""
+    auto* to = wp::address(rounded, 0);
+#if defined(__CUDA_ARCH__)
+    for (int i = 0; i < 16; ++i) {
+        to->x[i] = float(x[i]);
+        to->y[i] = float(y[i]);
+        to->z[i] = float(z[i]);
+    }
+#else
+    typedef double doubles __attribute__((ext_vector_type(16)));
+    typedef float floats __attribute__((ext_vector_type(16)));
+    doubles values[3];
+    __builtin_memcpy(&values[0], &x, sizeof(x));
+    __builtin_memcpy(&values[1], &y, sizeof(y));
+    __builtin_memcpy(&values[2], &z, sizeof(z));
+    floats converted[3];
+    for (int k = 0; k < 3; ++k) converted[k] = __builtin_convertvector(values[k], floats);
+    __builtin_memcpy(&to->x, &converted[0], sizeof(to->x));
+    __builtin_memcpy(&to->y, &converted[1], sizeof(to->y));
+    __builtin_memcpy(&to->z, &converted[2], sizeof(to->z));
+#endif
+""")
+def round_vectors(rounded: wp.array[Vectors], x: double_lanes, y: double_lanes, z: double_lanes):  # type: ignore[no-untyped-def]
+    """To float32, in whole vectors: a loop over float64 writes halves of them, and to read both as one is to wait."""
+
+
 @wp.struct
 class Directions:
     """Unit directions of a packet's rays in the world."""
@@ -80,9 +107,10 @@ class Directions:
 
 @wp.struct
 class TileRays:
-    """A tile of rays in the world, and where its hits are kept."""
+    """A tile of rays in the world, and where its hits are kept. Functions have it in an array of one, not copied."""
 
     origin: wp.vec3d
+    rotation: wp.mat33d  # columns: the axes of the rays' frame
     axis: wp.vec3d
     u: wp.vec3d
     v: wp.vec3d
@@ -97,6 +125,7 @@ class TileRays:
     first_slot: int  # of PACKETS of this thread
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
+    local: wp.array[Vectors]  # one, of a packet's directions in a shape's frame
 
 
 @wp.struct
@@ -125,14 +154,14 @@ class View:
 
 
 @wp.func
-def view_from(origin: wp.vec3d, to_local: wp.mat33d, rays: TileRays, reach: float) -> View:
+def view_from(origin: wp.vec3d, to_local: wp.mat33d, rays: wp.array[TileRays], reach: float) -> View:
     """A tile as seen in a frame, with the ray's origin there, whose coordinates go up to reach."""
     view = View()
     view.origin = to_float(origin)
     view.origin_rest = to_float(origin - to_double(view.origin))
-    view.axis = to_float(to_local * rays.axis)
-    view.u = to_float(to_local * rays.u)
-    view.v = to_float(to_local * rays.v)
+    view.axis = to_float(to_local * rays[0].axis)
+    view.u = to_float(to_local * rays[0].u)
+    view.v = to_float(to_local * rays[0].v)
     view.margin = box_margin(view.origin, reach)
     return view
 
@@ -149,31 +178,32 @@ def farthest(far: lanes) -> float:
 
 
 @wp.func
-def world_ray(rays: TileRays, slot: int, i: int) -> WorldRay:
+def world_ray(rays: wp.array[TileRays], slot: int, i: int) -> WorldRay:
     """The ray of lane i of a packet."""
+    directions = rays[0].directions
     ray = WorldRay()
-    ray.origin = rays.origin
-    ray.direction = wp.vec3d(rays.directions[slot].x[i], rays.directions[slot].y[i], rays.directions[slot].z[i])
-    ray.scope = rays.scope
-    ray.limit = rays.limit
-    ray.cull = rays.cull
+    ray.origin = rays[0].origin
+    ray.direction = wp.vec3d(directions[slot].x[i], directions[slot].y[i], directions[slot].z[i])
+    ray.scope = rays[0].scope
+    ray.limit = rays[0].limit
+    ray.cull = rays[0].cull
     return ray
 
 
 @wp.func
-def packet_of(rays: TileRays, k: int) -> PacketRays:
+def packet_of(rays: wp.array[TileRays], k: int) -> PacketRays:
     """Packet k of a tile."""
     packet = PacketRays()
-    packet.ray.origin = rays.origin
-    packet.ray.scope = rays.scope
-    packet.ray.limit = rays.limit
-    packet.ray.cull = rays.cull
-    packet.packet = rays.first_packet + k
-    packet.packets = rays.packets
-    packet.geometry = rays.geometry
-    packet.slot = rays.first_slot + k
-    packet.best = rays.best
-    packet.directions = rays.directions
+    packet.ray.origin = rays[0].origin
+    packet.ray.scope = rays[0].scope
+    packet.ray.limit = rays[0].limit
+    packet.ray.cull = rays[0].cull
+    packet.packet = rays[0].first_packet + k
+    packet.packets = rays[0].packets
+    packet.geometry = rays[0].geometry
+    packet.slot = rays[0].first_slot + k
+    packet.best = rays[0].best
+    packet.directions = rays[0].directions
     return packet
 
 

@@ -14,23 +14,24 @@ from rigcast.kernels.shapes.triangle import GRAZING
 from rigcast.kernels.trees.nodes import WIDTH
 from rigcast.kernels.vectors import lowest_bit, to_double, to_float
 
-from .packet import LANES, TileRays, Vectors, lanes, world_ray
+from .lanes import lane_bits
+from .packet import LANES, TileRays, Vectors, int_lanes, lanes, world_ray
 from .solids import closed_form_normals
 
 
 @wp.func
-def write_triangles(g: Geometry, out: Out, rays: TileRays, k: int, which: int, shape: int) -> None:
+def write_triangles(g: Geometry, out: Out, rays: wp.array[TileRays], k: int, which: int, shape: int) -> None:
     """Where those rays of a packet hit which hit triangles of one shape."""
-    slot = rays.first_slot + k
-    numbers = rays.packets[rays.first_packet + k].ray
-    x = rays.directions[slot].x
-    y = rays.directions[slot].y
-    z = rays.directions[slot].z
-    hit = rays.best[slot].triangle
+    slot = rays[0].first_slot + k
+    numbers = rays[0].packets[rays[0].first_packet + k].ray
+    x = rays[0].directions[slot].x
+    y = rays[0].directions[slot].y
+    z = rays[0].directions[slot].z
+    hit = rays[0].best[slot].triangle
     kind = g.kind[shape]
-    pose = pose_of(rays.geometry, shape, rays.scope)
+    pose = pose_of(rays[0].geometry, shape, rays[0].scope)
     rotation = pose.rotation
-    offset = rays.origin - pose.position
+    offset = rays[0].origin - pose.position
     todo = int(which)
     while todo != 0:
         i = lowest_bit(todo)
@@ -44,25 +45,27 @@ def write_triangles(g: Geometry, out: Out, rays: TileRays, k: int, which: int, s
         slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
         distance = distance_to_plane(v0, n, normal, slope, offset)
         if wp.abs(slope) <= wp.float64(GRAZING):
-            distance = float(distance_of(rays.geometry, shape, triangle, world_ray(rays, slot, i)))
+            distance = float(distance_of(rays[0].geometry, shape, triangle, world_ray(rays, slot, i)))
         facing = outward(kind, normal, slope)
-        write_place(out, rays.first_ray + numbers[i], shape, distance, g.blocks[block].face[j], facing, rays.limit)
+        write_place(
+            out, rays[0].first_ray + numbers[i], shape, distance, g.blocks[block].face[j], facing, rays[0].limit
+        )
 
 
 @wp.func
-def write_closed_form(g: Geometry, out: Out, rays: TileRays, k: int, which: int, shape: int) -> None:
+def write_closed_form(g: Geometry, out: Out, rays: wp.array[TileRays], k: int, which: int, shape: int) -> None:
     """Where those rays of a packet hit which hit one closed form; normals are worked out for all rays at once."""
-    slot = rays.first_slot + k
-    numbers = rays.packets[rays.first_packet + k].ray
-    x = rays.directions[slot].x
-    y = rays.directions[slot].y
-    z = rays.directions[slot].z
-    near = rays.best[slot].near
-    far = rays.best[slot].far
-    pose = pose_of(rays.geometry, shape, rays.scope)
+    slot = rays[0].first_slot + k
+    numbers = rays[0].packets[rays[0].first_packet + k].ray
+    x = rays[0].directions[slot].x
+    y = rays[0].directions[slot].y
+    z = rays[0].directions[slot].z
+    near = rays[0].best[slot].near
+    far = rays[0].best[slot].far
+    pose = pose_of(rays[0].geometry, shape, rays[0].scope)
     rotation = pose.rotation
     to_local = wp.transpose(rotation)
-    offset = rays.origin - pose.position
+    offset = rays[0].origin - pose.position
     distance = lanes()
     point_x = lanes()
     point_y = lanes()
@@ -83,7 +86,7 @@ def write_closed_form(g: Geometry, out: Out, rays: TileRays, k: int, which: int,
         direction_z[i] = direction[2]
     points = vectors(point_x, point_y, point_z)
     directions = vectors(direction_x, direction_y, direction_z)
-    local = closed_form_normals(g.kind[shape], g.size[rays.scope.first_shape + shape], points, directions, distance)
+    local = closed_form_normals(g.kind[shape], g.size[rays[0].scope.first_shape + shape], points, directions, distance)
     local_x = local.x
     local_y = local.y
     local_z = local.z
@@ -92,7 +95,7 @@ def write_closed_form(g: Geometry, out: Out, rays: TileRays, k: int, which: int,
         i = lowest_bit(todo)
         todo = todo & (todo - 1)
         normal = to_float(rotation * to_double(wp.vec3(local_x[i], local_y[i], local_z[i])))
-        write_place(out, rays.first_ray + numbers[i], shape, distance[i], -1, normal, rays.limit)
+        write_place(out, rays[0].first_ray + numbers[i], shape, distance[i], -1, normal, rays[0].limit)
 
 
 @wp.func
@@ -105,33 +108,46 @@ def vectors(x: lanes, y: lanes, z: lanes) -> Vectors:
 
 
 @wp.func
-def miss_packet(out: Out, rays: TileRays, k: int, distance: float) -> None:
-    for lane in range(LANES):
-        i = rays.packets[rays.first_packet + k].ray[lane]
-        if i >= 0:
-            write_miss(out, rays.first_ray + i, distance)
+def lanes_with_rays(numbers: int_lanes) -> int:
+    """Bit by bit, which lanes of a packet have a ray."""
+    there = int_lanes()
+    for i in range(LANES):
+        there[i] = -1 - numbers[i]
+    return lane_bits(there)
 
 
 @wp.func
-def write_packet(g: Geometry, out: Out, rays: TileRays, k: int) -> None:
-    """Write what the rays of a packet hit, shape by shape."""
-    slot = rays.first_slot + k
-    numbers = rays.packets[rays.first_packet + k].ray
-    shapes = rays.best[slot].shape
-    todo = int(0)
+def lanes_at(shapes: int_lanes, shape: int) -> int:
+    """Bit by bit, which of these is the shape."""
+    same = int_lanes()
+    for i in range(LANES):
+        same[i] = wp.where(shapes[i] == shape, -1, 0)
+    return lane_bits(same)
+
+
+@wp.func
+def miss_packet(out: Out, rays: wp.array[TileRays], k: int, distance: float) -> None:
     for lane in range(LANES):
-        todo = todo | wp.where(numbers[lane] >= 0, 1 << lane, 0)
+        i = rays[0].packets[rays[0].first_packet + k].ray[lane]
+        if i >= 0:
+            write_miss(out, rays[0].first_ray + i, distance)
+
+
+@wp.func
+def write_packet(g: Geometry, out: Out, rays: wp.array[TileRays], k: int) -> None:
+    """Write what the rays of a packet hit, shape by shape."""
+    slot = rays[0].first_slot + k
+    numbers = rays[0].packets[rays[0].first_packet + k].ray
+    shapes = rays[0].best[slot].shape
+    todo = lanes_with_rays(numbers)
     while todo != 0:
         shape = shapes[lowest_bit(todo)]
-        same = int(0)
-        for lane in range(LANES):
-            same = same | wp.where(shapes[lane] == shape, 1 << lane, 0)
-        same = same & todo
+        same = todo & lanes_at(shapes, shape)
         todo = todo & ~same
         if shape == NO_SHAPE:
             for lane in range(LANES):
                 if same & (1 << lane) != 0:
-                    write_miss(out, rays.first_ray + numbers[lane], wp.inf)
+                    write_miss(out, rays[0].first_ray + numbers[lane], wp.inf)
         elif has_triangles(g.kind[shape]):
             write_triangles(g, out, rays, k, same, shape)
         else:
@@ -139,8 +155,8 @@ def write_packet(g: Geometry, out: Out, rays: TileRays, k: int) -> None:
 
 
 @wp.func
-def read_packet(out: Out, rays: TileRays, k: int, rotation: wp.mat33d) -> None:
+def read_packet(out: Out, rays: wp.array[TileRays], k: int) -> None:
     for lane in range(LANES):
-        i = rays.packets[rays.first_packet + k].ray[lane]
+        i = rays[0].packets[rays[0].first_packet + k].ray[lane]
         if i >= 0:
-            read_hit(out, rays.first_ray + i, rotation)
+            read_hit(out, rays[0].first_ray + i, rays[0].rotation)

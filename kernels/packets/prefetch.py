@@ -6,7 +6,7 @@ from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.out import Out
 from rigcast.kernels.trees.nodes import Node
 
-from .packet import LANES, Packet, TileRays
+from .packet import LANES, Packet, Tile
 
 CACHE_LINE = 64
 
@@ -37,6 +37,11 @@ def prefetch_packet(packets: wp.array[Packet], i: int):  # type: ignore[no-untyp
     """Ask for packet i."""
 
 
+@wp.func_native(_prefetch("tiles"))
+def prefetch_tile(tiles: wp.array[Tile], i: int):  # type: ignore[no-untyped-def]
+    """Ask for tile i."""
+
+
 @wp.func_native("""
 #if !defined(__CUDA_ARCH__)
     __builtin_prefetch(&out.distance.data[i], 1);
@@ -50,9 +55,11 @@ def prefetch_hit(out: Out, i: int):  # type: ignore[no-untyped-def]
 
 
 @wp.func
-def prefetch_out(out: Out, rays: TileRays, k: int) -> None:
-    """Ask for where the hits of a packet will be written, which are all over the rows of an image."""
+def prefetch_out(out: Out, packets: wp.array[Packet], at: int, first_ray: int) -> None:
+    """Ask for where the hits of a packet will be written, which are all over the rows of an image.
+
+    first_ray: of its world. Without a ray it asks for what is not there, which harms nothing.
+    """
+    numbers = packets[at].ray
     for lane in range(LANES):
-        i = rays.packets[rays.first_packet + k].ray[lane]
-        if i >= 0:
-            prefetch_hit(out, rays.first_ray + i)
+        prefetch_hit(out, first_ray + numbers[lane])

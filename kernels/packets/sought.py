@@ -31,9 +31,9 @@ class Sought:
 
 
 @wp.func
-def packet_among_triangles(g: Geometry, rays: TileRays, view: View, k: int, shape: int, cull: int) -> Sought:
+def packet_among_triangles(g: Geometry, rays: wp.array[TileRays], view: View, k: int, shape: int, cull: int) -> Sought:
     """Packet k of a tile as one shape sees it."""
-    tile = rays.tile
+    tile = rays[0].tile
     sought = Sought()
     sought.packet = packet_of(rays, k)
     sought.nodes = g.nodes
@@ -41,7 +41,7 @@ def packet_among_triangles(g: Geometry, rays: TileRays, view: View, k: int, shap
     sought.shape = shape
     sought.cull = cull
     sought.view = view
-    sought.inverse = inverse_directions(rays.packets[rays.first_packet + k], view)
+    sought.inverse = inverse_directions(rays[0].packets[rays[0].first_packet + k], view)
     sought.frustum = frustum_of(view, tile.p_low[k], tile.p_high[k], tile.q_low[k], tile.q_high[k])
     sought.p = 0.5 * (tile.p_low[k] + tile.p_high[k])
     sought.q = 0.5 * (tile.q_low[k] + tile.q_high[k])

@@ -5,13 +5,13 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE
 from rigcast.kernels.poses import is_doubled, pose_of
-from rigcast.kernels.shapes.solids import SHEET, has_triangles
+from rigcast.kernels.shapes.solids import PLANE, SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.traverse import Entered, traversal
 from rigcast.kernels.trees.nodes import Node, vec8
-from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
+from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
-from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box
+from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box, packets_going_down
 from .packet import (
     LANES,
     PACKETS,
@@ -21,9 +21,9 @@ from .packet import (
     Vectors,
     View,
     double_lanes,
-    lanes,
     offer,
     packet_of,
+    round_vectors,
     view_from,
 )
 from .solids import triage_closed_forms
@@ -35,33 +35,36 @@ from .triangles import cast_packet_through_triangles
 class TileSought:
     """A tile of rays, and the frustum of all of it in the frame of the tree over the shapes, as `view` has it."""
 
-    rays: TileRays
+    rays: wp.array[TileRays]
     frustum: Frustum
     view: View
 
 
 @wp.func
 def visit_closed_form(
-    g: Geometry, packet: PacketRays, shape: int, to_local: wp.mat33d, origin: wp.vec3, reach: float
+    g: Geometry,
+    packet: PacketRays,
+    shape: int,
+    to_local: wp.mat33d,
+    origin: wp.vec3,
+    local: wp.array[Vectors],
+    reach: float,
 ) -> float:
-    """A packet against one closed form: lane by lane what a single ray does."""
+    """A packet against one closed form: lane by lane what a single ray does. local: scratch."""
     x = packet.directions[packet.slot].x
     y = packet.directions[packet.slot].y
     z = packet.directions[packet.slot].z
-    local_x = lanes()
-    local_y = lanes()
-    local_z = lanes()
+    local_x = double_lanes()
+    local_y = double_lanes()
+    local_z = double_lanes()
     for i in range(LANES):
-        d = to_float(to_local * wp.vec3d(x[i], y[i], z[i]))
+        d = to_local * wp.vec3d(x[i], y[i], z[i])
         local_x[i] = d[0]
         local_y[i] = d[1]
         local_z[i] = d[2]
-    directions = Vectors()
-    directions.x = local_x
-    directions.y = local_y
-    directions.z = local_z
+    round_vectors(local, local_x, local_y, local_z)
     size = g.size[packet.ray.scope.first_shape + shape]
-    spans = triage_closed_forms(g.kind[shape], size, origin, directions, packet.ray.cull)
+    spans = triage_closed_forms(g.kind[shape], size, origin, local[0], packet.ray.cull)
     return offer(packet, spans.near, spans.far, shape, 0, reach)
 
 
@@ -70,16 +73,19 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
     rays = tile.rays
     kind = g.kind[shape]
-    if not rays.geometry[0].visible[rays.scope.first_visible + shape] or (kind == SHEET and rays.cull == CULL_FRONT):
+    scope = rays[0].scope
+    if not g.visible[scope.first_visible + shape] or (kind == SHEET and rays[0].cull == CULL_FRONT):
         return reach
-    if is_doubled(rays.geometry, shape, rays.scope):
+    if is_doubled(rays[0].geometry, shape, scope):
         return reach
-    pose = pose_of(rays.geometry, shape, rays.scope)
+    pose = pose_of(rays[0].geometry, shape, scope)
     to_local = wp.transpose(pose.rotation)
-    at = rays.scope.first_shape + shape
-    view = view_from(to_local * (rays.origin - pose.position), to_local, rays, g.reach[at])
-    packets = packets_at_box(view, rays.tile, g.center[at], g.half[at], distance, reach)
-    cull = wp.where(kind == SHEET, CULL_NONE, rays.cull)
+    at = scope.first_shape + shape
+    view = view_from(to_local * (rays[0].origin - pose.position), to_local, rays, g.reach[at])
+    packets = packets_at_box(view, rays[0].tile, g.center[at], g.half[at], distance, reach)
+    if kind == PLANE:
+        packets = packets & packets_going_down(view, rays[0].tile)
+    cull = wp.where(kind == SHEET, CULL_NONE, rays[0].cull)
     while packets != 0:
         k = lowest_bit(packets)
         packets = packets & (packets - 1)
@@ -87,14 +93,15 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
             sought = packet_among_triangles(g, rays, view, k, shape, cull)
             reach[k] = cast_packet_through_triangles(sought, g.root[at], reach[k])
         else:
-            reach[k] = visit_closed_form(g, packet_of(rays, k), shape, to_local, view.origin, reach[k])
+            packet = packet_of(rays, k)
+            reach[k] = visit_closed_form(g, packet, shape, to_local, view.origin, rays[0].local, reach[k])
     return reach
 
 
 @wp.func
 def enter_of_tile(node: Node, sought: TileSought, reach: float) -> Entered:
     boxes = boxes_from(node, sought.view.origin, sought.view.margin)
-    return enter_frustum(boxes, sought.frustum, smaller(reach, sought.rays.limit))
+    return enter_frustum(boxes, sought.frustum, smaller(reach, sought.rays[0].limit))
 
 
 @wp.func
@@ -111,9 +118,11 @@ cast_tile_through_shapes = traversal(
 
 
 @wp.func
-def clear_packet(rays: TileRays, k: int, rotation: wp.mat33d) -> None:
+def clear_packet(rays: wp.array[TileRays], k: int) -> None:
     """No hits yet, and the directions of a packet's rays in the world."""
-    packet = rays.packets[rays.first_packet + k]
+    rotation = rays[0].rotation
+    slot = rays[0].first_slot + k
+    packet = rays[0].packets[rays[0].first_packet + k]
     numbers = packet.ray
     x = packet.x
     y = packet.y
@@ -130,16 +139,16 @@ def clear_packet(rays: TileRays, k: int, rotation: wp.mat33d) -> None:
         hits.near[i] = wp.inf
         hits.far[i] = wp.where(numbers[i] >= 0, wp.inf, -wp.inf)  # where there is no ray, nothing is entered
         hits.shape[i] = NO_SHAPE
-    rays.best[rays.first_slot + k] = hits
-    rays.directions[rays.first_slot + k].x = world_x
-    rays.directions[rays.first_slot + k].y = world_y
-    rays.directions[rays.first_slot + k].z = world_z
+    rays[0].best[slot] = hits
+    rays[0].directions[slot].x = world_x
+    rays[0].directions[slot].y = world_y
+    rays[0].directions[slot].z = world_z
 
 
 @wp.func
-def cast_tile(g: Geometry, rays: TileRays) -> None:
+def cast_tile(g: Geometry, rays: wp.array[TileRays]) -> None:
     """The first hits of a tile's rays among the visible shapes, into its slots; they may lie beyond the limit."""
-    tile = rays.tile
+    tile = rays[0].tile
     p_low = float(wp.inf)
     p_high = float(-wp.inf)
     q_low = float(wp.inf)
@@ -156,8 +165,8 @@ def cast_tile(g: Geometry, rays: TileRays) -> None:
     identity = wp.identity(n=3, dtype=wp.float64)
     sought = TileSought()
     sought.rays = rays
-    span = rays.scope.span
-    view = view_from(rays.origin - g.anchor[span], identity, rays, g.top_reach[span])
+    span = rays[0].scope.span
+    view = view_from(rays[0].origin - g.anchor[span], identity, rays, g.top_reach[span])
     sought.view = view
     sought.frustum = frustum_of(view, p_low, p_high, q_low, q_high)
     cast_tile_through_shapes(g, g.top, span * g.top_count, sought, reach)

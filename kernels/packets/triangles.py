@@ -64,18 +64,10 @@ def visit_block_at_once(sought: Sought, index: int, reach: float) -> float:
     at = sought.packet.packet
     length = sought.packet.packets[at].length  # Warp 1.12 takes the field for its function, where it is an argument
     # fields are taken out of their struct first: an element of a field would be a copy of all of it
-    side0_a = edges.side0_a
-    side0_u = edges.side0_u
-    side0_v = edges.side0_v
-    side1_a = edges.side1_a
-    side1_u = edges.side1_u
-    side1_v = edges.side1_v
-    side2_a = edges.side2_a
-    side2_u = edges.side2_u
-    side2_v = edges.side2_v
-    slope_a = edges.slope_a
-    slope_u = edges.slope_u
-    slope_v = edges.slope_v
+    side0_of = edges.side0
+    side1_of = edges.side1
+    side2_of = edges.side2
+    slope_of = edges.slope
     rounding = edges.rounding
     height = edges.height
     size = edges.reach
@@ -83,9 +75,9 @@ def visit_block_at_once(sought: Sought, index: int, reach: float) -> float:
     while possible != 0:
         j = lowest_bit(possible)
         possible = possible & (possible - 1)
-        side0 = wp.vec3(side0_a[j], side0_u[j], side0_v[j])
-        side1 = wp.vec3(side1_a[j], side1_u[j], side1_v[j])
-        side2 = wp.vec3(side2_a[j], side2_u[j], side2_v[j])
+        side0 = wp.vec3(side0_of[0, j], side0_of[1, j], side0_of[2, j])
+        side1 = wp.vec3(side1_of[0, j], side1_of[1, j], side1_of[2, j])
+        side2 = wp.vec3(side2_of[0, j], side2_of[1, j], side2_of[2, j])
         inside = pass_edges(sought.packet.packets[at].p, sought.packet.packets[at].q, side0, side1, side2, rounding[j])
         if inside.some != 0:
             met = meet_plane(
@@ -93,7 +85,7 @@ def visit_block_at_once(sought: Sought, index: int, reach: float) -> float:
                 sought.packet.packets[at].q,
                 length,
                 inside.by,
-                wp.vec3(slope_a[j], slope_u[j], slope_v[j]),
+                wp.vec3(slope_of[0, j], slope_of[1, j], slope_of[2, j]),
                 rounding[j],
                 height[j],
                 size[j],

@@ -42,12 +42,12 @@ class Hits:
     @cached_property
     def distance(self) -> wp.array:
         """(...) float32 [m], +inf on a miss, NaN for a ray on the device that is not finite."""
-        return self._arrays.distance.reshape(self._own_shape)
+        return self._shaped(self._arrays.distance)
 
     @cached_property
     def face(self) -> wp.array:
         """(...) int32, triangle within the mesh or height field, -1 otherwise."""
-        return self._arrays.face.reshape(self._own_shape)
+        return self._shaped(self._arrays.face)
 
     @cached_property
     def normal(self) -> wp.array:
@@ -79,7 +79,9 @@ class Hits:
 
         Ids of a kind that the scene has none of are one -1 in the shape of the rays, which cannot be written to.
         """
-        ids = {f"{owner}_id": self._numpy_ids(owner) for owner in OWNERS}
+        nothing = np.broadcast_to(np.int32(-1), self.shape)
+        known = {f"{owner}_id": owner in self._shape_ids.of_shape for owner in OWNERS}
+        ids = {name: self._numpy(getattr(self, name)) if is_known else nothing for name, is_known in known.items()}
         normal = self.normal.numpy().reshape((*self.shape, 3))
         return NumpyHits(**ids, distance=self._numpy(self.distance), face=self._numpy(self.face), normal=normal)
 
@@ -100,16 +102,15 @@ class Hits:
     def _own_shape(self) -> tuple[int, ...]:
         return self.shape or (1,)
 
+    def _shaped(self, array: wp.array) -> wp.array:
+        """In the shape of the rays; as it is where it has that, for another view takes as long as to cast many."""
+        return array if array.shape == self._own_shape else array.reshape(self._own_shape)
+
     def _ids(self, owner: Owner) -> wp.array:
         shape, ids = self._arrays.shape, self._shape_ids
         if owner not in ids.of_shape:
             return wp.full(self._own_shape, -1, dtype=int, device=shape.device)
-        return (shape if ids.are_shapes(owner) else ids.look_up(owner, shape)).reshape(self._own_shape)
-
-    def _numpy_ids(self, owner: Owner) -> NDArray[np.int32]:
-        if owner in self._shape_ids.of_shape:
-            return self._numpy(getattr(self, f"{owner}_id"))
-        return np.broadcast_to(np.int32(-1), self.shape)
+        return self._shaped(shape if ids.are_shapes(owner) else ids.look_up(owner, shape))
 
     def _numpy(self, array: wp.array) -> NDArray[Any]:
         return np.asarray(array.numpy().reshape(self.shape))

@@ -27,6 +27,7 @@ from rigcast.kernels import launch
 from rigcast.kernels.cast import cast
 from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.sorting import sort_into_packets
+from rigcast.kernels.shapes import solids
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 
@@ -128,6 +129,20 @@ def test_random_worlds(name: str, seed: int) -> None:
     for origin in (np.zeros(3), rng.uniform(-4, 4, 3), rng.uniform(-40, 40, 3)):
         got, expected = in_packets_and_alone(world, origin, PATTERNS[name], random_rotations(rng, 1)[0])
         assert_same(got, expected, f"seed {seed}, from {origin}")
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1e-15, 1e-9, 1e-7, 1e-6, 1e-3])
+def test_rays_along_a_plane(tilt: float) -> None:
+    """Packets of which some or all rays go down by next to nothing, from above, from on it and from below."""
+    about_y = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    plan = Plan()
+    plan.add(solids.PLANE, (0, 0, 0), (0, 0, 0), about_y)
+    world = plan.world()
+    directions = np.concatenate([lidar(1, 1024, 0.0), lidar(64, 256, 1e-6), lidar(64, 256, 1e-3), axes(1000)])
+    for height in (1.0, 1e-6, 0.0, -1.0):
+        got, expected = in_packets_and_alone(world, (0, 0, height), directions)
+        assert_same(got, expected, f"from {height}")
+        assert np.isfinite(expected.distance).any() == (height >= 0)
 
 
 @pytest.mark.parametrize("cull", [CULL_BACK, CULL_FRONT])
