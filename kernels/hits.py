@@ -125,12 +125,15 @@ def decided(g: wp.array[Geometry], best: Hit, hit: Hit, ray: WorldRay) -> Hit:
 
 
 @wp.func
-def first_of(g: wp.array[Geometry], best: Hit, hit: Hit, ray: WorldRay) -> Hit:
-    if hit.near > best.far * APART or hit.near == wp.inf:
-        return best
-    if hit.far * APART < best.near:
-        return hit
-    return decided(g, best, hit, ray)
+def is_beyond(hit: Hit, best: Hit) -> bool:
+    """Whether a hit is a miss, or surely farther away than the best one."""
+    return hit.near > best.far * APART or hit.near == wp.inf
+
+
+@wp.func
+def is_sure(hit: Hit, best: Hit) -> bool:
+    """Whether a hit is surely nearer than the best one."""
+    return hit.far * APART < best.near
 
 
 @wp.struct

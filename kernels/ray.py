@@ -3,10 +3,10 @@
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .hits import APART, Hit, WorldRay, first_of, hit_within, no_hit
+from .hits import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from .poses import Scope, pose_of
 from .shapes.solids import SHEET, has_triangles, triage_closed_form
-from .shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
+from .shapes.triangle import CULL_FRONT, CULL_NONE, may_be_inside, triage_triangle
 from .traverse import Entered, sign_bits, traversal
 from .trees.nodes import WIDTH, Node, vec8, vec8i
 from .vectors import larger, lowest_bit, smaller, to_double, to_float
@@ -138,6 +138,18 @@ def triage_block(block: TriangleBlock, ray: Ray) -> Spans:
     rest = ray.origin_rest
     direction = ray.direction
     cull = ray.cull
+    # most blocks have no triangle whose edges the ray passes, and need no more than this
+    inside = vec8i()
+    for j in range(WIDTH):
+        a = wp.vec3(x0[j], y0[j], z0[j])
+        b = wp.vec3(x1[j], y1[j], z1[j])
+        c = wp.vec3(x2[j], y2[j], z2[j])
+        v0 = (a - origin) - rest
+        v1 = (b - origin) - rest
+        v2 = (c - origin) - rest
+        inside[j] = wp.where(may_be_inside(direction, a - b, b - c, c - a, v0, v1, v2), -1, 0)
+    if sign_bits(inside) == 0:
+        return Spans()
     near = vec8()
     far = vec8()
     possible = vec8i()
@@ -176,7 +188,11 @@ def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, be
     while possible != 0:
         j = lowest_bit(possible)
         possible = possible & (possible - 1)
-        best = first_of(g, best, hit_within(near[j], far[j], ray.shape, index * WIDTH + j), in_world(ray))
+        hit = hit_within(near[j], far[j], ray.shape, index * WIDTH + j)
+        if is_sure(hit, best):
+            best = hit
+        elif not is_beyond(hit, best):
+            best = decided(g, best, hit, in_world(ray))
     return best
 
 
@@ -208,7 +224,12 @@ def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, distance: float, be
         return cast_through_triangles(g, g[0].nodes, g[0].root[scope.first_shape + shape], local, best)
     size = g[0].size[scope.first_shape + shape]
     span = triage_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
-    return first_of(g, best, hit_within(span[0], span[1], shape, 0), in_world(ray))
+    hit = hit_within(span[0], span[1], shape, 0)
+    if is_beyond(hit, best):
+        return best
+    if is_sure(hit, best):
+        return hit
+    return decided(g, best, hit, in_world(ray))
 
 
 cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_in_range, reach_of_ray, visit_shape)

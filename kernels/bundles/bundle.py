@@ -3,7 +3,7 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits import APART, Hit, WorldRay, first_of, hit_within
+from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure
 from rigcast.kernels.poses import pose_of
 from rigcast.kernels.ray import Ray, in_frame_of_tree, in_world
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
@@ -67,7 +67,11 @@ def world_ray_of(bundle: Bundle, k: int) -> WorldRay:
 
 @wp.func
 def offer_to_member(g: wp.array[Geometry], bundle: Bundle, k: int, hit: Hit) -> None:
-    bundle.members[k].best = first_of(g, bundle.members[k].best, hit, world_ray_of(bundle, k))
+    best = bundle.members[k].best
+    if is_sure(hit, best):
+        bundle.members[k].best = hit
+    elif not is_beyond(hit, best):
+        bundle.members[k].best = decided(g, best, hit, world_ray_of(bundle, k))
 
 
 @wp.func

@@ -117,7 +117,8 @@ def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
         outside = larger(larger(off_left, off_right), larger(off_bottom, off_top))
         near_xy = larger((wp.abs(x) - hx) * slowness[0], (wp.abs(y) - hy) * slowness[1])
         near = larger(near_xy, larger((wp.abs(z) - hz) * slowness[2], 0.0))
-        distance[j] = near
+        # planes without bounds first, as they bound how far all rays reach
+        distance[j] = wp.where(half_x[j] + half_y[j] + half_z[j] < wp.inf, near, 0.0)
         enters = outside <= 0.0 and ahead >= 0.0 and near <= limit and half_x[j] >= 0.0
         children = children | wp.where(enters, 1 << j, 0)
     entered = Entered()

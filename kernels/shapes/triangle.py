@@ -129,6 +129,23 @@ def edge_rounding(e: wp.vec3, a: wp.vec3, b: wp.vec3) -> float:
 
 
 @wp.func
+def may_be_inside(
+    direction: wp.vec3, e0: wp.vec3, e1: wp.vec3, e2: wp.vec3, v0: wp.vec3, v1: wp.vec3, v2: wp.vec3
+) -> bool:
+    """Whether the ray's line may pass all edges on the same side. Arguments as for triage_triangle."""
+    s0 = edge_side(direction, e0, v0, v1)
+    s1 = edge_side(direction, e1, v1, v2)
+    s2 = edge_side(direction, e2, v2, v0)
+    r0 = edge_rounding(e0, v0, v1)
+    r1 = edge_rounding(e1, v1, v2)
+    r2 = edge_rounding(e2, v2, v0)
+    # seen along the winding normal (d . n > 0), s > 0 on all edges inside; seen against it, s < 0
+    is_left = smaller(s0 + r0, smaller(s1 + r1, s2 + r2)) >= 0.0
+    is_right = larger(s0 - r0, larger(s1 - r1, s2 - r2)) <= 0.0
+    return is_left or is_right
+
+
+@wp.func
 def triage_triangle(
     direction: wp.vec3,
     e0: wp.vec3,
@@ -156,9 +173,7 @@ def triage_triangle(
     r0 = edge_rounding(e0, v0, v1)
     r1 = edge_rounding(e1, v1, v2)
     r2 = edge_rounding(e2, v2, v0)
-    # seen along the winding normal (d . n > 0), s > 0 on all edges inside; seen against it, s < 0
-    is_left = smaller(s0 + r0, smaller(s1 + r1, s2 + r2)) >= 0.0
-    is_right = larger(s0 - r0, larger(s1 - r1, s2 - r2)) <= 0.0
+    is_inside = may_be_inside(direction, e0, e1, e2, v0, v1, v2)
     is_off_edges = smaller(wp.abs(s0) - r0, smaller(wp.abs(s1) - r1, wp.abs(s2) - r2)) > 0.0
     slope = wp.dot(direction, normal)
     height = wp.dot(v0, normal)
@@ -166,7 +181,7 @@ def triage_triangle(
     t = height / slope
     reach = larger(norm1(v0), larger(norm1(v1), norm1(v2)))
     error = DISTANCE_ROUNDING * (reach + wp.abs(t)) / wp.abs(slope)
-    is_hit = (is_left or is_right) and not (is_sure and (t < 0.0 or is_culled(slope, cull)))
+    is_hit = is_inside and not (is_sure and (t < 0.0 or is_culled(slope, cull)))
     near = wp.where(is_hit, wp.where(is_sure, t - error, 0.0), wp.inf)
     far = wp.where(is_hit and is_sure, t + error, wp.inf)
     return interval(near, far)

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from .boxes import Box, empty_box, half_area, join
+from .boxes import Box, empty_box, farthest_finite, half_area, join
 
 REBUILD_RATIO = 1.5
 """A tree is built anew when the area of its boxes has grown this much by fitting."""
@@ -10,7 +10,7 @@ REBUILD_RATIO = 1.5
 
 @wp.struct
 class Fit:
-    """What a node or leaf holds: the box around it, the area of all finite boxes, the largest |coordinate| of one."""
+    """What a node or leaf holds: the box around it, the area of all finite boxes, the largest finite |coordinate|."""
 
     box: Box
     area: float
@@ -41,11 +41,11 @@ def fit_of_leaf(box: Box) -> Fit:
 
 @wp.func
 def with_own_box(fit: Fit) -> Fit:
-    """Counting the box itself, unless it is empty or infinite."""
+    """Counting the box itself, of one that is infinite or empty only what is finite."""
     box = fit.box
     if wp.isfinite(box.lower) and wp.isfinite(box.upper):
         fit.area += half_area(box)
-        fit.reach = wp.max(fit.reach, wp.max(wp.max(wp.abs(box.lower)), wp.max(wp.abs(box.upper))))
+    fit.reach = wp.max(fit.reach, farthest_finite(box))
     return fit
 
 

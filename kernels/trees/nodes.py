@@ -39,12 +39,13 @@ class Node:
 
 @wp.func
 def set_child(node: Node, j: int, box: Box, child: int) -> Node:
-    """The node with child j and its box, rounded outwards; a box may be infinite, or empty and thus never met."""
+    """The node with child j and its box, rounded outwards; it may be infinite along any axis, or empty: never met."""
     middle = 0.5 * box.lower + 0.5 * box.upper
     half = wp.max(box.upper - middle, middle - box.lower) * OUTWARDS
-    if not wp.isfinite(middle):
-        middle = wp.vec3(0.0, 0.0, 0.0)
-        half = wp.where(box.lower[0] < box.upper[0], 1.0, -1.0) * wp.vec3(wp.inf, wp.inf, wp.inf)
+    for k in range(3):
+        if not wp.isfinite(middle[k]):
+            middle[k] = 0.0
+            half[k] = wp.where(box.lower[k] < box.upper[k], wp.inf, -wp.inf)
     node.center_x[j] = middle[0]
     node.center_y[j] = middle[1]
     node.center_z[j] = middle[2]

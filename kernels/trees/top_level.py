@@ -16,7 +16,7 @@ from rigcast.kernels.moving import turn_between
 from rigcast.kernels.poses import Pose, first_instant_of, first_of_world, pose_at, world_of
 from rigcast.kernels.vectors import to_float
 
-from .boxes import Box, empty_box, join
+from .boxes import Box, empty_box, farthest_finite, join
 from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
 from .nodes import NO_CHILD, OUTWARDS, WIDTH, Node, set_child
 
@@ -25,9 +25,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 @wp.func
 def shape_box(pose: Pose, center: wp.vec3, half: wp.vec3, anchor: wp.vec3d) -> Box:
-    """The box, relative to the anchor, of a local box under a pose.
+    """The box, relative to the anchor, of a local box under a pose; empty where that is not finite or too far away.
 
-    It is infinite on all sides where the half size is on any, and empty where the pose is not finite or too far away.
+    A plane without bounds that stands along two axes is infinite along these alone: no ray that leaves it meets it.
     """
     position = pose.position
     rotation = pose.rotation
@@ -40,14 +40,10 @@ def shape_box(pose: Pose, center: wp.vec3, half: wp.vec3, anchor: wp.vec3d) -> B
                 extent[row] += wp.abs(rotation[row, column]) * wp.float64(half[column])
     if not (wp.max(wp.abs(position)) <= wp.float64(FARTHEST) and wp.isfinite(middle) and wp.isfinite(rotation)):
         return empty_box()
-    everywhere = wp.vec3(wp.inf, wp.inf, wp.inf)
-    if not wp.isfinite(half):
-        return make_box(-everywhere, everywhere)
-    lower = to_float(middle - extent)
-    upper = to_float(middle + extent)
+    box = make_box(to_float(middle - extent), to_float(middle + extent))
     # rounded outwards by more than the two roundings above
-    slack = (OUTWARDS - 1.0) * wp.max(wp.max(wp.abs(lower)), wp.max(wp.abs(upper)))
-    return make_box(lower - wp.vec3(slack, slack, slack), upper + wp.vec3(slack, slack, slack))
+    slack = (OUTWARDS - 1.0) * farthest_finite(box)
+    return make_box(box.lower - wp.vec3(slack, slack, slack), box.upper + wp.vec3(slack, slack, slack))
 
 
 @wp.func
@@ -70,9 +66,9 @@ def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
     if is_empty(end):
         return end
     bulge = float(0.0)
-    if wp.isfinite(half):
-        angle = float(wp.length(g.turn[span * shapes + shape]))
-        bulge = OUTWARDS * 0.125 * angle * angle * wp.length(wp.abs(center) + half)
+    angle = float(wp.length(g.turn[span * shapes + shape]))
+    if angle > 0.0:  # 0 inf is NaN
+        bulge = OUTWARDS * 0.125 * angle * (angle * wp.length(wp.abs(center) + half))
     wider = wp.vec3(bulge, bulge, bulge)
     return join(make_box(end.lower - wider, end.upper + wider), box.lower - wider, box.upper + wider)
 

@@ -76,7 +76,7 @@ class TopTrees:
     def _build(self) -> None:
         """Build the trees anew, and anchor them at a shape in the midst."""
         lower, upper = self._first_boxes()
-        is_bounded = np.isfinite(lower[:, 0])
+        is_bounded = np.isfinite(lower.min(axis=1))
         nodes = _tree_over(lower, upper, is_bounded, leaf_size=1)
         if self._worlds > 1 and len(nodes) * _BYTES_PER_NODE > BYTES_PER_SHAPE * len(lower):
             nodes = _tree_over(lower, upper, is_bounded, leaf_size=WIDTH)

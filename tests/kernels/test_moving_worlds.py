@@ -12,7 +12,7 @@ from trimesh import transformations
 from rigcast.kernels.cast import cast
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays import Rays
-from rigcast.kernels.shapes.solids import BOX, CAPSULE, SPHERE
+from rigcast.kernels.shapes.solids import BOX, CAPSULE, PLANE, SPHERE
 from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
 
@@ -187,6 +187,39 @@ def test_no_hit_is_lost_however_far_shapes_turn(angle: float) -> None:
         expected = cast_one_by_one(plan, [poses], rays)
         assert_near(all_hits(world, rays), expected, f"seed {seed}")
         assert (expected.shape >= 0).mean() > 0.1
+
+
+@CAST
+def test_unbounded_planes_are_hit_while_they_slide(packets: bool) -> None:
+    plan = Plan()
+    for height in (-2.5, -4.0, -6.0):
+        plan.add(PLANE, (0, 0, 0), (0, 0, height))
+        plan.add(SPHERE, (0.3, 0, 0), (height, 1, 0))
+    position, rotation = (np.array([each] * 2) for each in plan.poses())
+    position[1, 2] += 2, 0, 3
+    world = World(plan.trees, plan.shapes, "cpu")
+    world.sweep(position, rotation)
+    rays = fired(6, 1, packets)
+    got = all_hits(world, rays)
+    assert_near(got, cast_one_by_one(plan, [(position, rotation.reshape(2, -1, 3, 3))], rays), "planes")
+    assert {0, 2} <= set(got.shape)
+
+
+def test_an_unbounded_plane_that_is_turned_over_is_hit_on_the_way() -> None:
+    """It lies in the same thin box before and after, and stands upright halfway, its front to either side."""
+    plan = Plan()
+    plan.add(PLANE, (0, 0, 0))
+    world = World(plan.trees, plan.shapes, "cpu")
+    world.sweep(np.zeros((2, 1, 3)), np.array([np.eye(3), np.diag([1.0, -1, -1])])[:, None])
+    rays = Rays(
+        wp.array([(0, 1, 0), (0, -1, 0)], dtype=wp.vec3d, device="cpu"),
+        wp.array([(0, -5, 2), (0, 5, 2)], dtype=wp.vec3d, device="cpu"),
+        wp.zeros(1, dtype=wp.vec3d, device="cpu"),
+        wp.array([np.eye(3)], dtype=wp.mat33d, device="cpu"),
+        span=wp.zeros(1, dtype=int, device="cpu"),
+        fraction=wp.array([0.5], dtype=wp.float64, device="cpu"),
+    )
+    np.testing.assert_allclose(sorted(all_hits(world, rays).distance), [5, np.inf], rtol=1e-6)
 
 
 def test_a_shape_without_a_pose_at_one_end_is_not_hit_in_that_span() -> None:

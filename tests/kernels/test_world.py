@@ -14,6 +14,7 @@ from made_worlds import (
     random_plan,
     random_rays,
     random_rotations,
+    unit,
 )
 
 from rigcast.kernels.shapes.solids import BOX, PLANE, SPHERE
@@ -164,6 +165,43 @@ def test_of_many_unbounded_planes_the_nearest_is_hit() -> None:
     expected = np.argmin([hits.distance for hits in each], axis=0)
     np.testing.assert_array_equal(got.shape, np.where(got.distance < np.inf, expected, -1))
     assert len(set(got.shape[got.shape >= 0]) - {0, 4}) == len(set(got.shape[got.shape >= 0])) > 40
+
+
+def facing(axis: int, sign: float) -> Doubles:
+    """(3, 3) of a plane along two axes of the world, whose normal is along the third."""
+    normal, along = sign * np.eye(3)[axis], np.eye(3)[axis - 1]
+    return np.stack([along, np.cross(normal, along), normal], axis=1)
+
+
+@pytest.mark.parametrize("distance", [0.0, 30.0, 1e6])
+def test_unbounded_planes_along_the_axes_are_hit_from_their_front(distance: float) -> None:
+    """From among them, and from a distance; also by rays along them, on them and away from them."""
+    plan, rng = Plan(), np.random.default_rng(0)
+    for k in range(12):
+        plan.add(PLANE, (0, 0, 0), rng.integers(-4, 5, 3), facing(k % 3, (-1) ** k))
+        plan.add(SPHERE, (0.01, 0, 0), rng.uniform(-4, 4, 3))
+    origins = rng.integers(-4, 5, (RAYS, 3)) + distance * rng.normal(size=(RAYS, 3))
+    directions = rng.normal(size=(RAYS, 3)) * (rng.random((RAYS, 3)) < 0.7)
+    directions = unit(np.where(directions.any(axis=1, keepdims=True), directions, (0.0, 0.0, 1.0)))
+    got = cast_through(plan.world(), origins, directions, visible=np.array(plan.kind) == PLANE)
+    normals = np.array([facing(k % 3, (-1) ** k)[:, 2] for k in range(12)])
+    height = np.einsum("rpk,pk->rp", origins[:, None] - np.array(plan.position)[::2], normals)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        each = np.where((height >= 0) & (directions @ normals.T < 0), height / -(directions @ normals.T), np.inf)
+    expected = each.min(axis=1)
+    np.testing.assert_allclose(got.distance, expected, rtol=1e-6, atol=1e-9)
+    assert 0.2 < np.isfinite(expected).mean() < 1
+
+
+def test_only_planes_along_the_axes_have_thin_boxes() -> None:
+    plan = Plan()
+    for axis in range(3):
+        plan.add(PLANE, (0, 0, 0), (axis, 2, 3), facing(axis, 1))
+    plan.add(PLANE, (0, 0, 0), (1, 2, 3), random_rotations(np.random.default_rng(0), 1)[0])
+    root = plan.world().geometry.top.numpy()[0]
+    half = np.stack([root["half_x"], root["half_y"], root["half_z"]], axis=1)[np.argsort(~root["child"][:4])]
+    np.testing.assert_array_equal(np.isfinite(half), [*np.eye(3, dtype=bool), [False] * 3])
+    assert half[np.isfinite(half)].max() < 1e-5
 
 
 @pytest.mark.parametrize("offset", [1e5, 1e7])
