@@ -78,8 +78,8 @@ def in_frame_of_tree(ray: Ray, origin: wp.vec3d, direction: wp.vec3d, reach: flo
 
 
 @wp.func
-def enter_boxes(node: Node, ray: Ray, limit: float) -> Entered:
-    """The boxes that the ray enters no farther than the limit."""
+def enter_boxes(node: Node, ray: Ray, wider: wp.vec3, reach: float) -> Entered:
+    """The boxes, wider by so much along each axis, that the ray enters no farther than its limit and reach."""
     # fields are taken out of their structs first: a loop that reads through a struct is not vectorised
     center_x = node.center_x
     center_y = node.center_y
@@ -90,16 +90,16 @@ def enter_boxes(node: Node, ray: Ray, limit: float) -> Entered:
     origin = ray.origin
     inverse = ray.inverse
     speed = wp.abs(inverse)
-    margin = ray.margin
+    limit = smaller(reach, ray.limit)
     distance = vec8()
     entering = vec8i()
     for j in range(WIDTH):
         cx = (center_x[j] - origin[0]) * inverse[0]
         cy = (center_y[j] - origin[1]) * inverse[1]
         cz = (center_z[j] - origin[2]) * inverse[2]
-        hx = (half_x[j] + margin) * speed[0]
-        hy = (half_y[j] + margin) * speed[1]
-        hz = (half_z[j] + margin) * speed[2]
+        hx = (half_x[j] + wider[0]) * speed[0]
+        hy = (half_y[j] + wider[1]) * speed[1]
+        hz = (half_z[j] + wider[2]) * speed[2]
         enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
         leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, limit))
         distance[j] = enter
@@ -197,11 +197,11 @@ def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, be
 
 
 @wp.func
-def enter_in_range(node: Node, ray: Ray, reach: float) -> Entered:
-    return enter_boxes(node, ray, smaller(reach, ray.limit))
+def enter_of_ray(node: Node, ray: Ray, reach: float) -> Entered:
+    return enter_boxes(node, ray, wp.vec3(ray.margin, ray.margin, ray.margin), reach)
 
 
-cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_in_range, reach_of_ray, visit_block)
+cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_of_ray, reach_of_ray, visit_block)
 
 
 @wp.func
@@ -232,7 +232,7 @@ def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, distance: float, be
     return decided(g, best, hit, in_world(ray))
 
 
-cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_in_range, reach_of_ray, visit_shape)
+cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_of_ray, reach_of_ray, visit_shape)
 
 
 @wp.func

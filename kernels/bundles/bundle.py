@@ -5,12 +5,12 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure
 from rigcast.kernels.poses import pose_of
-from rigcast.kernels.ray import Ray, in_frame_of_tree, in_world
+from rigcast.kernels.ray import Ray, enter_boxes, in_frame_of_tree, in_world
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
-from rigcast.kernels.traverse import Entered, sign_bits, traversal
-from rigcast.kernels.trees.nodes import OUTWARDS, WIDTH, Node, vec8, vec8i
-from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
+from rigcast.kernels.traverse import Entered, traversal
+from rigcast.kernels.trees.nodes import OUTWARDS, WIDTH, Node
+from rigcast.kernels.vectors import larger, lowest_bit, to_float
 
 from .sides import meet_sides, sides_of
 
@@ -75,36 +75,10 @@ def offer_to_member(g: wp.array[Geometry], bundle: Bundle, k: int, hit: Hit) -> 
 
 
 @wp.func
-def enter_wider_boxes(node: Node, bundle: Bundle, reach: float) -> Entered:
-    """The boxes that any ray of the bundle enters no farther than the limit, as enter_boxes."""
-    center_x = node.center_x
-    center_y = node.center_y
-    center_z = node.center_z
-    half_x = node.half_x
-    half_y = node.half_y
-    half_z = node.half_z
-    origin = bundle.middle.origin
-    inverse = bundle.middle.inverse
-    speed = wp.abs(inverse)
-    margin = bundle.spread + wp.vec3(bundle.middle.margin, bundle.middle.margin, bundle.middle.margin)
-    limit = smaller(reach, bundle.middle.limit)
-    distance = vec8()
-    entering = vec8i()
-    for j in range(WIDTH):
-        cx = (center_x[j] - origin[0]) * inverse[0]
-        cy = (center_y[j] - origin[1]) * inverse[1]
-        cz = (center_z[j] - origin[2]) * inverse[2]
-        hx = (half_x[j] + margin[0]) * speed[0]
-        hy = (half_y[j] + margin[1]) * speed[1]
-        hz = (half_z[j] + margin[2]) * speed[2]
-        enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
-        leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, limit))
-        distance[j] = enter
-        entering[j] = wp.where(enter <= leave and half_x[j] >= 0.0, -1, 0)
-    entered = Entered()
-    entered.children = sign_bits(entering)
-    entered.distance = distance
-    return entered
+def enter_of_bundle(node: Node, bundle: Bundle, reach: float) -> Entered:
+    """The boxes that any ray of the bundle enters."""
+    margin = bundle.middle.margin
+    return enter_boxes(node, bundle.middle, bundle.spread + wp.vec3(margin, margin, margin), reach)
 
 
 @wp.func
@@ -135,7 +109,7 @@ def visit_block_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, dis
 
 
 cast_bundle_through_triangles = traversal(
-    "cast_bundle_through_triangles", Bundle, float, enter_wider_boxes, reach_of_bundle, visit_block_of_bundle
+    "cast_bundle_through_triangles", Bundle, float, enter_of_bundle, reach_of_bundle, visit_block_of_bundle
 )
 
 
@@ -176,7 +150,7 @@ def visit_shape_of_bundle(g: wp.array[Geometry], bundle: Bundle, shape: int, dis
 
 
 cast_bundle_through_shapes = traversal(
-    "cast_bundle_through_shapes", Bundle, float, enter_wider_boxes, reach_of_bundle, visit_shape_of_bundle
+    "cast_bundle_through_shapes", Bundle, float, enter_of_bundle, reach_of_bundle, visit_shape_of_bundle
 )
 
 
