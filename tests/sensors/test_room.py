@@ -135,7 +135,7 @@ def test_more_worlds_than_memory_holds_are_refused_before_anything_is_allocated(
     )
     with pytest.raises(InputError, match=expected):
         rig.sense(datas)
-    assert allocated() == before
+    assert allocated() <= before  # less, where what was found of an earlier list of MjData is dropped for this one
 
 
 def test_worlds_that_fit_in_parts_are_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
