@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .launch import recorded
+from .recorded import recorded
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

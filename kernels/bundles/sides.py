@@ -13,10 +13,10 @@ import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.ray import Ray, Spans
-from rigcast.kernels.shapes.triangle import DISTANCE_ROUNDING, GRAZING, ROUNDING, edge_side, is_culled
+from rigcast.kernels.shapes.triangle import DISTANCE_ROUNDING, GRAZING, ROUNDING, edge_side, inside_edges, is_culled
 from rigcast.kernels.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
-from rigcast.kernels.vectors import larger, norm1, smaller
+from rigcast.kernels.vectors import larger, norm1
 
 
 @wp.struct
@@ -171,8 +171,7 @@ def meet_sides(sides: Sides, block: TriangleBlock, offset: wp.vec3, cull: int) -
         s0 = side0[j] + (x * turn0_x[j] + y * turn0_y[j] + z * turn0_z[j])
         s1 = side1[j] + (x * turn1_x[j] + y * turn1_y[j] + z * turn1_z[j])
         s2 = side2[j] + (x * turn2_x[j] + y * turn2_y[j] + z * turn2_z[j])
-        # how far inside its nearest edge the ray passes
-        inside = larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
+        inside = inside_edges(s0, s1, s2)
         per_slope = per_slopes[j]
         height = heights[j] - (x * normal_x[j] + y * normal_y[j] + z * normal_z[j])
         t = height * per_slope

@@ -12,7 +12,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.ray import Spans
-from rigcast.kernels.shapes.triangle import GRAZING
+from rigcast.kernels.shapes.triangle import GRAZING, inside_edges
 from rigcast.kernels.shapes.triangle import ROUNDING as HEIGHT_ROUNDING
 from rigcast.kernels.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
@@ -135,12 +135,6 @@ def may_be_hit(edges: Edges, sought: Sought) -> int:
         right = larger(middle0 - change0, larger(middle1 - change1, middle2 - change2)) <= 0.0
         possible = possible | wp.where(left or right, 1 << j, 0)
     return possible
-
-
-@wp.func
-def inside_edges(s0: float, s1: float, s2: float) -> float:
-    """How far inside its nearest edge a ray passes a triangle, by its three sides."""
-    return larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
 
 
 @wp.func

@@ -129,6 +129,12 @@ def edge_rounding(e: wp.vec3, a: wp.vec3, b: wp.vec3) -> float:
 
 
 @wp.func
+def inside_edges(s0: float, s1: float, s2: float) -> float:
+    """How far inside its nearest edge a ray passes a triangle, by its three sides."""
+    return larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
+
+
+@wp.func
 def may_be_inside(
     direction: wp.vec3, e0: wp.vec3, e1: wp.vec3, e2: wp.vec3, v0: wp.vec3, v1: wp.vec3, v2: wp.vec3
 ) -> bool:

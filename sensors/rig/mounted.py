@@ -265,11 +265,6 @@ def _in_packets(pattern: Pattern, scene: Scene) -> bool:
     return _are_shared(same_rows(pattern.origins.reshape(-1, 3)))
 
 
-def _in_bundles(pattern: Pattern, scene: Scene) -> bool:
-    """Whether rays that are not cast in packets are cast in bundles: on the CPU, where enough run in one direction."""
-    return scene.device.is_cpu and pattern.later is None and _are_shared(same_rows(pattern.directions.reshape(-1, 3)))
-
-
 def _are_shared(group: NDArray[np.int32]) -> bool:
     """Whether groups, (n,) the one of each ray, have enough rays on the average."""
     return FEWEST * (group.max(initial=-1) + 1) <= len(group)
@@ -282,12 +277,13 @@ def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
 
 
 def _packed(pattern: Pattern, rays: Rays, scene: Scene) -> Rays:
-    """The rays of a pattern as they are cast together."""
+    """The rays of a pattern as they are cast together: in packets, or in bundles where enough run in one direction."""
     if _in_packets(pattern, scene):
         return replace(rays, packets=_packets(pattern, rays))
-    if _in_bundles(pattern, scene):
-        return replace(rays, packets=sort_into_bundles(rays.origins.numpy(), same_rows(rays.directions.numpy())))
-    return rays
+    if not scene.device.is_cpu or pattern.later is not None:
+        return rays
+    group = same_rows(rays.directions.numpy())
+    return replace(rays, packets=sort_into_bundles(rays.origins.numpy(), group)) if _are_shared(group) else rays
 
 
 def _packets(pattern: Pattern, rays: Rays) -> Packets:

@@ -91,9 +91,10 @@ class Scene:
             *([self._props] if props else []),
         ]
         self._world = self._make_world()
-        self.shape_ids = ShapeIds.of(self._parts, self.device)
+        owners, ids = owners_and_ids(self._parts)
+        self.shape_ids = ShapeIds.of(owners, ids, self.device)
         bodies = np.concatenate([part.bodies for part in self._parts])
-        table = LooksTable(model, (*owners_and_ids(self._parts), bodies), [prop.name for prop in props], surfaces)
+        table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
         self._sight = Sight(model, self._parts, table, self.device)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"

@@ -1,14 +1,15 @@
 """What kind of thing each shape of a scene is, and its id among those."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from rigcast.kernels.reading import take
 
-from .part import OWNERS, Owner, Part, owners_and_ids
+from .part import OWNERS, Owner
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,8 +19,8 @@ class ShapeIds:
     of_shape: Mapping[Owner, wp.array]
 
     @staticmethod
-    def of(parts: Sequence[Part], device: wp.Device) -> "ShapeIds":
-        owners, ids = owners_and_ids(parts)
+    def of(owners: NDArray[np.str_], ids: NDArray[np.int32], device: wp.Device) -> "ShapeIds":
+        """Of shapes of these kinds (n,), with these ids (n,)."""
         return ShapeIds(
             {
                 owner: wp.array(np.where(owners == owner, ids, -1), dtype=int, device=device)
