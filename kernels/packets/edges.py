@@ -3,9 +3,9 @@
 Rounding, u = eps / 2, e = Vi - Vj, m = Vi + Vj: one of e, three of m, one each of the products and of the difference of
 c, one of a, and three of the dot product make 10u |e|_1 |m|_1 for each of the three products; p and q have one each,
 their products one, the two sums two: s is within 14u |e|_1 (|Vi|_1 + |Vj|_1) (1 + |p| + |q|) of what it should be. 24u
-are allowed for. The distance V0 . n / ((a + p u + q v) . n) |a + p u + q v| has 6u |V0| of its numerator and 12u t of
-its denominator, over |cos|; 16u (|V| + t) / |cos| are allowed for. What is too near to call goes to float64, by
-rigcast.kernels.hits.
+are allowed for. The distance V0 . n / ((a + p u + q v) . n) |a + p u + q v| has 5u |V0| of its numerator and 11u t of
+its denominator, over |cos|, and of n, which is off by 4u at most (rigcast.kernels.patches), 4u (|V0| + t); 16u (|V| +
+t) / |cos| are allowed for. What is too near to call goes to float64, by rigcast.kernels.hits.
 """
 
 import warp as wp

@@ -5,13 +5,13 @@ It is written at once: to hand it on would be to copy a dozen arrays of lanes.
 
 import warp as wp
 
+from rigcast.kernels.facets import facet_at
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE, distance_of, distance_to_plane, middle, outward
 from rigcast.kernels.out import Out, read_hit, write_miss, write_place
 from rigcast.kernels.poses import pose_of
 from rigcast.kernels.shapes.solids import has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
-from rigcast.kernels.trees.nodes import WIDTH
 from rigcast.kernels.vectors import lowest_bit, to_double, to_float
 
 from .lanes import lane_bits
@@ -37,19 +37,14 @@ def write_triangles(g: Geometry, out: Out, rays: wp.array[TileRays], k: int, whi
         i = lowest_bit(todo)
         todo = todo & (todo - 1)
         triangle = hit[i]
-        block = triangle / WIDTH
-        j = triangle % WIDTH
-        n = wp.vec3(g.blocks[block].normal_x[j], g.blocks[block].normal_y[j], g.blocks[block].normal_z[j])
-        v0 = wp.vec3(g.blocks[block].x0[j], g.blocks[block].y0[j], g.blocks[block].z0[j])
-        normal = rotation * to_double(n)
+        facet = facet_at(rays[0].geometry, rays[0].scope.first_shape + shape, triangle)
+        normal = rotation * facet.normal
         slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
-        distance = distance_to_plane(v0, n, normal, slope, offset)
-        if wp.abs(slope) <= wp.float64(GRAZING):
+        distance = distance_to_plane(facet.corner, facet.normal, normal, slope, offset)
+        if wp.abs(slope) * facet.scale <= wp.float64(GRAZING):
             distance = float(distance_of(rays[0].geometry, shape, triangle, world_ray(rays, slot, i)))
-        facing = outward(kind, normal, slope)
-        write_place(
-            out, rays[0].first_ray + numbers[i], shape, distance, g.blocks[block].face[j], facing, rays[0].limit
-        )
+        facing = outward(kind, normal * facet.scale, slope)
+        write_place(out, rays[0].first_ray + numbers[i], shape, distance, facet.face, facing, rays[0].limit)
 
 
 @wp.func
