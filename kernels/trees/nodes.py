@@ -90,7 +90,15 @@ def node_of(
         half_x[j] = half_of(lower_x[j], upper_x[j])
         half_y[j] = half_of(lower_y[j], upper_y[j])
         half_z[j] = half_of(lower_z[j], upper_z[j])
-    return Node(center_x, center_y, center_z, half_x, half_y, half_z, child)
+    node = Node()
+    node.center_x = center_x
+    node.center_y = center_y
+    node.center_z = center_z
+    node.half_x = half_x
+    node.half_y = half_y
+    node.half_z = half_z
+    node.child = child
+    return node
 
 
 @wp.func
