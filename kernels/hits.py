@@ -8,7 +8,7 @@ shape, then the one that faces the ray, then that of the lower triangle.
 
 import warp as wp
 
-from .facets import facet_at, triangle_at
+from .facets import Facet, facet_at, triangle_at
 from .geometry import Geometry
 from .noinline import noinline
 from .poses import Scope, pose_of
@@ -149,7 +149,7 @@ def place_of(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> Place:
         facet = facet_at(g, ray.scope.first_shape + hit.shape, hit.triangle)
         normal = pose.rotation * facet.normal
         slope = wp.dot(ray.direction, normal)
-        place.distance = distance_to_plane(facet.corner, facet.normal, normal, slope, offset)
+        place.distance = larger(float(height_above(facet, normal, offset) / slope), 0.0)
         if wp.abs(slope) * facet.scale <= wp.float64(GRAZING):
             place.distance = float(distance_of(g, hit.shape, hit.triangle, ray))
         place.normal = outward(kind, normal * facet.scale, slope)
@@ -163,14 +163,13 @@ def place_of(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> Place:
 
 
 @wp.func
-def distance_to_plane(v0: wp.vec3, n: wp.vec3d, normal: wp.vec3d, slope: wp.float64, offset: wp.vec3d) -> float:
-    """Distance to the plane through V0 with the normal n, of any length, which is `normal` in the world.
+def height_above(facet: Facet, normal: wp.vec3d, offset: wp.vec3d) -> wp.float64:
+    """V0 . n - (o - x) . R n, which over d . R n is the distance to the facet's plane.
 
-    (V0 . n - (o - x) . R n) / (d . R n), slope = d . R n, offset = o - x, R and x the shape's pose. Where n was rounded
-    to float32 it is off by u |P - V0| / |cos|.
+    normal: R n, the facet's normal, of any length, in the world. offset: o - x. R and x are the shape's pose. Where n
+    was rounded to float32 the distance is off by u |P - V0| / |cos|.
     """
-    t = (wp.dot(to_double(v0), n) - wp.dot(offset, normal)) / slope
-    return larger(float(t), 0.0)
+    return wp.dot(to_double(facet.corner), facet.normal) - wp.dot(offset, normal)
 
 
 @wp.func
@@ -190,7 +189,7 @@ def middle(near: float, far: float) -> float:
 def normal_of_closed_form(
     kind: int, size: wp.vec3, rotation: wp.mat33d, offset: wp.vec3d, direction: wp.vec3d, distance: float
 ) -> wp.vec3:
-    """In the world, where a ray hits a closed form; offset as in distance_to_plane."""
+    """In the world, where a ray hits a closed form; offset as in height_above."""
     to_local = wp.transpose(rotation)
     point = to_float(to_local * (offset + wp.float64(distance) * direction))
     normal = closed_form_normal(kind, size, point, to_float(to_local * direction), distance)

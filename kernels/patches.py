@@ -33,14 +33,26 @@ _CORNERS = {
     "zx": (6, 7, 9, 10, 9, 10, 12, 13),
     "zy": (7, 8, 10, 11, 6, 7, 9, 10),
 }
-_PARTS = [f"{axis}{corner}" for corner in range(3) for axis in "xyz"]
-_ORDERS = ", ".join("{" + ", ".join(map(str, order)) + "}" for order in _CORNERS.values())
-_TAKEN = "\n".join(
+_GIVEN = [name for name in _CORNERS if name[1].isdigit()] + ["normal_x", "normal_y", "normal_z"]
+_ON_CPU = "".join(
     f"floats {name} = __builtin_shufflevector(a, b, {', '.join(map(str, order))});" for name, order in _CORNERS.items()
 )
-_GIVEN = "\n".join(
-    f"__builtin_memcpy(&to->{name}, &{name}, sizeof(floats));" for name in [*_PARTS, *(f"normal_{a}" for a in "xyz")]
+_ON_CUDA = "".join(
+    f"const char {name}_of[8] = {{{', '.join(map(str, order))}}}; float {name} = numbers[{name}_of[j]];"
+    for name, order in _CORNERS.items()
 )
+_STORED = "".join(f"__builtin_memcpy(&to->{name}, &{name}, sizeof({name}));" for name in _GIVEN)
+_STORED_ON_CUDA = "".join(f"to->{name}[j] = {name};" for name in _GIVEN)
+
+# of one float on CUDA, and of vectors of eight
+_WORKED_OUT = """
+    x0 += x1 - x1;  // NaN where there is no such triangle, else 0
+    x2 += x1 - x1;
+    y0 += y2 - y2;
+    y1 += y2 - y2;
+    auto rise_x = (zx - z1) / (x1 - x0), rise_y = (zy - z2) / (y2 - y0);
+    auto square = 1.0f + rise_x * rise_x + rise_y * rise_y;
+"""
 
 
 # without a return type, as Warp 1.12 knows none but numbers there
@@ -48,39 +60,23 @@ _GIVEN = "\n".join(
     auto* from = wp::address(patches, k);
     auto* to = wp::address(block, 0);
 #if defined(__CUDA_ARCH__)
-    const char order[11][8] = {{{_ORDERS}}};
     const float* numbers = &from->x[0];
     for (int j = 0; j < 8; ++j) {{
-        float v[11];
-        for (int i = 0; i < 11; ++i) v[i] = numbers[order[i][j]];
-        const float no_x = v[3] - v[3], no_y = v[7] - v[7];
-        v[0] += no_x;
-        v[6] += no_x;
-        v[1] += no_y;
-        v[4] += no_y;
-        const float rise_x = (v[9] - v[5]) / (v[3] - v[0]), rise_y = (v[10] - v[8]) / (v[7] - v[1]);
-        const float root = 1.0f / ::sqrt(1.0f + rise_x * rise_x + rise_y * rise_y);
-        float* const parts[12] = {{{", ".join(f"&to->{name}[j]" for name in _PARTS)},
-            &to->normal_x[j], &to->normal_y[j], &to->normal_z[j]}};
-        const float normal[3] = {{rise_x * root, rise_y * root, root}};
-        for (int i = 0; i < 12; ++i) *parts[i] = i < 9 ? v[i] : normal[i - 9];
+        {_ON_CUDA}
+        {_WORKED_OUT}
+        const float normal_z = 1.0f / ::sqrt(square), normal_x = rise_x * normal_z, normal_y = rise_y * normal_z;
+        {_STORED_ON_CUDA}
     }}
 #else
     typedef float floats __attribute__((ext_vector_type(8)));
     floats a, b;
     __builtin_memcpy(&a, &from->x, sizeof(a));
     __builtin_memcpy(&b, &from->z.data[0][2], sizeof(b));
-    {_TAKEN}
-    const floats no_x = x1 - x1, no_y = y2 - y2;
-    x0 += no_x;
-    x2 += no_x;
-    y0 += no_y;
-    y1 += no_y;
-    const floats rise_x = (zx - z1) / (x1 - x0), rise_y = (zy - z2) / (y2 - y0);
-    floats root = 1.0f + rise_x * rise_x + rise_y * rise_y;
-    for (int j = 0; j < 8; ++j) root[j] = __builtin_sqrtf(root[j]);
-    const floats normal_z = 1.0f / root, normal_x = rise_x * normal_z, normal_y = rise_y * normal_z;
-    {_GIVEN}
+    {_ON_CPU}
+    {_WORKED_OUT}
+    for (int j = 0; j < 8; ++j) square[j] = __builtin_sqrtf(square[j]);
+    const floats normal_z = 1.0f / square, normal_x = rise_x * normal_z, normal_y = rise_y * normal_z;
+    {_STORED}
 #endif
 """)
 def compose(patches: wp.array[Patch], k: int, block: wp.array[TriangleBlock]):  # type: ignore[no-untyped-def]

@@ -170,7 +170,10 @@ def test_trees_and_memory_are_measured_small() -> None:
     for figure in of_rest.trees(1, triangles=5000):
         assert figure.value.median > 0
     of_memory = list(of_rest.memory(1, triangles=5000))
-    assert [figure.key for figure in of_memory] in (["memory_built", "memory_read", "memory_hfield"], [])  # [] but on Linux
+    assert [figure.key for figure in of_memory] in (
+        ["memory_built", "memory_read", "memory_hfield"],
+        [],
+    )  # [] but on Linux
 
 
 def test_scaling_has_a_speed_for_every_size() -> None:
