@@ -36,7 +36,7 @@ class World:
         self._join_trees()
         self._count = len(shapes.kind)
         self._uploads: tuple[Upload, Upload] | None = None
-        self._poses: tuple[wp.array | None, wp.array | None] = (None, None)
+        self._part: slice | None = None
         self.set_shapes(shapes)
         self._top = TopTrees(self.geometry, self.device)
 
@@ -69,6 +69,7 @@ class World:
         self.geometry.kind = wp.array(shapes.kind[: self._count], dtype=int, device=device)
         self.geometry.twin = wp.array(_twins(shapes.kind[: self._count], shapes.tree[: self._count]), device=device)
         self._take_shapes(slice(0, len(shapes.kind)))
+        self._poses: tuple[wp.array | None, wp.array | None] = (None, None)  # they fit no more
 
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
@@ -121,7 +122,11 @@ class World:
         Raises:
             ValueError: sizes were set for another number of worlds.
         """
-        if self.geometry.instants > 1:
+        instants = self.geometry.instants
+        if position is self._poses[0] and rotation is self._poses[1] and part == self._part and instants == 1:
+            self._top.refit()
+            return
+        if instants > 1:
             self.geometry.movers, self.geometry.place = None, None
         self._fit(position, rotation, math.prod(_leading(position)), 1, part)
 
@@ -151,6 +156,7 @@ class World:
                 raise ValueError(f"got poses of {worlds} worlds, expected {sizes // count}, as sizes were set for")
             if own != self._taken:
                 self._take_shapes(own)
+        self._part = part
         self._set_poses(position, rotation)
         self._top.fit(worlds, instants)
 

@@ -1,4 +1,4 @@
-"""Boxes held against the side planes of many rays at once, and against the rays of a packet."""
+"""Boxes held against the side planes and directions of many rays at once, and against the rays of a packet."""
 
 import warp as wp
 
@@ -6,7 +6,7 @@ from rigcast.kernels.hits import APART
 from rigcast.kernels.ray import MARGIN, inverse_of
 from rigcast.kernels.traverse import Entered, sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
-from rigcast.kernels.vectors import larger, lowest_bit, smaller
+from rigcast.kernels.vectors import Interval, interval, larger, lowest_bit, smaller
 
 from .lanes import far_of, lane_bits
 from .packet import LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, int_lanes, lanes
@@ -237,52 +237,61 @@ def enter_lane_by_lane(
 
 
 @wp.func
-def packets_at_box(view: View, tile: Tile, center: wp.vec3, half: wp.vec3, distance: float, reach: vec8) -> int:
-    """Bit by bit, the packets whose frusta a box in the view's frame reaches into, and whose reach is beyond it."""
-    p_low = tile.p_low
-    p_high = tile.p_high
-    q_low = tile.q_low
-    q_high = tile.q_high
-    axis = view.axis
-    u = view.u
-    v = view.v
-    to_center = center - view.origin
-    h = half + wp.vec3(view.margin, view.margin, view.margin)
-    at_axis = wp.dot(to_center, axis)
-    at_u = wp.dot(to_center, u)
-    at_v = wp.dot(to_center, v)
-    packets = int(0)
-    for j in range(PACKETS):
-        left = wp.abs(p_low[j] * axis - u)
-        right = wp.abs(u - p_high[j] * axis)
-        bottom = wp.abs(q_low[j] * axis - v)
-        top = wp.abs(v - q_high[j] * axis)
-        # infinite boxes make NaN of 0 * inf, which is not outside
-        outside = wp.where(p_low[j] * at_axis - at_u - weighted(left, h[0], h[1], h[2]) > 0.0, 1, 0)
-        outside |= wp.where(at_u - p_high[j] * at_axis - weighted(right, h[0], h[1], h[2]) > 0.0, 1, 0)
-        outside |= wp.where(q_low[j] * at_axis - at_v - weighted(bottom, h[0], h[1], h[2]) > 0.0, 1, 0)
-        outside |= wp.where(at_v - q_high[j] * at_axis - weighted(top, h[0], h[1], h[2]) > 0.0, 1, 0)
-        outside |= wp.where(distance <= reach[j], 0, 1)
-        packets = packets | wp.where(outside == 0, 1 << j, 0)
-    return packets & tile.packets
+def component_range(a: float, u: float, v: float, p_low: float, p_high: float, q_low: float, q_high: float) -> Interval:
+    """Between what one component of a + p u + q v is for a range of p and q.
+
+    Rounded it is within 5u (1 + |p| + |q|) of what it should be, of which 16u are allowed for.
+    """
+    pu_low = p_low * u
+    pu_high = p_high * u
+    qv_low = q_low * v
+    qv_high = q_high * v
+    rounding = LANE_ROUNDING * (1.0 + larger(-p_low, p_high) + larger(-q_low, q_high))
+    low = a + smaller(pu_low, pu_high) + smaller(qv_low, qv_high)
+    high = a + larger(pu_low, pu_high) + larger(qv_low, qv_high)
+    return interval(low - rounding, high + rounding)
 
 
 @wp.func
-def packets_going_down(view: View, tile: Tile) -> int:
-    """Bit by bit, the packets some of whose rays may go down in the view's frame, as those do that hit its plane z = 0.
+def in_slab(direction: Interval, c: float, h: float) -> Interval:
+    """From which t to which t any of these directions d may have c - h <= t d <= c + h, t >= 0.
 
-    a_z + p u_z + q v_z, which has the sign of d_z, is within 5u (1 + |p| + |q|) of what it is without rounding.
+    Where d has one sign both ends are linear in 1 / d.
+    """
+    by_low = 1.0 / direction[0]
+    by_high = 1.0 / direction[1]
+    h_low = h * wp.abs(by_low)
+    h_high = h * wp.abs(by_high)
+    enter = smaller(c * by_low - h_low, c * by_high - h_high)
+    leave = larger(c * by_low + h_low, c * by_high + h_high)
+    soonest = larger(wp.abs(c) - h, 0.0) * smaller(wp.abs(by_low), wp.abs(by_high))
+    has_both_signs = direction[0] * direction[1] <= 0.0
+    return interval(wp.where(has_both_signs, soonest, enter), wp.where(has_both_signs, wp.inf, leave))
+
+
+@wp.func
+def packets_at_box(view: View, tile: Tile, center: wp.vec3, half: wp.vec3, reach: vec8) -> int:
+    """Bit by bit, the packets some of whose rays may enter a box in the view's frame before their reach.
+
+    Rays are taken as t (a + p u + q v), so t is at most the distance. All other rounding is within box_margin, here of
+    one axis each, as a plane's box is without bounds along two of them.
     """
     p_low = tile.p_low
     p_high = tile.p_high
     q_low = tile.q_low
     q_high = tile.q_high
-    a = view.axis[2]
-    u = view.u[2]
-    v = view.v[2]
+    a = view.axis
+    u = view.u
+    v = view.v
+    c = center - view.origin
+    h = half + MARGIN * (wp.abs(view.origin) + wp.abs(center) + half)
     packets = int(0)
     for j in range(PACKETS):
-        lowest = a + smaller(p_low[j] * u, p_high[j] * u) + smaller(q_low[j] * v, q_high[j] * v)
-        widest = 1.0 + larger(-p_low[j], p_high[j]) + larger(-q_low[j], q_high[j])
-        packets = packets | wp.where(lowest <= LANE_ROUNDING * widest, 1 << j, 0)
-    return packets
+        x = in_slab(component_range(a[0], u[0], v[0], p_low[j], p_high[j], q_low[j], q_high[j]), c[0], h[0])
+        y = in_slab(component_range(a[1], u[1], v[1], p_low[j], p_high[j], q_low[j], q_high[j]), c[1], h[1])
+        z = in_slab(component_range(a[2], u[2], v[2], p_low[j], p_high[j], q_low[j], q_high[j]), c[2], h[2])
+        enter = larger(larger(x[0], y[0]), larger(z[0], 0.0))
+        leave = smaller(smaller(x[1], y[1]), smaller(z[1], reach[j]))
+        # infinite boxes make NaN of inf - inf, which is not outside
+        packets = packets | wp.where(enter > leave, 0, 1 << j)
+    return packets & tile.packets
