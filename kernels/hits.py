@@ -9,7 +9,7 @@ shape, then the one that faces the ray, then that of the lower triangle.
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .noinline import noinline
+from .inline import noinline
 from .poses import Scope, pose_of
 from .shapes.solid_normals import closed_form_normal
 from .shapes.solids import SHEET, decide_closed_form, has_triangles
@@ -136,6 +136,18 @@ def is_sure(hit: Hit, best: Hit) -> bool:
     return hit.far * APART < best.near
 
 
+@wp.func
+def by_itself(ray: WorldRay) -> WorldRay:
+    """The same ray, for a function that is not inlined: what such a function is given is in memory."""
+    made = WorldRay()
+    made.origin = ray.origin
+    made.direction = ray.direction
+    made.scope = ray.scope
+    made.limit = ray.limit
+    made.cull = ray.cull
+    return made
+
+
 @wp.struct
 class Place:
     """Where a ray hits: the distance [m], the face of a mesh or -1, and the unit outward normal in the world."""
@@ -159,7 +171,7 @@ def place_of(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> Place:
         slope = wp.dot(ray.direction, normal)
         place.distance = distance_to_plane(lane_vertex(block, lane), n, normal, slope, offset)
         if wp.abs(slope) <= wp.float64(GRAZING):
-            place.distance = float(distance_of(g, hit.shape, hit.triangle, ray))
+            place.distance = float(distance_of(g, hit.shape, hit.triangle, by_itself(ray)))
         place.normal = outward(kind, normal, slope)
         place.face = block.face[lane]
     else:

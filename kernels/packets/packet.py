@@ -4,7 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within
-from rigcast.kernels.noinline import noinline
+from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses import Scope
 from rigcast.kernels.ray import box_margin
 from rigcast.kernels.trees.nodes import vec8

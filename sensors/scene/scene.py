@@ -307,7 +307,9 @@ class Scene:
         given = take_rays(origins, directions, self.device)
         room = None if out is None else out.room_for(given.shape, self.device)
         rays = in_world(given) if self._worlds is None else in_worlds(given, self._worlds)
-        return self.hits(self.cast_rays(rays, self.visible(wanted), max_distance, cull, room), given.shape)
+        hits = self.cast_rays(rays, self.visible(wanted), max_distance, cull, room)
+        given.refuse_lost(hits.distance)
+        return self.hits(hits, given.shape)
 
     def _wanted(self, filter: Filter | Sequence[Filter] | None) -> Filter | PerWorld[Filter]:
         if isinstance(filter, list | tuple) and self._worlds is not None:
