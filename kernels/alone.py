@@ -5,11 +5,11 @@ Warp compiles a file's kernels together: a rig whose rays are all cast in packet
 
 import warp as wp
 
-from .geometry import FARTHEST, Geometry
+from .geometry import Geometry
 from .hits import NO_SHAPE, Hit, WorldRay, place_of
 from .launch import TURN
 from .out import Out, read_hit, write_miss, write_place
-from .poses import scope_of
+from .poses import is_within_reach, scope_of
 from .ray import cast_ray
 from .rays import RayArrays, direction_of, firing_of, origin_of, span_of
 from .turns import turn_of
@@ -34,11 +34,8 @@ class Job:
 
 @wp.func
 def is_castable(ray: WorldRay) -> bool:
-    """Whether a ray is finite and starts no farther away than FARTHEST. What is compared with NaN is false."""
-    x = wp.abs(ray.origin[0]) <= wp.float64(FARTHEST)
-    y = wp.abs(ray.origin[1]) <= wp.float64(FARTHEST)
-    z = wp.abs(ray.origin[2]) <= wp.float64(FARTHEST)
-    return x and y and z and wp.dot(ray.direction, ray.direction) < wp.float64(wp.inf)
+    """Whether a ray is finite and starts no farther away than FARTHEST."""
+    return is_within_reach(ray.origin) and wp.dot(ray.direction, ray.direction) < wp.float64(wp.inf)
 
 
 @wp.func

@@ -103,12 +103,16 @@ def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Se
     of_threads: list[Callable[[], None]] = []
 
     def launch() -> None:
-        threads = 1 if most == 1 else min(most, thread_count())
+        available = 1 if most == 1 else thread_count()
+        threads = min(most, available)
         if threads != len(of_threads):
             given = inputs(threads)
             of_threads[:] = [recorded(kernel, 1, [k, turns, *given], [], "cpu") for k in range(threads)]
         taken[0] = 0
-        others = [_threads(thread_count()).submit(own) for own in of_threads[1:]]
+        if threads == 1:
+            of_threads[0]()
+            return
+        others = [_threads(available).submit(own) for own in of_threads[1:]]
         of_threads[0]()
         for other in others:
             other.result()

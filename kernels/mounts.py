@@ -80,6 +80,16 @@ def upright(rotation: wp.mat33d) -> wp.mat33d:
     return wp.mat33d(cosine, -sine, zero, sine, cosine, zero, zero, zero, one)
 
 
+@wp.func
+def turned_by(rotation: wp.mat33d, turn: wp.mat33d) -> wp.mat33d:
+    """Their product, column by column, as that of two matrices rounds otherwise."""
+    return wp.matrix_from_cols(
+        rotation * wp.vec3d(turn[0, 0], turn[1, 0], turn[2, 0]),
+        rotation * wp.vec3d(turn[0, 1], turn[1, 1], turn[2, 1]),
+        rotation * wp.vec3d(turn[0, 2], turn[1, 2], turn[2, 2]),
+    )
+
+
 @wp.kernel
 def place_on_carrier(
     # carriers:
@@ -99,7 +109,6 @@ def place_on_carrier(
     w = wp.tid()
     own = w % which.shape[0]
     carrier = which[own] % position.shape[1]
-    turn = turns[own]
     r = as_mat33d(rotation[w % rotation.shape[0], carrier])
     place = r * offset[own] + as_vec3d(position[w % position.shape[0], carrier])
     # nested, as older versions of Warp evaluate the whole of an `and`
@@ -107,12 +116,7 @@ def place_on_carrier(
         if not active[w]:
             place = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
     placed_position[w, slot] = place
-    # column by column: the product of two matrices rounds otherwise
-    axes = wp.matrix_from_cols(
-        r * wp.vec3d(turn[0, 0], turn[1, 0], turn[2, 0]),
-        r * wp.vec3d(turn[0, 1], turn[1, 1], turn[2, 1]),
-        r * wp.vec3d(turn[0, 2], turn[1, 2], turn[2, 2]),
-    )
+    axes = turned_by(r, turns[own])
     if yaw_aligned:
         axes = upright(axes)
     placed_rotation[w, slot] = axes

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from .geometry import Geometry
+from .geometry import FARTHEST, Geometry
 from .inline import inlined
 from .vectors import to_double
 
@@ -115,3 +115,12 @@ def first_instant_of(g: Geometry, span: int) -> int:
     if g.instants == 1:
         return span * shapes
     return (span + world_of(g.instants, span)) * shapes
+
+
+@wp.func
+def is_within_reach(position: wp.vec3d) -> bool:
+    """Whether no coordinate is beyond FARTHEST, or NaN, for what is compared with NaN is false."""
+    x = wp.abs(position[0]) <= wp.float64(FARTHEST)
+    y = wp.abs(position[1]) <= wp.float64(FARTHEST)
+    z = wp.abs(position[2]) <= wp.float64(FARTHEST)
+    return x and y and z

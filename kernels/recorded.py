@@ -56,8 +56,12 @@ class _OnCpu:
         packed = getattr(self._calls[0][-1], "_obj", None) if len(self._calls) == 1 else None
         if isinstance(packed, ctypes.Structure):
             names = [field[0] for field in packed._fields_]
-            given = zip(names, self._command.params[1:], strict=True)
-            self._structs = [(name, value) for name, value in given if isinstance(value, ctypes.Structure)]
+            given = zip(names, self._command.params[1:], self._arguments, strict=True)
+            self._structs = [
+                (name, value)
+                for name, value, argument in given
+                if isinstance(value, ctypes.Structure) and not isinstance(argument, wp.array)  # which stays as it is
+            ]
             self._packed = packed
 
     def forward(self, *arguments: Any) -> None:

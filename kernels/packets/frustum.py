@@ -1,15 +1,13 @@
-"""Boxes held against the side planes of many rays at once, and against the rays of a packet."""
+"""Boxes held against the side planes and directions of many rays at once."""
 
 import warp as wp
 
-from rigcast.kernels.hits import APART
-from rigcast.kernels.ray import MARGIN, inverse_of
-from rigcast.kernels.traverse import Entered, sign_bits
-from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
-from rigcast.kernels.vectors import larger, lowest_bit, smaller
+from rigcast.kernels.ray import MARGIN
+from rigcast.kernels.traverse import Entered
+from rigcast.kernels.trees.nodes import WIDTH, Node, vec8
+from rigcast.kernels.vectors import Interval, interval, larger, smaller
 
-from .lanes import far_of, lane_bits
-from .packet import LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, int_lanes, lanes
+from .packet import PACKETS, Tile, View
 
 TINY = wp.constant(1.0e-30)
 LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
@@ -128,161 +126,61 @@ def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
 
 
 @wp.func
-def inverse_directions(packet: Packet, view: View) -> Vectors:
-    """1 / the unit directions of a packet's rays as seen in a view, finite."""
-    p = packet.p
-    q = packet.q
-    length = packet.length
+def component_range(a: float, u: float, v: float, p_low: float, p_high: float, q_low: float, q_high: float) -> Interval:
+    """Between what one component of a + p u + q v is for a range of p and q.
+
+    Rounded it is within 5u (1 + |p| + |q|) of what it should be, of which 16u are allowed for.
+    """
+    pu_low = p_low * u
+    pu_high = p_high * u
+    qv_low = q_low * v
+    qv_high = q_high * v
+    rounding = LANE_ROUNDING * (1.0 + larger(-p_low, p_high) + larger(-q_low, q_high))
+    low = a + smaller(pu_low, pu_high) + smaller(qv_low, qv_high)
+    high = a + larger(pu_low, pu_high) + larger(qv_low, qv_high)
+    return interval(low - rounding, high + rounding)
+
+
+@wp.func
+def in_slab(direction: Interval, c: float, h: float) -> Interval:
+    """From which t to which t any of these directions d may have c - h <= t d <= c + h, t >= 0.
+
+    Where d has one sign both ends are linear in 1 / d.
+    """
+    by_low = 1.0 / direction[0]
+    by_high = 1.0 / direction[1]
+    h_low = h * wp.abs(by_low)
+    h_high = h * wp.abs(by_high)
+    enter = smaller(c * by_low - h_low, c * by_high - h_high)
+    leave = larger(c * by_low + h_low, c * by_high + h_high)
+    soonest = larger(wp.abs(c) - h, 0.0) * smaller(wp.abs(by_low), wp.abs(by_high))
+    has_both_signs = direction[0] * direction[1] <= 0.0
+    return interval(wp.where(has_both_signs, soonest, enter), wp.where(has_both_signs, wp.inf, leave))
+
+
+@wp.func
+def packets_at_box(view: View, tile: Tile, center: wp.vec3, half: wp.vec3, reach: vec8) -> int:
+    """Bit by bit, the packets some of whose rays may enter a box in the view's frame before their reach.
+
+    Rays are taken as t (a + p u + q v), so t is at most the distance. All other rounding is within box_margin, here of
+    one axis each, as a plane's box is without bounds along two of them.
+    """
+    p_low = tile.p_low
+    p_high = tile.p_high
+    q_low = tile.q_low
+    q_high = tile.q_high
     a = view.axis
     u = view.u
     v = view.v
-    x = lanes()
-    y = lanes()
-    z = lanes()
-    for i in range(LANES):
-        x[i] = length[i] * inverse_of(a[0] + p[i] * u[0] + q[i] * v[0])
-        y[i] = length[i] * inverse_of(a[1] + p[i] * u[1] + q[i] * v[1])
-        z[i] = length[i] * inverse_of(a[2] + p[i] * u[2] + q[i] * v[2])
-    inverse = Vectors()
-    inverse.x = x
-    inverse.y = y
-    inverse.z = z
-    return inverse
-
-
-@wp.func
-def margin_of_lanes(view: View, widest: float) -> float:
-    """By how much to widen the boxes of a tree for single rays of a packet; widest: its largest w = 1 + |p| + |q|.
-
-    Rounding, u = eps / 2: d = a + p u + q v is within 5u w in each component, w being larger than any of them, and its
-    length and the quotient within 4u: as far as the box, |c|_1 + |h|_1 at most, a ray is within 9u w (|c|_1 + |h|_1) of
-    where it should be. 16u are allowed for; all else is within the view's margin, as for enter_boxes. That is 8u times
-    the largest coordinates of the origin and of the tree, of which |c|_1 + |h|_1 is at most three times the sum.
-    """
-    return view.margin * (1.0 + 3.0 * (LANE_ROUNDING / MARGIN) * widest)
-
-
-@wp.func
-def lanes_at_box(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
-    """Bit by bit, which rays enter a box of boxes_from before their best hits (at most `far` away). As enter_boxes."""
-    inverse_x = inverse.x
-    inverse_y = inverse.y
-    inverse_z = inverse.z
-    entering = int_lanes()
-    for i in range(LANES):
-        cx = c[0] * inverse_x[i]
-        cy = c[1] * inverse_y[i]
-        cz = c[2] * inverse_z[i]
-        hx = h[0] * wp.abs(inverse_x[i])
-        hy = h[1] * wp.abs(inverse_y[i])
-        hz = h[2] * wp.abs(inverse_z[i])
-        enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
-        leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, far[i] * APART))
-        entering[i] = wp.where(enter <= leave, -1, 0)
-    return lane_bits(entering)
-
-
-@wp.struct
-class EnteredByLanes:
-    """As Entered, of a packet; lanes: bit by bit, which of its rays enter each box."""
-
-    children: int
-    distance: vec8
-    lanes: vec8i
-
-
-@wp.func
-def enter_lane_by_lane(
-    boxes: Node, inverse: Vectors, best: wp.array[PacketHits], slot: int, which: int, limit: float
-) -> EnteredByLanes:
-    """The boxes of boxes_from that these rays enter before the limit and their best hits. As enter_boxes."""
-    center_x = boxes.center_x
-    center_y = boxes.center_y
-    center_z = boxes.center_z
-    half_x = boxes.half_x
-    half_y = boxes.half_y
-    half_z = boxes.half_z
-    inverse_x = inverse.x
-    inverse_y = inverse.y
-    inverse_z = inverse.z
-    distance = vec8()
-    entering = vec8i()
-    for j in range(WIDTH):
-        distance[j] = wp.inf
-    while which != 0:
-        i = lowest_bit(which)
-        which = which & (which - 1)
-        x = inverse_x[i]
-        y = inverse_y[i]
-        z = inverse_z[i]
-        end = smaller(far_of(best, slot, i) * APART, limit)
-        lane = 1 << i
-        for j in range(WIDTH):
-            cx = center_x[j] * x
-            cy = center_y[j] * y
-            cz = center_z[j] * z
-            hx = half_x[j] * wp.abs(x)
-            hy = half_y[j] * wp.abs(y)
-            hz = half_z[j] * wp.abs(z)
-            enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
-            leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, end))
-            is_entered = enter <= leave and half_x[j] >= 0.0
-            distance[j] = smaller(distance[j], wp.where(is_entered, enter, wp.inf))
-            entering[j] = entering[j] | wp.where(is_entered, lane, 0)
-    entered = EnteredByLanes()
-    entered.children = sign_bits(-entering)
-    entered.distance = distance
-    entered.lanes = entering
-    return entered
-
-
-@wp.func
-def packets_at_box(view: View, tile: Tile, center: wp.vec3, half: wp.vec3, distance: float, reach: vec8) -> int:
-    """Bit by bit, the packets whose frusta a box in the view's frame reaches into, and whose reach is beyond it."""
-    p_low = tile.p_low
-    p_high = tile.p_high
-    q_low = tile.q_low
-    q_high = tile.q_high
-    axis = view.axis
-    u = view.u
-    v = view.v
-    to_center = center - view.origin
-    h = half + wp.vec3(view.margin, view.margin, view.margin)
-    at_axis = wp.dot(to_center, axis)
-    at_u = wp.dot(to_center, u)
-    at_v = wp.dot(to_center, v)
+    c = center - view.origin
+    h = half + MARGIN * (wp.abs(view.origin) + wp.abs(center) + half)
     packets = int(0)
     for j in range(PACKETS):
-        left = wp.abs(p_low[j] * axis - u)
-        right = wp.abs(u - p_high[j] * axis)
-        bottom = wp.abs(q_low[j] * axis - v)
-        top = wp.abs(v - q_high[j] * axis)
-        # infinite boxes make NaN of 0 * inf, which is not outside
-        outside = wp.where(p_low[j] * at_axis - at_u - weighted(left, h[0], h[1], h[2]) > 0.0, 1, 0)
-        outside |= wp.where(at_u - p_high[j] * at_axis - weighted(right, h[0], h[1], h[2]) > 0.0, 1, 0)
-        outside |= wp.where(q_low[j] * at_axis - at_v - weighted(bottom, h[0], h[1], h[2]) > 0.0, 1, 0)
-        outside |= wp.where(at_v - q_high[j] * at_axis - weighted(top, h[0], h[1], h[2]) > 0.0, 1, 0)
-        outside |= wp.where(distance <= reach[j], 0, 1)
-        packets = packets | wp.where(outside == 0, 1 << j, 0)
+        x = in_slab(component_range(a[0], u[0], v[0], p_low[j], p_high[j], q_low[j], q_high[j]), c[0], h[0])
+        y = in_slab(component_range(a[1], u[1], v[1], p_low[j], p_high[j], q_low[j], q_high[j]), c[1], h[1])
+        z = in_slab(component_range(a[2], u[2], v[2], p_low[j], p_high[j], q_low[j], q_high[j]), c[2], h[2])
+        enter = larger(larger(x[0], y[0]), larger(z[0], 0.0))
+        leave = smaller(smaller(x[1], y[1]), smaller(z[1], reach[j]))
+        # infinite boxes make NaN of inf - inf, which is not outside
+        packets = packets | wp.where(enter > leave, 0, 1 << j)
     return packets & tile.packets
-
-
-@wp.func
-def packets_going_down(view: View, tile: Tile) -> int:
-    """Bit by bit, the packets some of whose rays may go down in the view's frame, as those do that hit its plane z = 0.
-
-    a_z + p u_z + q v_z, which has the sign of d_z, is within 5u (1 + |p| + |q|) of what it is without rounding.
-    """
-    p_low = tile.p_low
-    p_high = tile.p_high
-    q_low = tile.q_low
-    q_high = tile.q_high
-    a = view.axis[2]
-    u = view.u[2]
-    v = view.v[2]
-    packets = int(0)
-    for j in range(PACKETS):
-        lowest = a + smaller(p_low[j] * u, p_high[j] * u) + smaller(q_low[j] * v, q_high[j] * v)
-        widest = 1.0 + larger(-p_low[j], p_high[j]) + larger(-q_low[j], q_high[j])
-        packets = packets | wp.where(lowest <= LANE_ROUNDING * widest, 1 << j, 0)
-    return packets

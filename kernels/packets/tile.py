@@ -5,13 +5,13 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE
 from rigcast.kernels.poses import is_doubled, pose_of
-from rigcast.kernels.shapes.solids import PLANE, SHEET, has_triangles
+from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.traverse import Entered, traversal
 from rigcast.kernels.trees.nodes import Node, vec8
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
-from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box, packets_going_down
+from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box
 from .packet import (
     LANES,
     PACKETS,
@@ -69,7 +69,7 @@ def visit_closed_form(
 
 
 @wp.func
-def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: float, reach: vec8) -> vec8:
+def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: float, reach: vec8) -> vec8:  # noqa: ARG001
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
     rays = tile.rays
     kind = g.kind[shape]
@@ -82,9 +82,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     to_local = wp.transpose(pose.rotation)
     at = scope.first_shape + shape
     view = view_from(to_local * (rays[0].origin - pose.position), to_local, rays, g.reach[at])
-    packets = packets_at_box(view, rays[0].tile, g.center[at], g.half[at], distance, reach)
-    if kind == PLANE:
-        packets = packets & packets_going_down(view, rays[0].tile)
+    packets = packets_at_box(view, rays[0].tile, g.center[at], g.half[at], reach)
     cull = wp.where(kind == SHEET, CULL_NONE, rays[0].cull)
     while packets != 0:
         k = lowest_bit(packets)

@@ -1,10 +1,12 @@
 """Sorting rays from one origin into packets of neighbours, as rigcast.kernels.packets casts them.
 
-There are two ways, and the one is taken whose packets are expected to meet less. *Blocks*: the rays are halved, across
-the axis on which their directions differ most, until a tile of them is left, and the tile is halved in the same way
-into its packets. *Runs*: a packet is LANES rays that follow each other in the pattern, a tile PACKETS neighbouring
-runs. A run along the row of a lidar whose rows are far apart is wide but has no height, and so lies between most of
-what is smaller than the gap between rows; a block would meet all of it.
+There are three ways, and the one is taken whose packets are expected to meet least. *Blocks*: the rays are halved,
+across the axis on which their directions differ most, until a tile of them is left, and the tile is halved in the same
+way into its packets. *Squares*: of an image, whose rows follow each other in the pattern, a tile is 8 rows of 16
+pixels, a packet a square of 4 x 4. Seen from the camera rows are curved, so that blocks have ragged edges. *Runs*: a
+packet is LANES rays that follow each other in the pattern, a tile PACKETS neighbouring runs. A run along the row of a
+lidar whose rows are far apart is wide but has no height, and so lies between most of what is smaller than the gap
+between rows; a block would meet all of it.
 
 Rays that have no near neighbours go alone.
 """
@@ -20,6 +22,9 @@ from rigcast.kernels.packets.packet import LANES, PACKETS, Packet, Tile
 from rigcast.kernels.trees.nodes import struct_zeros
 
 TILE = LANES * PACKETS
+SQUARE = 4
+"""Pixels of an image along each side of a packet."""
+TILE_ROWS, TILE_COLUMNS = 2 * SQUARE, 4 * SQUARE
 CHUNK = 32 * TILE
 WIDEST = np.cos(np.radians(45.0))
 """No ray of a tile is farther than 45 degrees from its axis."""
@@ -87,9 +92,12 @@ class _Arrangement:
 
 def sort_into_packets(directions: Doubles, group: npt.NDArray[np.int32] | None = None) -> Packets:
     """Sort rays with unit directions (n, 3); those of a tile belong to one group, (n,), where there are several."""
-    found = _in_blocks(directions, group)
-    if group is None and _least_cost_of_runs(directions) < found.cost:
-        found = min(found, _in_runs(directions), key=lambda arrangement: arrangement.cost)
+    ways = [_in_blocks(directions, group)]
+    if group is None:
+        ways += _in_squares(directions)
+        if _least_cost_of_runs(directions) < min(way.cost for way in ways):
+            ways.append(_in_runs(directions))
+    found = min(ways, key=lambda way: way.cost)
     return Packets(
         wp.array(_tile_structs(found.tiles, found.bases, found.low, found.high), dtype=Tile, device="cpu"),
         wp.array(_packet_structs(found.tiles, found.places, directions), dtype=Packet, device="cpu"),
@@ -102,6 +110,25 @@ def _in_blocks(directions: Doubles, group: npt.NDArray[np.int32] | None) -> _Arr
     return _Arrangement.of(halved_to(rays, directions, LANES).reshape(-1, PACKETS, LANES), singles, directions)
 
 
+def _in_squares(directions: Doubles) -> list[_Arrangement]:
+    """Whole tiles of an image, and the rays at its edges in blocks; nothing if it is none, or smaller than a tile."""
+    columns = _columns_of(directions)
+    if columns < TILE_COLUMNS or len(directions) < TILE_ROWS * columns:
+        return []
+    down, across = len(directions) // columns // TILE_ROWS, columns // TILE_COLUMNS
+    numbers = np.arange(len(directions)).reshape(-1, columns)[: down * TILE_ROWS, : across * TILE_COLUMNS]
+    squares = numbers.reshape(down, TILE_ROWS // SQUARE, SQUARE, across, TILE_COLUMNS // SQUARE, SQUARE)
+    return [_with_rest(squares.transpose(0, 3, 1, 4, 2, 5).reshape(-1, PACKETS, LANES), directions)]
+
+
+def _columns_of(directions: Doubles) -> int:
+    """How long the rows of an image are, of which the next one begins nearer to its first ray; 0 if it is none."""
+    along = directions @ directions[0] if len(directions) else np.empty(0)
+    nearer = np.flatnonzero(np.diff(along) > 0)
+    columns = int(nearer[0]) + 1 if len(nearer) else 0
+    return columns if columns and len(directions) % columns == 0 else 0
+
+
 def _least_cost_of_runs(directions: Doubles) -> float:
     """What the cost of runs would be if they were straight lines."""
     count = len(directions) // LANES * LANES
@@ -110,11 +137,15 @@ def _least_cost_of_runs(directions: Doubles) -> float:
 
 
 def _in_runs(directions: Doubles) -> _Arrangement:
-    """Runs that are narrow in tiles that are, and all other rays in blocks."""
+    """Runs that are narrow, and all other rays in blocks."""
     runs = np.arange(len(directions) // LANES * LANES).reshape(-1, LANES)
     middle = directions[runs].mean(axis=1)
     runs = runs[_along(directions[runs], middle) > WIDEST_RUN]
-    tiles = _tiles_of_runs(runs, directions)
+    return _with_rest(_tiles_of_runs(runs, directions), directions)
+
+
+def _with_rest(tiles: Indices, directions: Doubles) -> _Arrangement:
+    """Tiles that are narrow, and all other rays in blocks."""
     tiles = tiles[_is_narrow(directions[_or_near(tiles)].reshape(-1, TILE, 3))]
     is_left = np.ones(len(directions), bool)
     is_left[tiles[tiles >= 0]] = False

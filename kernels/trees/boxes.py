@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from rigcast.kernels.vectors import larger, norm1, smaller
+
 
 @wp.struct
 class Box:
@@ -20,8 +22,9 @@ def empty_box() -> Box:
 @wp.func
 def join(a: Box, lower: wp.vec3, upper: wp.vec3) -> Box:
     box = Box()
-    box.lower = wp.min(a.lower, lower)
-    box.upper = wp.max(a.upper, upper)
+    for k in range(3):
+        box.lower[k] = smaller(a.lower[k], lower[k])
+        box.upper[k] = larger(a.upper[k], upper[k])
     return box
 
 
@@ -30,11 +33,19 @@ def farthest_finite(box: Box) -> float:
     """The largest finite |coordinate|, 0 if there is none."""
     farthest = float(0.0)
     for k in range(3):
-        if wp.isfinite(box.lower[k]):
-            farthest = wp.max(farthest, wp.abs(box.lower[k]))
-        if wp.isfinite(box.upper[k]):
-            farthest = wp.max(farthest, wp.abs(box.upper[k]))
+        farthest = larger(farthest, larger(if_finite(wp.abs(box.lower[k])), if_finite(wp.abs(box.upper[k]))))
     return farthest
+
+
+@wp.func
+def if_finite(size: float) -> float:
+    """A number of at least 0; 0 in place of inf and NaN."""
+    return wp.where(size < wp.inf, size, 0.0)
+
+
+@wp.func
+def is_finite(box: Box) -> bool:
+    return norm1(box.lower) + norm1(box.upper) < wp.inf
 
 
 @wp.func

@@ -2,7 +2,9 @@
 
 import warp as wp
 
-from .boxes import Box, empty_box, farthest_finite, half_area, join
+from rigcast.kernels.vectors import larger
+
+from .boxes import Box, empty_box, farthest_finite, half_area, is_finite, join
 
 REBUILD_RATIO = 1.5
 """A tree is built anew when the area of its boxes has grown this much by fitting."""
@@ -43,9 +45,9 @@ def fit_of_leaf(box: Box) -> Fit:
 def with_own_box(fit: Fit) -> Fit:
     """Counting the box itself, of one that is infinite or empty only what is finite."""
     box = fit.box
-    if wp.isfinite(box.lower) and wp.isfinite(box.upper):
+    if is_finite(box):
         fit.area += half_area(box)
-    fit.reach = wp.max(fit.reach, farthest_finite(box))
+    fit.reach = larger(fit.reach, farthest_finite(box))
     return fit
 
 
@@ -53,5 +55,5 @@ def with_own_box(fit: Fit) -> Fit:
 def with_child(fit: Fit, child: Fit) -> Fit:
     fit.box = join(fit.box, child.box.lower, child.box.upper)
     fit.area += child.area
-    fit.reach = wp.max(fit.reach, child.reach)
+    fit.reach = larger(fit.reach, child.reach)
     return fit

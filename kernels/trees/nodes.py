@@ -12,12 +12,16 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.vectors import larger
+
 from .boxes import Box
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 WIDTH = wp.constant(8)
 NO_CHILD = wp.constant(-(2**31))
+FIRST_PATCH = wp.constant(2**27)
+"""Leaves of triangle trees from here on are patches of height fields, those below it blocks of triangles."""
 OUTWARDS = wp.constant(1.0 + 4.0 * 2.0**-23)
 
 vec8 = wp.types.vector(length=8, dtype=wp.float32)
@@ -40,19 +44,62 @@ class Node:
 @wp.func
 def set_child(node: Node, j: int, box: Box, child: int) -> Node:
     """The node with child j and its box, rounded outwards; it may be infinite along any axis, or empty: never met."""
-    middle = 0.5 * box.lower + 0.5 * box.upper
-    half = wp.max(box.upper - middle, middle - box.lower) * OUTWARDS
-    for k in range(3):
-        if not wp.isfinite(middle[k]):
-            middle[k] = 0.0
-            half[k] = wp.where(box.lower[k] < box.upper[k], wp.inf, -wp.inf)
-    node.center_x[j] = middle[0]
-    node.center_y[j] = middle[1]
-    node.center_z[j] = middle[2]
-    node.half_x[j] = half[0]
-    node.half_y[j] = half[1]
-    node.half_z[j] = half[2]
+    node.center_x[j] = center_of(box.lower[0], box.upper[0])
+    node.center_y[j] = center_of(box.lower[1], box.upper[1])
+    node.center_z[j] = center_of(box.lower[2], box.upper[2])
+    node.half_x[j] = half_of(box.lower[0], box.upper[0])
+    node.half_y[j] = half_of(box.lower[1], box.upper[1])
+    node.half_z[j] = half_of(box.lower[2], box.upper[2])
     node.child[j] = child
+    return node
+
+
+@wp.func
+def center_of(lower: float, upper: float) -> float:
+    middle = 0.5 * lower + 0.5 * upper
+    return wp.where(wp.abs(middle) < wp.inf, middle, 0.0)
+
+
+@wp.func
+def half_of(lower: float, upper: float) -> float:
+    middle = 0.5 * lower + 0.5 * upper
+    half = larger(upper - middle, middle - lower) * OUTWARDS
+    return wp.where(wp.abs(middle) < wp.inf, half, wp.where(lower < upper, wp.inf, -wp.inf))
+
+
+@wp.func
+def node_of(
+    # the ends of the boxes of all eight children:
+    lower_x: vec8,
+    lower_y: vec8,
+    lower_z: vec8,
+    upper_x: vec8,
+    upper_y: vec8,
+    upper_z: vec8,
+    child: vec8i,
+) -> Node:
+    """The node with these children, as `set_child` makes it one by one; the box of an absent one is empty."""
+    center_x = vec8()
+    center_y = vec8()
+    center_z = vec8()
+    half_x = vec8()
+    half_y = vec8()
+    half_z = vec8()
+    for j in range(WIDTH):
+        center_x[j] = center_of(lower_x[j], upper_x[j])
+        center_y[j] = center_of(lower_y[j], upper_y[j])
+        center_z[j] = center_of(lower_z[j], upper_z[j])
+        half_x[j] = half_of(lower_x[j], upper_x[j])
+        half_y[j] = half_of(lower_y[j], upper_y[j])
+        half_z[j] = half_of(lower_z[j], upper_z[j])
+    node = Node()
+    node.center_x = center_x
+    node.center_y = center_y
+    node.center_z = center_z
+    node.half_x = half_x
+    node.half_y = half_y
+    node.half_z = half_z
+    node.child = child
     return node
 
 
@@ -67,11 +114,13 @@ def empty_node() -> Node:
     return node
 
 
-def moved_nodes(nodes: npt.NDArray[np.void], first_node: int, first_leaf: int) -> npt.NDArray[np.void]:
-    """The nodes of a tree whose root and first leaf stand at these places of longer arrays."""
+def moved_nodes(
+    nodes: npt.NDArray[np.void], first_node: int, first_leaf: int, first_patch: int = 0
+) -> npt.NDArray[np.void]:
+    """The nodes of a tree whose root, first leaf and first patch stand at these places of longer arrays."""
     moved = nodes.copy()
     child = moved["child"]
-    offset = np.where(child >= 0, first_node, -first_leaf)
+    offset = np.where(child >= 0, first_node, np.where(~child >= FIRST_PATCH, -first_patch, -first_leaf))
     moved["child"] = np.where(child == NO_CHILD, NO_CHILD, child + offset)
     return moved
 

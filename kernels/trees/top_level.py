@@ -11,14 +11,14 @@ whose second derivative is a^2 r. What runs on chords stays within the box of bo
 
 import warp as wp
 
-from rigcast.kernels.geometry import FARTHEST, Geometry
+from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.moving import turn_between
-from rigcast.kernels.poses import Pose, first_instant_of, first_of_world, pose_at, world_of
+from rigcast.kernels.poses import Pose, first_instant_of, first_of_world, is_within_reach, pose_at, world_of
 from rigcast.kernels.vectors import to_float
 
 from .boxes import Box, empty_box, farthest_finite, join
 from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from .nodes import NO_CHILD, OUTWARDS, WIDTH, Node, set_child
+from .nodes import NO_CHILD, OUTWARDS, WIDTH, Node, node_of, vec8
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -29,16 +29,18 @@ def shape_box(pose: Pose, center: wp.vec3, half: wp.vec3, anchor: wp.vec3d) -> B
 
     A plane without bounds that stands along two axes is infinite along these alone: no ray that leaves it meets it.
     """
-    position = pose.position
     rotation = pose.rotation
-    middle = position - anchor
+    middle = pose.position - anchor
     extent = wp.vec3d()
+    sum = wp.float64(0.0)  # finite where all is that it is of
     for row in range(3):
         for column in range(3):
+            size = wp.abs(rotation[row, column])
+            sum += size
             middle[row] += rotation[row, column] * wp.float64(center[column])
-            if rotation[row, column] != wp.float64(0.0):
-                extent[row] += wp.abs(rotation[row, column]) * wp.float64(half[column])
-    if not (wp.max(wp.abs(position)) <= wp.float64(FARTHEST) and wp.isfinite(middle) and wp.isfinite(rotation)):
+            extent[row] += wp.where(size > wp.float64(0.0), size * wp.float64(half[column]), wp.float64(0.0))
+        sum += wp.abs(middle[row])
+    if not (is_within_reach(pose.position) and sum < wp.float64(wp.inf)):
         return empty_box()
     box = make_box(to_float(middle - extent), to_float(middle + extent))
     # rounded outwards by more than the two roundings above
@@ -78,7 +80,7 @@ def anchor_of(g: Geometry, span: int, shape: int) -> wp.vec3d:
     """Where this shape stands when the span begins; where it was if it stands nowhere now."""
     if shape < g.kind.shape[0]:
         position = pose_at(g, first_instant_of(g, span) + shape).position
-        if wp.max(wp.abs(position)) <= wp.float64(FARTHEST):
+        if is_within_reach(position):
             return position
     return g.anchor[span]
 
@@ -86,19 +88,29 @@ def anchor_of(g: Geometry, span: int, shape: int) -> wp.vec3d:
 @wp.func
 def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: wp.array[Fit]) -> None:
     """Fit the boxes of a node to its children, which have been fitted before."""
-    node = g.top[at]
+    children = g.top[at].child
+    lower_x = vec8()
+    lower_y = vec8()
+    lower_z = vec8()
+    upper_x = vec8()
+    upper_y = vec8()
+    upper_z = vec8()
     whole = no_fit()
     for j in range(WIDTH):
-        child = node.child[j]
-        if child != NO_CHILD:
-            fit = Fit()
-            if child >= 0:  # noqa: SIM108
-                fit = fits[child]
-            else:
-                fit = fit_of_leaf(span_box(g, span, -1 - child, anchor))
-            node = set_child(node, j, fit.box, child)
-            whole = with_child(whole, fit)
-    g.top[at] = node
+        child = children[j]
+        fit = no_fit()
+        if child >= 0:
+            fit = fits[child]
+        elif child != NO_CHILD:
+            fit = fit_of_leaf(span_box(g, span, -1 - child, anchor))
+        lower_x[j] = fit.box.lower[0]
+        lower_y[j] = fit.box.lower[1]
+        lower_z[j] = fit.box.lower[2]
+        upper_x[j] = fit.box.upper[0]
+        upper_y[j] = fit.box.upper[1]
+        upper_z[j] = fit.box.upper[2]
+        whole = with_child(whole, fit)
+    g.top[at] = node_of(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, children)
     fits[at] = with_own_box(whole)
 
 

@@ -67,9 +67,14 @@ class TopTrees:
             self._area = wp.zeros(spans, dtype=float, device=device)
             self._area_view = self._area.numpy() if device.is_cpu else None
             self._plant()
-        if instants > 1:
-            launch_over_rays(turn_shapes, g.turn.size, [g], [], device)
-        self._refit()
+        self.refit()
+
+    def refit(self) -> None:
+        """Fit the trees to the poses as they are by now, of as many worlds and instants as before."""
+        if self._instants > 1:
+            launch_over_rays(turn_shapes, self._geometry.turn.size, [self._geometry], [], self._device)
+        for fit in self._refits:
+            fit()
         if self._mean_area() > REBUILD_RATIO * self._built_area:
             self._build()
 
@@ -89,7 +94,8 @@ class TopTrees:
             self._anchor_shape = int(bounded[np.argmin(offset)])
         self._set_nodes(nodes)
         self._plant()
-        self._refit()
+        for fit in self._refits:
+            fit()
         self._built_area = float(self._area.numpy().mean())
 
     def _set_nodes(self, nodes: npt.NDArray[np.void]) -> None:
@@ -120,11 +126,6 @@ class TopTrees:
         these.fits, these.area = self._fits, self._area
         inputs, slice_size = [self._geometry, these], threads * trees_per_slice
         return prepare_over_rays(refit, self._spans * threads, inputs, [], self._device, slice_size)
-
-    def _refit(self) -> None:
-        """Fit all nodes."""
-        for fit in self._refits:
-            fit()
 
     def _first_boxes(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         shapes = self._geometry.kind.size

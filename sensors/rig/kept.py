@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from sys import getrefcount
 
+import mujoco
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -17,8 +18,9 @@ from numpy.typing import NDArray
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.mounts import Frames
 from rigcast.kernels.rays import Rays
-from rigcast.kernels.upload import Upload
+from rigcast.kernels.taking import PlacedFrame
 from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.specs.mount import BoundMount
 
 _MOST = 8  # frames of a sensor whose arrays are kept
 _MOST_AXES = 4  # of a Warp array
@@ -38,7 +40,8 @@ class Kept:
         self.asked: set[str] = set()
         self._rays = rays
         self._fixed: Rays | None = None
-        self._pose: tuple[Upload, Upload] | None = None
+        self._frame: PlacedFrame | None = None
+        self._mount: BoundMount | None = None
         self._frames: Frames | None = None
         self._launches: list[Callable[[], object]] = []
         self._launched: tuple[Rays | None, wp.array | None] = (None, None)
@@ -64,7 +67,7 @@ class Kept:
         """Whether nobody holds any of the arrays."""
         if not self._at_first:  # a reading that failed has not given any of it to anybody
             return True
-        return _references(self._given) == self._at_first
+        return list(map(getrefcount, self._given)) == self._at_first
 
     def start(self) -> None:
         """Begin another reading: what was worked out of the last one does not hold any more, but was `asked` for."""
@@ -75,15 +78,17 @@ class Kept:
         self.asked.clear()
         self._current.clear()
 
-    def aim(self, fixed: Rays, pose: NDArray[np.float64]) -> Rays:
-        """Those rays in this pose (4, 4)."""
-        if self._pose is None:
-            device = fixed.directions.device
-            self._pose = Upload(1, wp.vec3d, device), Upload(1, wp.mat33d, device)
-        position, rotation = self._pose
-        position.write(pose[:3, 3])
-        rotation.write(pose[:3, :3])
-        return self._placed(fixed, position.array, rotation.array, 1)
+    def place(self, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData) -> NDArray[np.float64]:
+        """Put the sensor where its mount is in `data`: (4, 4), its pose."""
+        if self._frame is None or self._mount is not mount:
+            self._frame = PlacedFrame(mount.id, mount.offset, yaw_aligned, self.hits.distance.device)
+            self._mount, self._fixed = mount, None
+        return self._frame.place(*mount.carriers(data))
+
+    def aim(self, fixed: Rays) -> Rays:
+        """Those rays where the sensor was put."""
+        assert self._frame is not None
+        return self._placed(fixed, self._frame.position, self._frame.rotation, 1)
 
     def frames(self, worlds: int) -> Frames:
         """For the sensor's pose in so many worlds."""

@@ -5,16 +5,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels.geometry import FARTHEST, Shapes, TriangleTree
+from rigcast.kernels.taking import TakenPoses
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.specs.filter import Filter
 
+from .height_fields import hfield_data
 from .lost import Lost
-from .model_geometry import assets_in_use, hfield_data, needs_asset, read_model, read_shapes
+from .model_geometry import assets_in_use, needs_asset, read_model, read_shapes
 from .part import Owner, Snapshot
-
-MOST_OF_ONE_THREAD = 8192
-"""Numbers up to which BLAS takes one thread for a product, and not all, which would wait for each other."""
 
 _Field = tuple[NDArray[np.float64], NDArray[np.float32]]  # size and elevations of a height field, as the model has them
 
@@ -37,6 +36,8 @@ class Geoms:
         self.ids = np.arange(model.ngeom, dtype=np.int32)
         self.bodies = model.geom_bodyid.astype(np.int32)
         self._supported = geometry.supported
+        self.poses = TakenPoses(model.ngeom)
+        self._unchanged = Snapshot(self.poses.position.numpy(), self.poses.rotation.numpy().reshape(-1, 9))
         self._lost = Lost(self.name)
         self._assets = geometry.assets
         # views of what the model holds, whoever writes there
@@ -49,15 +50,9 @@ class Geoms:
     def update(self, data: mujoco.MjData) -> Snapshot:
         """Raises InputError for a size or height field that has become unusable, and for a geom of another kind."""
         trees = self.renew()
-        position, rotation = data.geom_xpos, data.geom_xmat
-        if self._lost.any or not have_small_poses(position, rotation):
-            is_finite = has_finite_pose(position, rotation)
-            self._lost.warn(data.time, is_finite)
-            # an infinite plane would be hit even where one of its in-plane axes is NaN
-            position = np.where(is_finite[:, None], position, np.nan)
-        if trees is None:
-            return Snapshot(position, rotation)
-        return Snapshot(position, rotation, self.shapes, trees)
+        if self.poses.take(data.geom_xpos, data.geom_xmat) or self._lost.any:
+            self._lost.warn(data.time, np.asarray(np.isfinite(self._unchanged.position).all(axis=1)))
+        return self._unchanged if trees is None else self._unchanged._replace(shapes=self.shapes, trees=trees)
 
     def name(self, geom: int) -> str:
         """What a message calls a geom."""
@@ -83,8 +78,9 @@ class Geoms:
 
         Raises InputError for a size or height field that has become unusable, and for a geom of another kind.
         """
-        now = b"".join(self._now)
-        stale = self._to_refresh | {k for k, old in self._fields.items() if not _equal(old, self._read_field(k))}
+        now, stale = b"".join(self._now), self._to_refresh
+        if self._fields:
+            stale = stale | {k for k, old in self._fields.items() if not _equal(old, self._read_field(k))}
         if now == self._read and not stale:
             return None
         if b"".join(self._kinds_now) != self._kinds:
@@ -139,16 +135,8 @@ def _equal(a: _Field, b: _Field) -> bool:
     return np.array_equal(a[0], b[0]) and np.array_equal(a[1], b[1])
 
 
-def have_small_poses(position: NDArray[np.float64], rotation: NDArray[np.float64]) -> bool:
-    """Whether all poses are finite, as far as one product of each array shows: some that are may be too large."""
-    if rotation.size > MOST_OF_ONE_THREAD:
-        return are_within_reach(position) and are_within_reach(rotation)
-    p, r = position.reshape(-1), rotation.reshape(-1)
-    return bool(p.dot(p) <= FARTHEST and r.dot(r) <= FARTHEST)
-
-
 def are_within_reach(values: NDArray[np.floating]) -> bool:
-    """Whether none is NaN or beyond FARTHEST; for so many that BLAS would take all threads for their product."""
+    """Whether none is NaN or beyond FARTHEST."""
     return bool(values.min(initial=0) >= -FARTHEST and values.max(initial=0) <= FARTHEST)
 
 

@@ -50,7 +50,7 @@ Cull = Literal["none", "back", "front"]
 _CULL: dict[str, int] = {"none": CULL_NONE, "back": CULL_BACK, "front": CULL_FRONT}
 
 _NO_DIFFERENCES = Differences()
-_BYTES_PER_SIZE = 44  # of a shape, with its tree, its box and its reach
+_BYTES_PER_SIZE = 48  # of a shape, with its tree, its box and its reach
 
 
 class Scene:
@@ -90,6 +90,8 @@ class Scene:
             *([Skins(model)] if model.nskin else []),
             *([self._props] if props else []),
         ]
+        # where poses of geoms are taken to, to be used there if there is nothing else
+        self._in_place = self._geoms.poses if self.device.is_cpu and self._parts == [self._geoms] else None
         self._world = self._make_world()
         owners, ids = owners_and_ids(self._parts)
         self.shape_ids = ShapeIds.of(owners, ids, self.device)
@@ -135,7 +137,11 @@ class Scene:
 
     def take(self, data: mujoco.MjData) -> None:
         """`update` with data that are known to be of the model."""
-        self._world.update(*joined_poses(self._snapshots(data)))
+        snapshots = self._snapshots(data)
+        if self._in_place is None:
+            self._world.update(*joined_poses(snapshots))
+        else:
+            self._world.update(self._in_place.position, self._in_place.rotation)
         self._stale, self._worlds, self._part = "", None, None
 
     def read(self, data: mujoco.MjData) -> ShapePoses:
@@ -148,10 +154,15 @@ class Scene:
 
     def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
         """Of all parts as they stand in `data`; their sizes and trees are taken."""
-        require_on_device("Scene.update: data", "MjData", self.device)
+        if self.device.is_cuda:
+            require_on_device("Scene.update: data", "MjData", self.device)
         self._sight.update()
-        snapshots = [part.update(data) for part in self._parts]
-        if self._differences is not _NO_DIFFERENCES or any(snapshot.shapes is not None for snapshot in snapshots):
+        snapshots, is_as_it_was = [], self._differences is _NO_DIFFERENCES
+        for part in self._parts:
+            snapshot = part.update(data)
+            snapshots.append(snapshot)
+            is_as_it_was = is_as_it_was and snapshot.shapes is None
+        if not is_as_it_was:
             self._take_shapes(snapshots)
         return snapshots
 

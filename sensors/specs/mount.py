@@ -129,10 +129,17 @@ class BoundMount:
 
         Bodies and sites need `mj_kinematics` to have run; cameras `mj_comPos` and `mj_camlight` too.
         """
-        if self.parent == "world":
+        position, rotation = self.carriers(data)
+        if position is None or rotation is None:
             return self.offset.copy()
+        return placed(position[self.id], rotation[self.id].reshape(3, 3), self.offset)
+
+    def carriers(self, data: mujoco.MjData) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+        """The positions (n, 3) and rotations (n, 9) of all things of the kind that it is on; None of the world."""
+        if self.parent == "world":
+            return None, None
         position, rotation = CARRIERS[self.parent]
-        return placed(getattr(data, position)[self.id], getattr(data, rotation)[self.id].reshape(3, 3), self.offset)
+        return getattr(data, position), getattr(data, rotation)
 
 
 def placed(

@@ -115,6 +115,15 @@ def test_packets_are_compact() -> None:
     assert width * height < 3 * LANES * pixel**2
 
 
+@pytest.mark.parametrize(("width", "height"), [(640, 480), (75, 30)])
+def test_an_image_is_cast_in_squares(width: int, height: int) -> None:
+    """All but its last columns and rows that no tile has room for."""
+    rays = sort_into_packets(camera(width, height)).packets.numpy()["ray"].reshape(-1, 4, 4)
+    row, column = np.divmod(rays, width)
+    are_squares = (np.diff(column, axis=2) == 1).all(axis=(1, 2)) & (np.diff(row, axis=1) == 1).all(axis=(1, 2))
+    assert are_squares.sum() == PACKETS * (width // 16) * (height // 8)
+
+
 def test_rows_that_are_far_apart_are_not_mixed() -> None:
     columns = 640
     rays = sort_into_packets(lidar(16, columns, 15.0)).packets.numpy()["ray"]

@@ -7,9 +7,11 @@ from types import SimpleNamespace
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.oracle import Things
+from rigcast.sensors.rig.kept import Pool
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.part import OWNERS
 from rigcast.sensors.scene.placed_rays import rays_in_frame
@@ -43,24 +45,27 @@ class RigcastCaster:
     def _of_sensor(self, origin: Floats, directions: Floats) -> Frame:
         rays = rays_in_frame(directions, origin, np.eye(4), self.scene.device)
         rays = replace(rays, packets=sort_into_packets(directions))
+        shape, pool = directions.shape[:-1], Pool()
 
         def frame() -> Answer:
             self.scene.update(self._data)
-            arrays = self.scene.cast_rays(rays, self.scene.visible(self._filter), np.inf)
-            return self._answer(self.scene.hits(arrays, directions.shape[:-1]))
+            kept = pool.take(shape, self.scene.device)
+            kept.read(self.scene, rays, self.scene.visible(self._filter), (0.0, np.inf))
+            numbers = self._numbers(self.scene.hits(kept.hits, shape))
+            return Answer(kept.range.numpy(), numbers, kept.normal.numpy())
 
         return frame
 
     def _of_any(self, origins: Floats, directions: Floats) -> Frame:
         def frame() -> Answer:
             self.scene.update(self._data)
-            return self._answer(self.scene.cast(origins, directions, filter=self._filter))
+            hits = self.scene.cast(origins, directions, filter=self._filter)
+            return Answer(hits.distance.numpy(), self._numbers(hits), hits.normal.numpy())
 
         return frame
 
-    def _answer(self, hits: Hits) -> Answer:
-        ids = SimpleNamespace(**{name: getattr(hits, name).numpy() for name in self._ids})
-        return Answer(hits.distance.numpy(), self._things.numbers(ids), hits.normal.numpy())
+    def _numbers(self, hits: Hits) -> npt.NDArray[np.int32]:
+        return self._things.numbers(SimpleNamespace(**{name: getattr(hits, name).numpy() for name in self._ids}))
 
 
 CASTER = RigcastCaster
