@@ -299,7 +299,7 @@ class Scene:
             out: hits of an earlier cast of as many rays on this scene's device, which are written over: no arrays are
                 made for the new ones. None makes new arrays.
 
-        Arrays on the host keep float64 and are checked, on the CPU when they have been cast, which writes to `out`; Warp
+        Arrays on the host keep float64 and are checked, on the CPU by the cast itself, which writes to `out`; Warp
         arrays (vec3 or vec3d, on the scene's device) are not: a ray in them that is not finite gives NaN.
 
         Raises:
