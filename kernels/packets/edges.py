@@ -1,49 +1,63 @@
 """A packet against the triangles of one block: their edges, then their planes.
 
-Rounding, u = eps / 2, e = Vi - Vj, m = Vi + Vj: one of e, three of m, one each of the products and of the difference of
-c, one of a, and three of the dot product make 10u |e|_1 |m|_1 for each of the three products; p and q have one each,
-their products one, the two sums two: s is within 14u |e|_1 (|Vi|_1 + |Vj|_1) (1 + |p| + |q|) of what it should be. 24u
-are allowed for. The distance V0 . n / ((a + p u + q v) . n) |a + p u + q v| has 6u |V0| of its numerator and 12u t of
-its denominator, over |cos|; 16u (|V| + t) / |cos| are allowed for. What is too near to call goes to float64, by
-rigcast.kernels.hits.
+A ray with unit direction d passes the edge from Vi to Vj, as seen from its origin, on the side of s = d . (e x V), with
+e = Vi - Vj and V either of them (half of that of rigcast.kernels.shapes.triangle). e x V serves all rays.
+
+Rounding, u = eps / 2: one of e, two of V, one each of the products and of the difference of e x V make 5u |e|_1 |V|_1;
+d = (a + p u + q v) / length has one each of a, u, v, p and q, one of each product, two of the sums: 5u w, w = 1 + |p| +
+|q|, over the length, which is at least w / sqrt(3), and 3u of length and quotient; the dot product has three. So s is
+within u (11 + 5 min(w, sqrt(3))) |e|_1 |V|_1 of what it should be. 12 in place of 11 is allowed for.
+
+The distance V0 . n / (d . n) has 5u |V0| of its numerator, and of its denominator 5 sqrt(3) u t of d as above, 3u t of
+the length and 3u t of the dot product; n is off by u, which moves it by u (|V0| + t); its quotient and product have two
+u t, and adding what it may be off by one more. Together 6u |V0| + 19u t, over |cos|; 7u |V0| + 20u t are allowed for.
+What is too near to call goes to float64, by rigcast.kernels.hits.
 """
 
 import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.ray import Spans
-from rigcast.kernels.shapes.triangle import GRAZING, inside_edges
-from rigcast.kernels.shapes.triangle import ROUNDING as HEIGHT_ROUNDING
+from rigcast.kernels.shapes.triangle import GRAZING, ROUNDING, inside_edges
 from rigcast.kernels.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
 from rigcast.kernels.vectors import Interval, interval, larger, norm1, smaller
 
-from .packet import LANES, lanes
-from .sought import Sought
+from .frustum import weighted
+from .packet import LANES, View, lanes
 
-SIDE_ROUNDING = wp.constant(12.0 * 2.0**-23)  # 24u
-DISTANCE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
+SIDE_ROUNDING = wp.constant(6.0 * 2.0**-23)  # 12u
+DIRECTION_ROUNDING = wp.constant(2.5 * 2.0**-23)  # 5u
+MOST_ROUNDING = wp.constant(4.35 * 2.0**-23)  # more than 5 sqrt(3) u
+HEIGHT_ROUNDING = wp.constant(3.5 * 2.0**-23)  # 7u
+SLOPE_ROUNDING = wp.constant(10.0 * 2.0**-23)  # 20u
 
 
-linear = wp.types.matrix(shape=(3, 8), dtype=wp.float32)
-"""A linear function of (1, p, q) of each of eight triangles."""
+vectors = wp.types.matrix(shape=(3, 8), dtype=wp.float32)
+"""A vector of each of eight triangles."""
 
 
 @wp.struct
 class Edges:
-    """What the triangles of a block are to the rays of a tile, and their rounding."""
+    """What the triangles of a block are to a packet: e x V of each edge, n, V0 . n, |V0|_1, and the rounding of s."""
 
-    side0: linear
-    side1: linear
-    side2: linear
-    slope: linear
-    rounding: vec8
+    side0: vectors
+    side1: vectors
+    side2: vectors
+    normal: vectors
     height: vec8
-    reach: vec8
+    size: vec8
+    rounding: vec8
 
 
 @wp.func
-def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
+def side_rounding(widest: float) -> float:
+    """How far s may be off, over |e|_1 |V|_1; widest: the largest w of a packet."""
+    return SIDE_ROUNDING + smaller(DIRECTION_ROUNDING * widest, MOST_ROUNDING)
+
+
+@wp.func
+def edges_of(block: TriangleBlock, view: View, rounding_of_sides: float) -> Edges:
     """Edges of the triangles of a block as the rays of a packet see them."""
     x0 = block.x0
     y0 = block.y0
@@ -57,99 +71,81 @@ def edges_of(block: TriangleBlock, sought: Sought) -> Edges:
     normal_x = block.normal_x
     normal_y = block.normal_y
     normal_z = block.normal_z
-    origin = sought.view.origin
-    rest = sought.view.origin_rest
-    to_basis = wp.matrix_from_rows(sought.view.axis, sought.view.u, sought.view.v)
-    scale = SIDE_ROUNDING * sought.widest
-    side0 = linear()
-    side1 = linear()
-    side2 = linear()
-    slope = linear()
-    rounding = vec8()
+    origin = view.origin
+    rest = view.origin_rest
+    side0 = vectors()
+    side1 = vectors()
+    side2 = vectors()
+    normal = vectors()
     height = vec8()
-    reach = vec8()
+    size = vec8()
+    rounding = vec8()
     for j in range(WIDTH):
-        # edge by edge: registers do not suffice for all of them at once
         w0 = wp.vec3(x0[j], y0[j], z0[j])
         w1 = wp.vec3(x1[j], y1[j], z1[j])
         w2 = wp.vec3(x2[j], y2[j], z2[j])
+        n = wp.vec3(normal_x[j], normal_y[j], normal_z[j])
         v0 = (w0 - origin) - rest
         v1 = (w1 - origin) - rest
-        size0 = norm1(v0)
-        size1 = norm1(v1)
         e0 = w0 - w1
-        s0 = to_basis * wp.cross(e0, v0 + v1)
+        e1 = w1 - w2
+        e2 = w2 - w0
+        s0 = wp.cross(e0, v0)
+        s1 = wp.cross(e1, v1)
+        s2 = wp.cross(e2, v0)
         for k in range(3):
             side0[k, j] = s0[k]
-        side = norm1(e0) * (size0 + size1)
-        v2 = (w2 - origin) - rest
-        size2 = norm1(v2)
-        e1 = w1 - w2
-        s1 = to_basis * wp.cross(e1, v1 + v2)
-        for k in range(3):
             side1[k, j] = s1[k]
-        side = larger(side, norm1(e1) * (size1 + size2))
-        e2 = w2 - w0
-        s2 = to_basis * wp.cross(e2, v2 + v0)
-        for k in range(3):
             side2[k, j] = s2[k]
-        side = larger(side, norm1(e2) * (size2 + size0))
-        n = wp.vec3(normal_x[j], normal_y[j], normal_z[j])
-        s = to_basis * n
-        for k in range(3):
-            slope[k, j] = s[k]
-        rounding[j] = scale * side
+            normal[k, j] = n[k]
+        size0 = norm1(v0)
+        rounding[j] = rounding_of_sides * larger(larger(norm1(e0), norm1(e2)) * size0, norm1(e1) * norm1(v1))
         height[j] = wp.dot(v0, n)
-        reach[j] = larger(size0, larger(size1, size2))
+        size[j] = size0
     edges = Edges()
     edges.side0 = side0
     edges.side1 = side1
     edges.side2 = side2
-    edges.slope = slope
-    edges.rounding = rounding
+    edges.normal = normal
     edges.height = height
-    edges.reach = reach
+    edges.size = size
+    edges.rounding = rounding
     return edges
 
 
 @wp.func
-def may_be_hit(edges: Edges, sought: Sought) -> int:
-    """Bit by bit, the triangles that a packet may hit: by the sides at its middle, and their change to its corners."""
+def may_be_hit(edges: Edges, middle: wp.vec3, spread: wp.vec3, widest: float) -> int:
+    """Bit by bit, the triangles that rays along middle +- spread may hit, whose lengths are up to widest."""
     side0 = edges.side0
     side1 = edges.side1
     side2 = edges.side2
     rounding = edges.rounding
-    p = sought.p
-    q = sought.q
-    p_half = sought.p_half
-    q_half = sought.q_half
     possible = int(0)
     for j in range(WIDTH):
-        middle0 = side0[0, j] + p * side0[1, j] + q * side0[2, j]
-        middle1 = side1[0, j] + p * side1[1, j] + q * side1[2, j]
-        middle2 = side2[0, j] + p * side2[1, j] + q * side2[2, j]
-        change0 = p_half * wp.abs(side0[1, j]) + q_half * wp.abs(side0[2, j]) + rounding[j]
-        change1 = p_half * wp.abs(side1[1, j]) + q_half * wp.abs(side1[2, j]) + rounding[j]
-        change2 = p_half * wp.abs(side2[1, j]) + q_half * wp.abs(side2[2, j]) + rounding[j]
-        left = smaller(middle0 + change0, smaller(middle1 + change1, middle2 + change2)) >= 0.0
-        right = larger(middle0 - change0, larger(middle1 - change1, middle2 - change2)) <= 0.0
+        middle0 = weighted(middle, side0[0, j], side0[1, j], side0[2, j])
+        middle1 = weighted(middle, side1[0, j], side1[1, j], side1[2, j])
+        middle2 = weighted(middle, side2[0, j], side2[1, j], side2[2, j])
+        change0 = weighted(spread, wp.abs(side0[0, j]), wp.abs(side0[1, j]), wp.abs(side0[2, j]))
+        change1 = weighted(spread, wp.abs(side1[0, j]), wp.abs(side1[1, j]), wp.abs(side1[2, j]))
+        change2 = weighted(spread, wp.abs(side2[0, j]), wp.abs(side2[1, j]), wp.abs(side2[2, j]))
+        allowed = widest * rounding[j]
+        left = smaller(middle0 + change0, smaller(middle1 + change1, middle2 + change2)) >= -allowed
+        right = larger(middle0 - change0, larger(middle1 - change1, middle2 - change2)) <= allowed
         possible = possible | wp.where(left or right, 1 << j, 0)
     return possible
 
 
 @wp.func
-def span_in_plane(
-    inside: float, slope: float, length: float, rounding: float, height: float, size: float, cull: int
-) -> Interval:
+def span_in_plane(inside: float, slope: float, rounding: float, height: float, size: float, cull: int) -> Interval:
     """From where to where the distance of a ray to a triangle may be, as triage_triangle has it.
 
     Conditions are wp.where of distances: with `and` and `or` loops are not vectorised, with numbers they are slower.
     """
     # how steep 1 / slope may be where the distance is sure: not at all where the origin is nearly in the plane
-    steepest = wp.where(wp.abs(height) > HEIGHT_ROUNDING * size, 1.0 / GRAZING, 0.0)
-    per_slope = length / slope
+    steepest = wp.where(wp.abs(height) > ROUNDING * size, 1.0 / GRAZING, 0.0)
+    per_slope = 1.0 / slope
     t = height * per_slope
-    error = DISTANCE_ROUNDING * (size + wp.abs(t)) * wp.abs(per_slope)
+    error = (HEIGHT_ROUNDING * size + SLOPE_ROUNDING * wp.abs(t)) * wp.abs(per_slope)
     is_dropped = larger(-t, slope * float(cull)) > 0.0
     sure_near = wp.where(is_dropped, wp.inf, t - error)
     sure_far = wp.where(is_dropped, wp.inf, t + error)
@@ -161,24 +157,24 @@ def span_in_plane(
 
 
 @wp.func
-def meet_triangles(edges: Edges, p: float, q: float, length: float, cull: int, limit: float) -> Spans:
+def meet_triangles(edges: Edges, direction: wp.vec3, cull: int, limit: float) -> Spans:
     """One ray against the triangles of a block, up to a limit."""
     side0 = edges.side0
     side1 = edges.side1
     side2 = edges.side2
-    slopes = edges.slope
+    normal = edges.normal
     rounding = edges.rounding
     height = edges.height
-    size = edges.reach
+    size = edges.size
     near = vec8()
     far = vec8()
     possible = vec8i()
     for j in range(WIDTH):
-        s0 = side0[0, j] + p * side0[1, j] + q * side0[2, j]
-        s1 = side1[0, j] + p * side1[1, j] + q * side1[2, j]
-        s2 = side2[0, j] + p * side2[1, j] + q * side2[2, j]
-        slope = slopes[0, j] + p * slopes[1, j] + q * slopes[2, j]
-        span = span_in_plane(inside_edges(s0, s1, s2), slope, length, rounding[j], height[j], size[j], cull)
+        s0 = weighted(direction, side0[0, j], side0[1, j], side0[2, j])
+        s1 = weighted(direction, side1[0, j], side1[1, j], side1[2, j])
+        s2 = weighted(direction, side2[0, j], side2[1, j], side2[2, j])
+        slope = weighted(direction, normal[0, j], normal[1, j], normal[2, j])
+        span = span_in_plane(inside_edges(s0, s1, s2), slope, rounding[j], height[j], size[j], cull)
         near[j] = span[0]
         far[j] = span[1]
         possible[j] = wp.where(span[0] <= limit, wp.where(span[0] < wp.inf, -1, 0), 0)
@@ -198,14 +194,14 @@ class Inside:
 
 
 @wp.func
-def pass_edges(p: lanes, q: lanes, side0: wp.vec3, side1: wp.vec3, side2: wp.vec3, rounding: float) -> Inside:
-    """The rays of a packet against the edges of one triangle; side0 and so on are those of Edges."""
+def pass_edges(x: lanes, y: lanes, z: lanes, side0: wp.vec3, side1: wp.vec3, side2: wp.vec3, rounding: float) -> Inside:
+    """The rays of a packet, directions (x, y, z), against the edges of one triangle, as Edges has them."""
     by = lanes()
     some = int(0)
     for i in range(LANES):
-        s0 = side0[0] + p[i] * side0[1] + q[i] * side0[2]
-        s1 = side1[0] + p[i] * side1[1] + q[i] * side1[2]
-        s2 = side2[0] + p[i] * side2[1] + q[i] * side2[2]
+        s0 = weighted(side0, x[i], y[i], z[i])
+        s1 = weighted(side1, x[i], y[i], z[i])
+        s2 = weighted(side2, x[i], y[i], z[i])
         nearest = inside_edges(s0, s1, s2)
         by[i] = nearest
         some = some | wp.where(nearest >= -rounding, 1, 0)
@@ -225,11 +221,11 @@ class Met:
 
 @wp.func
 def meet_plane(
-    p: lanes,
-    q: lanes,
-    length: lanes,
+    x: lanes,
+    y: lanes,
+    z: lanes,
     inside: lanes,
-    slopes: wp.vec3,
+    normal: wp.vec3,
     rounding: float,
     height: float,
     size: float,
@@ -239,8 +235,8 @@ def meet_plane(
     near = lanes()
     far = lanes()
     for i in range(LANES):
-        slope = slopes[0] + p[i] * slopes[1] + q[i] * slopes[2]
-        span = span_in_plane(inside[i], slope, length[i], rounding, height, size, cull)
+        slope = weighted(normal, x[i], y[i], z[i])
+        span = span_in_plane(inside[i], slope, rounding, height, size, cull)
         near[i] = span[0]
         far[i] = span[1]
     met = Met()

@@ -1,15 +1,13 @@
-"""Boxes held against the side planes and directions of many rays at once, and against the rays of a packet."""
+"""Boxes held against the side planes and directions of many rays at once."""
 
 import warp as wp
 
-from rigcast.kernels.hits import APART
-from rigcast.kernels.ray import MARGIN, inverse_of
-from rigcast.kernels.traverse import Entered, sign_bits
-from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
-from rigcast.kernels.vectors import Interval, interval, larger, lowest_bit, smaller
+from rigcast.kernels.ray import MARGIN
+from rigcast.kernels.traverse import Entered
+from rigcast.kernels.trees.nodes import WIDTH, Node, vec8
+from rigcast.kernels.vectors import Interval, interval, larger, smaller
 
-from .lanes import far_of, lane_bits
-from .packet import LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, int_lanes, lanes
+from .packet import PACKETS, Tile, View
 
 TINY = wp.constant(1.0e-30)
 LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
@@ -124,115 +122,6 @@ def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
     entered = Entered()
     entered.children = children
     entered.distance = distance
-    return entered
-
-
-@wp.func
-def inverse_directions(packet: Packet, view: View) -> Vectors:
-    """1 / the unit directions of a packet's rays as seen in a view, finite."""
-    p = packet.p
-    q = packet.q
-    length = packet.length
-    a = view.axis
-    u = view.u
-    v = view.v
-    x = lanes()
-    y = lanes()
-    z = lanes()
-    for i in range(LANES):
-        x[i] = length[i] * inverse_of(a[0] + p[i] * u[0] + q[i] * v[0])
-        y[i] = length[i] * inverse_of(a[1] + p[i] * u[1] + q[i] * v[1])
-        z[i] = length[i] * inverse_of(a[2] + p[i] * u[2] + q[i] * v[2])
-    inverse = Vectors()
-    inverse.x = x
-    inverse.y = y
-    inverse.z = z
-    return inverse
-
-
-@wp.func
-def margin_of_lanes(view: View, widest: float) -> float:
-    """By how much to widen the boxes of a tree for single rays of a packet; widest: its largest w = 1 + |p| + |q|.
-
-    Rounding, u = eps / 2: d = a + p u + q v is within 5u w in each component, w being larger than any of them, and its
-    length and the quotient within 4u: as far as the box, |c|_1 + |h|_1 at most, a ray is within 9u w (|c|_1 + |h|_1) of
-    where it should be. 16u are allowed for; all else is within the view's margin, as for enter_boxes. That is 8u times
-    the largest coordinates of the origin and of the tree, of which |c|_1 + |h|_1 is at most three times the sum.
-    """
-    return view.margin * (1.0 + 3.0 * (LANE_ROUNDING / MARGIN) * widest)
-
-
-@wp.func
-def lanes_at_box(inverse: Vectors, far: lanes, c: wp.vec3, h: wp.vec3) -> int:
-    """Bit by bit, which rays enter a box of boxes_from before their best hits (at most `far` away). As enter_boxes."""
-    inverse_x = inverse.x
-    inverse_y = inverse.y
-    inverse_z = inverse.z
-    entering = int_lanes()
-    for i in range(LANES):
-        cx = c[0] * inverse_x[i]
-        cy = c[1] * inverse_y[i]
-        cz = c[2] * inverse_z[i]
-        hx = h[0] * wp.abs(inverse_x[i])
-        hy = h[1] * wp.abs(inverse_y[i])
-        hz = h[2] * wp.abs(inverse_z[i])
-        enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
-        leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, far[i] * APART))
-        entering[i] = wp.where(enter <= leave, -1, 0)
-    return lane_bits(entering)
-
-
-@wp.struct
-class EnteredByLanes:
-    """As Entered, of a packet; lanes: bit by bit, which of its rays enter each box."""
-
-    children: int
-    distance: vec8
-    lanes: vec8i
-
-
-@wp.func
-def enter_lane_by_lane(
-    boxes: Node, inverse: Vectors, best: wp.array[PacketHits], slot: int, which: int, limit: float
-) -> EnteredByLanes:
-    """The boxes of boxes_from that these rays enter before the limit and their best hits. As enter_boxes."""
-    center_x = boxes.center_x
-    center_y = boxes.center_y
-    center_z = boxes.center_z
-    half_x = boxes.half_x
-    half_y = boxes.half_y
-    half_z = boxes.half_z
-    inverse_x = inverse.x
-    inverse_y = inverse.y
-    inverse_z = inverse.z
-    distance = vec8()
-    entering = vec8i()
-    for j in range(WIDTH):
-        distance[j] = wp.inf
-    while which != 0:
-        i = lowest_bit(which)
-        which = which & (which - 1)
-        x = inverse_x[i]
-        y = inverse_y[i]
-        z = inverse_z[i]
-        end = smaller(far_of(best, slot, i) * APART, limit)
-        lane = 1 << i
-        for j in range(WIDTH):
-            cx = center_x[j] * x
-            cy = center_y[j] * y
-            cz = center_z[j] * z
-            hx = half_x[j] * wp.abs(x)
-            hy = half_y[j] * wp.abs(y)
-            hz = half_z[j] * wp.abs(z)
-            enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
-            leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, end))
-            is_entered = enter <= leave and half_x[j] >= 0.0
-            distance[j] = smaller(distance[j], wp.where(is_entered, enter, wp.inf))
-            entering[j] = entering[j] | wp.where(is_entered, lane, 0)
-    entered = EnteredByLanes()
-    entered.children = sign_bits(-entering)
-    entered.distance = distance
-    entered.lanes = entering
     return entered
 
 

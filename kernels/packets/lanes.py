@@ -1,23 +1,16 @@
-"""Single rays of a packet, read alone, where Warp would copy all sixteen; and sixteen conditions as bits."""
+"""Single rays of a packet, read alone, where Warp would copy all sixteen; and what sixteen numbers are together."""
 
 import warp as wp
 
-from .packet import Packet, PacketHits, int_lanes
+from .packet import PacketHits, Vectors, int_lanes, lanes
 
 
-@wp.func_native("return wp::address(packets, at)->p[i];")
-def p_of(packets: wp.array[Packet], at: int, i: int) -> float:  # type: ignore[empty-body]
-    """Where ray i of a packet is in its tile."""
-
-
-@wp.func_native("return wp::address(packets, at)->q[i];")
-def q_of(packets: wp.array[Packet], at: int, i: int) -> float:  # type: ignore[empty-body]
-    """Where ray i of a packet is in its tile."""
-
-
-@wp.func_native("return wp::address(packets, at)->length[i];")
-def length_of(packets: wp.array[Packet], at: int, i: int) -> float:  # type: ignore[empty-body]
-    """The length of a + p u + q v for ray i of a packet."""
+@wp.func_native("""
+    auto& all = *wp::address(vectors, 0);
+    return wp::vec3(all.x[i], all.y[i], all.z[i]);
+""")
+def direction_of(vectors: wp.array[Vectors], i: int) -> wp.vec3:
+    """Vector i of sixteen."""
 
 
 @wp.func_native("return wp::address(best, slot)->near[i];")
@@ -52,3 +45,32 @@ def far_of(best: wp.array[PacketHits], slot: int, i: int) -> float:  # type: ign
 """)
 def lane_bits(a: int_lanes) -> int:  # type: ignore[empty-body]
     """Bit by bit, which of sixteen numbers are below 0: two instructions, which no loop is turned into."""
+
+
+def _reduced(name: str) -> str:
+    """Of C++, that finds the least or most of sixteen numbers: those that are not below 0 are in order as integers."""
+    return f"""
+#if defined(__CUDA_ARCH__)
+    float reduced = a[0];
+    for (int i = 1; i < 16; ++i) reduced = wp::{name}(reduced, a[i]);
+    return reduced;
+#else
+    typedef int ints __attribute__((ext_vector_type(16)));
+    ints values;
+    __builtin_memcpy(&values, &a, sizeof(values));
+    int bits = __builtin_reduce_{name}(values);
+    float reduced;
+    __builtin_memcpy(&reduced, &bits, sizeof(reduced));
+    return reduced;
+#endif
+"""
+
+
+@wp.func_native(_reduced("min"))
+def least_of(a: lanes) -> float:  # type: ignore[empty-body]
+    """The least of sixteen numbers, none of which is below 0."""
+
+
+@wp.func_native(_reduced("max"))
+def most_of(a: lanes) -> float:  # type: ignore[empty-body]
+    """The most of sixteen numbers, none of which is below 0."""

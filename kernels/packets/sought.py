@@ -5,8 +5,10 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.trees.nodes import Node
 
-from .frustum import Frustum, frustum_of, inverse_directions, margin_of_lanes
+from .edges import side_rounding
+from .frustum import LANE_ROUNDING
 from .packet import PacketRays, TileRays, Vectors, View, packet_of
+from .slabs import Way, margin_of_lanes, way_of
 
 
 @wp.struct
@@ -19,14 +21,13 @@ class Sought:
     shape: int
     cull: int
     view: View
-    inverse: Vectors  # of the rays' unit directions
-    frustum: Frustum
-    # the middle of its range of p and q, and half its size:
-    p: float
-    q: float
-    p_half: float
-    q_half: float
+    way: Way
+    local: wp.array[Vectors]  # one, of its unit directions
+    # the middle of a + p u + q v, and how far from it these go:
+    middle: wp.vec3
+    spread: wp.vec3
     widest: float  # the largest 1 + |p| + |q|
+    side_rounding: float  # as of rigcast.kernels.packets.edges
     margin: float  # by which boxes are widened
 
 
@@ -41,12 +42,17 @@ def packet_among_triangles(g: Geometry, rays: wp.array[TileRays], view: View, k:
     sought.shape = shape
     sought.cull = cull
     sought.view = view
-    sought.inverse = inverse_directions(rays[0].packets[rays[0].first_packet + k], view)
-    sought.frustum = frustum_of(view, tile.p_low[k], tile.p_high[k], tile.q_low[k], tile.q_high[k])
-    sought.p = 0.5 * (tile.p_low[k] + tile.p_high[k])
-    sought.q = 0.5 * (tile.q_low[k] + tile.q_high[k])
-    sought.p_half = 0.5 * (tile.p_high[k] - tile.p_low[k])
-    sought.q_half = 0.5 * (tile.q_high[k] - tile.q_low[k])
-    sought.widest = 1.0 + wp.abs(sought.p) + sought.p_half + wp.abs(sought.q) + sought.q_half
+    sought.local = rays[0].local
+    p = 0.5 * (tile.p_low[k] + tile.p_high[k])
+    q = 0.5 * (tile.q_low[k] + tile.q_high[k])
+    p_half = 0.5 * (tile.p_high[k] - tile.p_low[k])
+    q_half = 0.5 * (tile.q_high[k] - tile.q_low[k])
+    sought.widest = 1.0 + wp.abs(p) + p_half + wp.abs(q) + q_half
+    sought.middle = view.axis + p * view.u + q * view.v
+    sought.spread = p_half * wp.abs(view.u) + q_half * wp.abs(view.v)
+    sought.side_rounding = side_rounding(sought.widest)
     sought.margin = margin_of_lanes(view, sought.widest)
+    rounding = LANE_ROUNDING * sought.widest
+    spread = sought.spread + wp.vec3(rounding, rounding, rounding)
+    sought.way = way_of(rays[0].packets[sought.packet.packet], view, sought.middle, spread, sought.local)
     return sought

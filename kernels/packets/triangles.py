@@ -12,10 +12,10 @@ from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
 from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
-from .frustum import EnteredByLanes, boxes_from, enter_frustum, enter_lane_by_lane, lanes_at_box
-from .lanes import far_of, length_of, near_of, p_of, q_of
+from .lanes import direction_of, far_of, near_of
 from .packet import ALL_LANES, by_itself, decide_lane_of_packet, farthest, offer
 from .prefetch import prefetch_block, prefetch_node
+from .slabs import EnteredByLanes, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
 from .sought import Sought
 
 FEW = wp.constant(6)
@@ -25,19 +25,15 @@ FEW = wp.constant(6)
 @wp.func
 def visit_block_lane_by_lane(sought: Sought, index: int, lanes: int, reach: float) -> float:
     """These rays of a packet against the triangles of one block; returns how far all of its rays still reach."""
-    packets = sought.packet.packets
-    at = sought.packet.packet
     best = sought.packet.best
     slot = sought.packet.slot
-    edges = edges_of(sought.blocks[index], sought)
+    edges = edges_of(sought.blocks[index], sought.view, sought.side_rounding)
     some = int(0)
     while lanes != 0:
         i = lowest_bit(lanes)
         lanes = lanes & (lanes - 1)
         limit = far_of(best, slot, i) * APART
-        p = p_of(packets, at, i)
-        q = q_of(packets, at, i)
-        met = meet_triangles(edges, p, q, length_of(packets, at, i), sought.cull, limit)
+        met = meet_triangles(edges, direction_of(sought.local, i), sought.cull, limit)
         near = met.near
         far = met.far
         possible = met.possible
@@ -60,32 +56,30 @@ def visit_block_lane_by_lane(sought: Sought, index: int, lanes: int, reach: floa
 @wp.func
 def visit_block_at_once(sought: Sought, index: int, reach: float) -> float:
     """All rays of a packet against the triangles of one block; returns how far they still reach."""
-    edges = edges_of(sought.blocks[index], sought)
-    at = sought.packet.packet
-    length = sought.packet.packets[at].length  # Warp 1.12 takes the field for its function, where it is an argument
+    edges = edges_of(sought.blocks[index], sought.view, sought.side_rounding)
     # fields are taken out of their struct first: an element of a field would be a copy of all of it
     side0_of = edges.side0
     side1_of = edges.side1
     side2_of = edges.side2
-    slope_of = edges.slope
+    normal_of = edges.normal
     rounding = edges.rounding
     height = edges.height
-    size = edges.reach
-    possible = may_be_hit(edges, sought)
+    size = edges.size
+    possible = may_be_hit(edges, sought.middle, sought.spread, sought.widest)
     while possible != 0:
         j = lowest_bit(possible)
         possible = possible & (possible - 1)
         side0 = wp.vec3(side0_of[0, j], side0_of[1, j], side0_of[2, j])
         side1 = wp.vec3(side1_of[0, j], side1_of[1, j], side1_of[2, j])
         side2 = wp.vec3(side2_of[0, j], side2_of[1, j], side2_of[2, j])
-        inside = pass_edges(sought.packet.packets[at].p, sought.packet.packets[at].q, side0, side1, side2, rounding[j])
+        inside = pass_edges(sought.local[0].x, sought.local[0].y, sought.local[0].z, side0, side1, side2, rounding[j])
         if inside.some != 0:
             met = meet_plane(
-                sought.packet.packets[at].p,
-                sought.packet.packets[at].q,
-                length,
+                sought.local[0].x,
+                sought.local[0].y,
+                sought.local[0].z,
                 inside.by,
-                wp.vec3(slope_of[0, j], slope_of[1, j], slope_of[2, j]),
+                wp.vec3(normal_of[0, j], normal_of[1, j], normal_of[2, j]),
                 rounding[j],
                 height[j],
                 size[j],
@@ -130,23 +124,19 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
             reach = visit_block_of_packet(sought, -1 - at, entering, reach)
             at = int(NO_CHILD)
         else:
-            boxes = boxes_from(sought.nodes[at], sought.view.origin, sought.margin)
-            center_x = boxes.center_x
-            center_y = boxes.center_y
-            center_z = boxes.center_z
-            half_x = boxes.half_x
-            half_y = boxes.half_y
-            half_z = boxes.half_z
+            slabs = slabs_of(sought.nodes[at], sought.view.origin, sought.margin, sought.way)
+            near_x = slabs.near_x
+            near_y = slabs.near_y
+            near_z = slabs.near_z
+            far_x = slabs.far_x
+            far_y = slabs.far_y
+            far_z = slabs.far_z
             are_few = count_bits(entering) <= FEW
             entered = EnteredByLanes()
             if are_few:
-                entered = enter_lane_by_lane(
-                    boxes, sought.inverse, packet.best, packet.slot, entering, packet.ray.limit
-                )
+                entered = enter_lane_by_lane(slabs, sought.way, packet.best, packet.slot, entering, packet.ray.limit)
             else:
-                in_frustum = enter_frustum(boxes, sought.frustum, smaller(reach, packet.ray.limit))
-                entered.children = in_frustum.children
-                entered.distance = in_frustum.distance
+                entered = enter_any(slabs, sought.way, smaller(reach, packet.ray.limit))
             children = entered.children
             distance = entered.distance
             lanes_of_few = entered.lanes
@@ -161,9 +151,9 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
                 if are_few:
                     who = lanes_of_few[j]
                 else:
-                    center = wp.vec3(center_x[j], center_y[j], center_z[j])
-                    half = wp.vec3(half_x[j], half_y[j], half_z[j])
-                    who = which & lanes_at_box(sought.inverse, packet.best[packet.slot].far, center, half)
+                    start = wp.vec3(near_x[j], near_y[j], near_z[j])
+                    end = wp.vec3(far_x[j], far_y[j], far_z[j])
+                    who = which & lanes_at_box(sought.way.slowness, packet.best[packet.slot].far, start, end)
                 if who != 0:
                     child = child_of(sought.nodes, node, j)
                     prefetch_child(sought, child)

@@ -1,4 +1,7 @@
-"""No box that a ray of a packet enters is refused, and hardly one that none enters is let through."""
+"""No box that a ray of a packet enters is refused, and hardly one that none enters is let through.
+
+Within a mesh it may be let through where it is entered by the mirror images of rays of which some go either way.
+"""
 
 # mypy: disallow-untyped-decorators=False, disable-error-code="valid-type,index"
 
@@ -8,15 +11,17 @@ import warp as wp
 from made_worlds import random_rotations
 from numpy.typing import NDArray
 
-from rigcast.kernels.packets.frustum import (
-    boxes_from,
+from rigcast.kernels.hits import APART
+from rigcast.kernels.packets.frustum import LANE_ROUNDING, packets_at_box
+from rigcast.kernels.packets.packet import ALL_LANES, LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, lanes
+from rigcast.kernels.packets.slabs import (
+    enter_any,
     enter_lane_by_lane,
-    inverse_directions,
     lanes_at_box,
     margin_of_lanes,
-    packets_at_box,
+    slabs_of,
+    way_of,
 )
-from rigcast.kernels.packets.packet import ALL_LANES, LANES, PACKETS, Packet, PacketHits, Tile, View, lanes
 from rigcast.kernels.ray import box_margin
 from rigcast.kernels.trees.nodes import empty_node, vec8
 
@@ -51,6 +56,8 @@ def _enter(
     center: wp.array[wp.vec3],
     half: wp.array[wp.vec3],
     best: wp.array[PacketHits],
+    local: wp.array[Vectors],
+    any_ray: wp.array[int],
     at_once: wp.array[int],
     one_by_one: wp.array[int],
     distance: wp.array[float],
@@ -78,12 +85,17 @@ def _enter(
     node.half_x[0] = half[i][0]
     node.half_y[0] = half[i][1]
     node.half_z[0] = half[i][2]
-    box = boxes_from(node, view.origin, margin_of_lanes(view, 2.0))
-    c = wp.vec3(box.center_x[0], box.center_y[0], box.center_z[0])
-    h = wp.vec3(box.half_x[0], box.half_y[0], box.half_z[0])
-    inverse = inverse_directions(packet, view)
-    at_once[i] = lanes_at_box(inverse, best[i].far, c, h)
-    entered = enter_lane_by_lane(box, inverse, best, i, ALL_LANES, wp.inf)
+    p_half = 0.5 * (wp.max(p[i]) - wp.min(p[i]))
+    q_half = 0.5 * (wp.max(q[i]) - wp.min(q[i]))
+    middle = view.axis + (wp.min(p[i]) + p_half) * view.u + (wp.min(q[i]) + q_half) * view.v
+    spread = p_half * wp.abs(view.u) + q_half * wp.abs(view.v) + 2.0 * LANE_ROUNDING * wp.vec3(1.0, 1.0, 1.0)
+    way = way_of(packet, view, middle, spread, local)
+    slabs = slabs_of(node, view.origin, margin_of_lanes(view, 2.0), way)
+    nearest = wp.vec3(slabs.near_x[0], slabs.near_y[0], slabs.near_z[0])
+    farthest = wp.vec3(slabs.far_x[0], slabs.far_y[0], slabs.far_z[0])
+    any_ray[i] = enter_any(slabs, way, far[i] * APART).children
+    at_once[i] = lanes_at_box(way.slowness, best[i].far, nearest, farthest)
+    entered = enter_lane_by_lane(slabs, way, best, i, ALL_LANES, wp.inf)
     one_by_one[i] = wp.where(entered.children == 1, entered.lanes[0], 0)
     distance[i] = entered.distance[0]
     packets[i] = _packets(view, p[i], q[i], far[i], center[i], half[i])
@@ -110,7 +122,7 @@ class Packets:
 
     def enter(self, center: Doubles, half: Doubles, far: Doubles | float = np.inf) -> NDArray[np.bool_]:
         """Whether any ray enters a box: of each the same, taken with the others or by itself."""
-        out = [wp.empty(CASES, dtype=kind, device="cpu") for kind in (PacketHits, int, int, float, int)]
+        out = [wp.empty(CASES, dtype=kind, device="cpu") for kind in (PacketHits, Vectors, int, int, int, float, int)]
         arrays = [
             wp.array(np.ascontiguousarray(values, np.float32), dtype=kind, device="cpu")
             for values, kind in (
@@ -124,15 +136,26 @@ class Packets:
             )
         ]
         wp.launch(_enter, CASES, inputs=arrays, outputs=out, device="cpu")
-        at_once, one_by_one, self.distance, packets = (array.numpy() for array in out[1:])
+        any_ray, at_once, one_by_one, self.distance, packets = (array.numpy() for array in out[2:])
         np.testing.assert_array_equal(at_once, one_by_one)
+        assert set(any_ray) <= {0, 1}
+        assert (any_ray >= (at_once != 0)).all()
         assert set(packets) <= {0, 2**PACKETS - 1}
         self.is_entered = packets != 0
         return np.asarray(at_once != 0)
 
-    def lines_pass(self, center: Doubles, half: Doubles) -> NDArray[np.bool_]:
+    def seen(self, center: Doubles, is_mirrored: bool = False) -> tuple[Doubles, Doubles]:
+        """Centres of boxes from the origin, and directions; mirrored: |c| and |d| where rays go both ways."""
+        c, d = np.broadcast_arrays((center - self.origin)[:, None], self.directions)
+        ways = [np.array([self.p.min(1), self.p.max(1)]), np.array([self.q.min(1), self.q.max(1)])]
+        a, u, v = (self.basis[:, k] for k in range(3))
+        corners = np.stack([a + p[:, None] * u + q[:, None] * v for p in ways[0] for q in ways[1]])
+        both = (corners.min(axis=0) < 1e-4) & (corners.max(axis=0) > -1e-4) & is_mirrored
+        return np.where(both[:, None], np.abs(c), c), np.where(both[:, None], np.abs(d), d)
+
+    def lines_pass(self, center: Doubles, half: Doubles, is_mirrored: bool = False) -> NDArray[np.bool_]:
         """Whether any ray's line passes a box, in float64."""
-        c, d = (center - self.origin)[:, None], self.directions
+        c, d = self.seen(center, is_mirrored)
         off = np.abs(np.cross(c, d))
         room = [
             half[:, None, k - 2] * np.abs(d[..., k - 1]) + half[:, None, k - 1] * np.abs(d[..., k - 2])
@@ -140,11 +163,12 @@ class Packets:
         ]
         return np.asarray((off <= np.stack(room, axis=-1)).all(axis=-1).any(axis=-1), bool)
 
-    def distances(self, center: Doubles, half: Doubles) -> Doubles:
+    def distances(self, center: Doubles, half: Doubles, is_mirrored: bool = False) -> Doubles:
         """At which the first of the rays is in a box, in float64; +inf where none enters it."""
-        unit = self.directions / np.linalg.norm(self.directions, axis=-1, keepdims=True)
+        c, d = self.seen(center, is_mirrored)
+        unit = d / np.linalg.norm(d, axis=-1, keepdims=True)
         inverse = 1 / np.where(np.abs(unit) < 1e-20, 1e-20, unit)
-        middle, room = (center - self.origin)[:, None] * inverse, half[:, None] * np.abs(inverse)
+        middle, room = c * inverse, half[:, None] * np.abs(inverse)
         enter, leave = (middle - room).max(axis=-1).clip(0), (middle + room).min(axis=-1)
         return np.asarray(np.where(enter <= leave, enter, np.inf).min(axis=1), np.float64)
 
@@ -156,22 +180,24 @@ def box_around(points: Doubles, rng: np.random.Generator, scale: float) -> tuple
     return center, np.nextafter(np.maximum(half, np.abs(points - center)).astype(np.float32), np.float32(np.inf))
 
 
+@pytest.mark.parametrize("spread", [1.0, 0.02])
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_box_that_a_ray_enters_is_not_refused(seed: int, scale: float) -> None:
-    packets = Packets(seed, scale)
+def test_a_box_that_a_ray_enters_is_not_refused(seed: int, scale: float, spread: float) -> None:
+    packets = Packets(seed, scale, spread)
     entered = packets.enter(*box_around(packets.points, packets.rng, scale))
     for is_entered in entered, packets.is_entered:
         assert is_entered.all(), f"seed {seed}, scale {scale}: refused {np.flatnonzero(~is_entered)[:5]}"
 
 
+@pytest.mark.parametrize("spread", [1.0, 0.02])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_box_that_no_ray_comes_near_is_refused(seed: int) -> None:
-    packets = Packets(seed, 1.0)
+def test_a_box_that_no_ray_comes_near_is_refused(seed: int, spread: float) -> None:
+    packets = Packets(seed, 1.0, spread)
     aside = np.exp(packets.rng.uniform(-6, 1, (CASES, 1))) * packets.rng.normal(size=(CASES, 3))
     center, half = box_around(packets.points + aside, packets.rng, 0.3)
     size = 1e-4 * (np.abs(packets.origin) + np.abs(center)).max(axis=1, keepdims=True)
-    is_near = packets.lines_pass(center, half + size)
+    is_near = packets.lines_pass(center, half + size, is_mirrored=True)
     entered = packets.enter(center, half)
     assert 0.01 < is_near.mean() < 0.95
     assert not (entered & ~is_near).any(), f"seed {seed}: let through {np.flatnonzero(entered & ~is_near)[:5]}"
@@ -207,7 +233,7 @@ def test_a_box_beyond_all_hits_is_refused() -> None:
     assert packets.is_entered.all(), f"refused {np.flatnonzero(~packets.is_entered)[:5]}"
     assert (packets.distance <= packets.distances(center, half) * (1 + 1e-6)).all()
     size = 1e-4 * (np.abs(packets.origin) + np.abs(center)).max(axis=1, keepdims=True)
-    at_least = packets.distances(center, half + size)
+    at_least = packets.distances(center, half + size, is_mirrored=True)
     entered = packets.enter(center, half, 0.999 * at_least)
     assert (at_least > 0).mean() > 0.5
     assert not entered[at_least > 0].any(), f"let through {np.flatnonzero(entered & (at_least > 0))[:5]}"
