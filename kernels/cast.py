@@ -8,7 +8,7 @@ from typing import Any
 import warp as wp
 
 from .alone import RAYS_PER_RUN, Alone, Job, cast_rays, cast_turns, hold, is_castable
-from .geometry import Geometry
+from .geometry import Geometry, TriangleBlock
 from .launch import TURN, prepare_over_rays, prepare_over_tiles
 from .moving import at_firings
 from .out import Out
@@ -87,6 +87,7 @@ class InPackets:
     best: wp.array[PacketHits]
     world_directions: wp.array[Directions]
     local_directions: wp.array2d[Vectors]  # (threads, 1)
+    composed: wp.array2d[TriangleBlock]  # (threads, 1)
 
 
 @wp.kernel
@@ -108,6 +109,7 @@ def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
     rays[0].best = these.best
     rays[0].directions = these.world_directions
     rays[0].local = these.local_directions[thread]
+    rays[0].composed = these.composed[thread]
     at = turn_of(turns) * TURN
     while at < these.worlds * tiles.shape[0]:
         world = at / tiles.shape[0]
@@ -209,6 +211,7 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     these.best = wp.empty(threads * PACKETS, dtype=PacketHits, device="cpu")
     these.world_directions = wp.empty(threads * PACKETS, dtype=Directions, device="cpu")
     these.local_directions = wp.empty((threads, 1), dtype=Vectors, device="cpu")
+    these.composed = wp.empty((threads, 1), dtype=TriangleBlock, device="cpu")
     return [geometry, job, these]
 
 

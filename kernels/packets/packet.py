@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within
 from rigcast.kernels.noinline import noinline
 from rigcast.kernels.poses import Scope
@@ -126,6 +126,7 @@ class TileRays:
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
     local: wp.array[Vectors]  # one, of a packet's directions in a shape's frame
+    composed: wp.array[TriangleBlock]  # one, of a patch
 
 
 @wp.struct

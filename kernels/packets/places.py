@@ -5,14 +5,14 @@ It is written at once: to hand it on would be to copy a dozen arrays of lanes.
 
 import warp as wp
 
+from rigcast.kernels.facets import facet_at
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits import NO_SHAPE, distance_of, distance_to_plane, middle, outward
+from rigcast.kernels.hits import NO_SHAPE, distance_of, height_above, middle, outward
 from rigcast.kernels.out import Out, read_hit, write_miss, write_place
 from rigcast.kernels.poses import pose_of
 from rigcast.kernels.shapes.solids import has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
-from rigcast.kernels.trees.nodes import WIDTH
-from rigcast.kernels.vectors import lowest_bit, to_double, to_float
+from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
 
 from .lanes import lane_bits
 from .packet import LANES, TileRays, Vectors, int_lanes, lanes, world_ray
@@ -34,22 +34,22 @@ def write_triangles(g: Geometry, out: Out, rays: wp.array[TileRays], k: int, whi
     offset = rays[0].origin - pose.position
     todo = int(which)
     while todo != 0:
-        i = lowest_bit(todo)
-        todo = todo & (todo - 1)
-        triangle = hit[i]
-        block = triangle / WIDTH
-        j = triangle % WIDTH
-        n = wp.vec3(g.blocks[block].normal_x[j], g.blocks[block].normal_y[j], g.blocks[block].normal_z[j])
-        v0 = wp.vec3(g.blocks[block].x0[j], g.blocks[block].y0[j], g.blocks[block].z0[j])
-        normal = rotation * to_double(n)
-        slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
-        distance = distance_to_plane(v0, n, normal, slope, offset)
-        if wp.abs(slope) <= wp.float64(GRAZING):
-            distance = float(distance_of(rays[0].geometry, shape, triangle, world_ray(rays, slot, i)))
-        facing = outward(kind, normal, slope)
-        write_place(
-            out, rays[0].first_ray + numbers[i], shape, distance, g.blocks[block].face[j], facing, rays[0].limit
-        )
+        triangle = hit[lowest_bit(todo)]
+        same = todo & lanes_at(hit, triangle)
+        todo = todo & ~same
+        facet = facet_at(rays[0].geometry, rays[0].scope.first_shape + shape, triangle)
+        normal = rotation * facet.normal
+        height = height_above(facet, normal, offset)
+        unit_normal = normal * facet.scale
+        while same != 0:
+            i = lowest_bit(same)
+            same = same & (same - 1)
+            slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
+            distance = larger(float(height / slope), 0.0)
+            if wp.abs(slope) * facet.scale <= wp.float64(GRAZING):
+                distance = float(distance_of(rays[0].geometry, shape, triangle, world_ray(rays, slot, i)))
+            facing = outward(kind, unit_normal, slope)
+            write_place(out, rays[0].first_ray + numbers[i], shape, distance, facet.face, facing, rays[0].limit)
 
 
 @wp.func
@@ -117,11 +117,11 @@ def lanes_with_rays(numbers: int_lanes) -> int:
 
 
 @wp.func
-def lanes_at(shapes: int_lanes, shape: int) -> int:
-    """Bit by bit, which of these is the shape."""
+def lanes_at(numbers: int_lanes, number: int) -> int:
+    """Bit by bit, which of these is the number."""
     same = int_lanes()
     for i in range(LANES):
-        same[i] = wp.where(shapes[i] == shape, -1, 0)
+        same[i] = wp.where(numbers[i] == number, -1, 0)
     return lane_bits(same)
 
 

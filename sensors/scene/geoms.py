@@ -10,8 +10,9 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.specs.filter import Filter
 
+from .height_fields import hfield_data
 from .lost import Lost
-from .model_geometry import assets_in_use, hfield_data, needs_asset, read_model, read_shapes
+from .model_geometry import assets_in_use, needs_asset, read_model, read_shapes
 from .part import Owner, Snapshot
 
 

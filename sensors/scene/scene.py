@@ -50,7 +50,7 @@ Cull = Literal["none", "back", "front"]
 _CULL: dict[str, int] = {"none": CULL_NONE, "back": CULL_BACK, "front": CULL_FRONT}
 
 _NO_DIFFERENCES = Differences()
-_BYTES_PER_SIZE = 44  # of a shape, with its tree, its box and its reach
+_BYTES_PER_SIZE = 48  # of a shape, with its tree, its box and its reach
 
 
 class Scene:
