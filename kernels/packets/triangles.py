@@ -131,9 +131,21 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
     top = int(0)
     at = int(root)
     entering = int(ALL_LANES)
+    # a leaf that few rays enter waits for the next one, and meanwhile comes from memory
+    waiting = int(NO_CHILD)
+    lanes_of_waiting = int(0)
     while at != NO_CHILD:
         if at < 0:
-            reach = visit_block_of_packet(sought, -1 - at, entering, reach)
+            leaf = int(at)
+            who = int(entering)
+            if top > 0:
+                if count_bits(entering) <= FEW:
+                    leaf = waiting
+                    who = lanes_of_waiting
+                    waiting = at
+                    lanes_of_waiting = entering
+            if leaf != NO_CHILD:
+                reach = visit_block_of_packet(sought, -1 - leaf, who, reach)
             at = int(NO_CHILD)
         else:
             slabs = slabs_of(sought.nodes[at], sought.view.origin, sought.margin, sought.way)
@@ -193,4 +205,8 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
             if distances[top] <= reach:
                 at = stack[top]
                 entering = lanes[top]
+        if at == NO_CHILD:
+            at = waiting
+            entering = lanes_of_waiting
+            waiting = NO_CHILD
     return reach
