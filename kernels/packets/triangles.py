@@ -138,12 +138,11 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
         if at < 0:
             leaf = int(at)
             who = int(entering)
-            if top > 0:
-                if count_bits(entering) <= FEW:
-                    leaf = waiting
-                    who = lanes_of_waiting
-                    waiting = at
-                    lanes_of_waiting = entering
+            if top > 0 and count_bits(entering) <= FEW:
+                leaf = waiting
+                who = lanes_of_waiting
+                waiting = at
+                lanes_of_waiting = entering
             if leaf != NO_CHILD:
                 reach = visit_block_of_packet(sought, -1 - leaf, who, reach)
             at = int(NO_CHILD)
