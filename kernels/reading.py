@@ -57,30 +57,27 @@ def _per_ray(values: wp.array, rays: Rays) -> int:
 def bound_readings(
     first: int,
     run: int,  # rays per thread
-    min_range: float,
     max_range: float,
-    # in and out:
-    distance: wp.array[float],
-    shape: wp.array[int],
-    normal: wp.array[wp.vec3],
+    out: Out,
 ) -> None:
     i = (first + wp.tid()) * run
-    end = wp.min(i + run, distance.shape[0])
+    end = wp.min(i + run, out.distance.shape[0])
     while i < end:
-        if distance[i] < min_range:
-            distance[i] = -wp.inf
-        elif distance[i] > max_range:
-            distance[i] = wp.inf
-        if not wp.isfinite(distance[i]):
-            shape[i] = -1
-            normal[i] = wp.vec3(0.0, 0.0, 0.0)
+        if out.distance[i] < out.min_range:
+            out.distance[i] = -wp.inf
+        elif out.distance[i] > max_range:
+            out.distance[i] = wp.inf
+        if not wp.isfinite(out.distance[i]):
+            out.shape[i] = -1
+            out.normal[i] = wp.vec3(0.0, 0.0, 0.0)
         i += 1
 
 
 def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
     """Make measured distances outside of these limits [m] -inf and +inf, in place; where none is, nothing is hit."""
-    outputs = [hits.distance, hits.shape, hits.normal]
-    launch_over_runs(bound_readings, hits.distance.size, [min_range, max_range], outputs, hits.distance.device)
+    out = hits.out()
+    out.min_range = min_range
+    launch_over_runs(bound_readings, hits.distance.size, [max_range], [out], hits.distance.device)
 
 
 @wp.func

@@ -15,9 +15,9 @@ reflect instead, 1 for that surface itself in clear air.
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
 
+from .echoes import Echoes
 from .random import RandomSource, as_uniform, box_muller, random_bits
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -46,16 +46,12 @@ def measure_returns(
     per_beam: int,
     min_range: float,
     max_range: float,
-    # in and out:
-    distance: wp.array[float],
-    power: wp.array[float],  # out: intensity
-    shape: wp.array[int],
-    normal: wp.array[wp.vec3],
+    returns: Echoes,  # in and out
 ) -> None:
     k = first + wp.tid()
-    d = distance[k]
-    intensity = power[k] * d * d
-    power[k] = 0.0
+    d = returns.distance[k]
+    intensity = returns.power[k] * d * d
+    returns.power[k] = 0.0
     if not wp.isfinite(d):
         return
     bits = random_bits(source, k / per_beam, DRAW_RETURN + k % per_beam)
@@ -70,31 +66,24 @@ def measure_returns(
     if noise.resolution > 0.0:
         d = noise.resolution * wp.rint(d / noise.resolution)
     is_lost = as_uniform(bits[0]) > keep or d > max_range
-    distance[k] = d
+    returns.distance[k] = d
     if is_lost:
-        distance[k] = wp.inf
+        returns.distance[k] = wp.inf
     elif d < min_range:
-        distance[k] = -wp.inf
+        returns.distance[k] = -wp.inf
     if is_lost or d < min_range:
-        shape[k] = -1
-        normal[k] = wp.vec3(0.0, 0.0, 0.0)
+        returns.shape[k] = -1
+        returns.normal[k] = wp.vec3(0.0, 0.0, 0.0)
     else:
-        power[k] = intensity
+        returns.power[k] = intensity
 
 
 def measure(
-    returns: HitArrays,
-    power: wp.array,
-    per_beam: int,
-    noise: RangeNoise,
-    source: RandomSource,
-    limits: tuple[float, float],
-) -> wp.array:
+    returns: Echoes, per_beam: int, noise: RangeNoise, source: RandomSource, limits: tuple[float, float]
+) -> None:
     """Turn returns into measurements in place: +inf where one is lost or beyond the limits [m], -inf nearer than them.
 
-    power: (n,) of the returns; it is overwritten with the intensity, 0 where there is no return, and returned.
+    Their power is overwritten with the intensity, 0 where there is no return.
     """
     inputs = [noise, source, per_beam, *limits]
-    outputs = [returns.distance, power, returns.shape, returns.normal]
-    launch_over_rays(measure_returns, power.size, inputs, outputs, power.device)
-    return power
+    launch_over_rays(measure_returns, returns.distance.size, inputs, [returns], returns.distance.device)

@@ -7,10 +7,9 @@ groups whose power reaches the least that is detected, the first, the last, the 
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
 
-from .echoes import Echoes
+from .echoes import Echoes, new_echoes
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -92,42 +91,21 @@ def next_group(echoes: Echoes, i: int, beams: int, gap: float, after: float) -> 
 
 
 @wp.func
-def write_return(
-    r: Return,
-    k: int,
-    echoes: Echoes,
-    # out:
-    distance: wp.array[float],
-    power: wp.array[float],
-    shape: wp.array[int],
-    face: wp.array[int],
-    normal: wp.array[wp.vec3],
-) -> None:
-    distance[k] = r.distance
-    power[k] = wp.max(r.power, 0.0)
-    shape[k] = -1
-    face[k] = -1
-    normal[k] = wp.vec3(0.0, 0.0, 0.0)
+def write_return(r: Return, k: int, echoes: Echoes, returns: Echoes) -> None:
+    returns.distance[k] = r.distance
+    returns.power[k] = wp.max(r.power, 0.0)
+    returns.shape[k] = -1
+    returns.face[k] = -1
+    returns.normal[k] = wp.vec3(0.0, 0.0, 0.0)
     if r.slot >= 0:
-        shape[k] = echoes.shape[r.slot]
-        face[k] = echoes.face[r.slot]
-        normal[k] = echoes.normal[r.slot]
+        returns.shape[k] = echoes.shape[r.slot]
+        returns.face[k] = echoes.face[r.slot]
+        returns.normal[k] = echoes.normal[r.slot]
 
 
 @wp.kernel
 def choose_returns(
-    first_beam: int,
-    echoes: Echoes,
-    beams: int,
-    gap: float,
-    least_power: float,
-    mode: int,
-    # out:
-    distance: wp.array[float],
-    power: wp.array[float],
-    shape: wp.array[int],
-    face: wp.array[int],
-    normal: wp.array[wp.vec3],
+    first_beam: int, echoes: Echoes, beams: int, gap: float, least_power: float, mode: int, returns: Echoes
 ) -> None:
     i = first_beam + wp.tid()
     first = no_return()
@@ -152,28 +130,26 @@ def choose_returns(
         strongest.distance = wp.nan
         second.distance = wp.nan
     if mode == FIRST:
-        write_return(first, i, echoes, distance, power, shape, face, normal)
+        write_return(first, i, echoes, returns)
     elif mode == LAST:
-        write_return(last, i, echoes, distance, power, shape, face, normal)
+        write_return(last, i, echoes, returns)
     elif mode == STRONGEST:
-        write_return(strongest, i, echoes, distance, power, shape, face, normal)
+        write_return(strongest, i, echoes, returns)
     else:
         other = second
         if last.slot != strongest.slot:
             other = last
-        write_return(strongest, 2 * i, echoes, distance, power, shape, face, normal)
-        write_return(other, 2 * i + 1, echoes, distance, power, shape, face, normal)
+        write_return(strongest, 2 * i, echoes, returns)
+        write_return(other, 2 * i + 1, echoes, returns)
 
 
-def choose(echoes: Echoes, beams: int, gap: float, least_power: float, mode: int) -> tuple[HitArrays, wp.array]:
-    """The returns of each beam and their powers: one per beam, or two beside each other for DUAL.
+def choose(echoes: Echoes, beams: int, gap: float, least_power: float, mode: int) -> Echoes:
+    """The returns of each beam: one per beam, or two beside each other for DUAL.
 
     gap: least distance [m] of echoes that are told apart. least_power: of a return, as `Echoes.power`.
     mode: FIRST, LAST, STRONGEST, or DUAL: the strongest, then the last, or where that is the same the second strongest.
     """
     device = echoes.distance.device
-    out = HitArrays.empty(beams * (2 if mode == DUAL else 1), device)
-    power = wp.empty(out.distance.size, dtype=float, device=device)
-    outputs = [out.distance, power, out.shape, out.face, out.normal]
-    launch_over_rays(choose_returns, beams, [echoes, beams, gap, least_power, mode], outputs, device)
-    return out, power
+    returns = new_echoes(2 if mode == DUAL else 1, beams, device)
+    launch_over_rays(choose_returns, beams, [echoes, beams, gap, least_power, mode], [returns], device)
+    return returns

@@ -16,6 +16,7 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.out import Out
 from rigcast.kernels.packing.firings import groups_of
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
@@ -43,6 +44,21 @@ class StereoPair:
     baseline: float
 
 
+@wp.struct
+class Lines:
+    """Rays, n of each world or the same n in all, and how far each goes."""
+
+    directions: wp.array[wp.vec3d]
+    distance: wp.array[float]
+
+
+def lines_of(directions: wp.array, distance: wp.array) -> Lines:
+    """Arrays in a struct, for Warp compiles a kernel twice that is given any by itself."""
+    lines = Lines()
+    lines.directions, lines.distance = directions.flatten(), distance
+    return lines
+
+
 @wp.func
 def depth_of_disparity(pair: StereoPair, disparity: float) -> float:
     """z = f |B| / d, and the other way round."""
@@ -50,48 +66,34 @@ def depth_of_disparity(pair: StereoPair, disparity: float) -> float:
 
 
 @wp.kernel
-def look_from_second(
-    first: int,
-    baseline: float,
-    directions: wp.array[wp.vec3d],
-    distance: wp.array[float],
-    # out:
-    towards: wp.array[wp.vec3d],
-    length: wp.array[float],
-) -> None:
+def look_from_second(first: int, baseline: float, seen: Lines, second: Lines) -> None:
     """Rays from the second imager to the points; where there is no point, to one that is infinitely far away."""
     i = first + wp.tid()
-    direction = of_ray(directions, i)
-    towards[i] = direction
-    length[i] = wp.inf
-    if wp.isfinite(distance[i]):
-        point = wp.float64(distance[i]) * direction
+    direction = of_ray(seen.directions, i)
+    distance = seen.distance[i]
+    second.directions[i] = direction
+    second.distance[i] = wp.inf
+    if wp.isfinite(distance):
+        point = wp.float64(distance) * direction
         offset = point - wp.vec3d(wp.float64(baseline), wp.float64(0.0), wp.float64(0.0))
-        towards[i] = offset / wp.length(offset)
-        length[i] = float(wp.length(offset))
+        second.directions[i] = offset / wp.length(offset)
+        second.distance[i] = float(wp.length(offset))
 
 
 @wp.kernel
-def hide_unseen(
-    first: int,
-    pair: StereoPair,
-    towards: wp.array[wp.vec3d],
-    length: wp.array[float],
-    met: wp.array[float],
-    normal: wp.array[wp.vec3],
-    # in and out:
-    distance: wp.array[float],
-) -> None:
+def hide_unseen(first: int, pair: StereoPair, second: Lines, met: Out, hits: Out) -> None:
+    """Hits that the second imager sees keep their distance; `met` is what its rays meet."""
     i = first + wp.tid()
-    if not wp.isfinite(distance[i]):
+    if not wp.isfinite(hits.distance[i]):
         return
-    ray = towards[i]
+    ray = second.directions[i]
+    length = second.distance[i]
     column = pair.focal * float(ray[0] / ray[2]) + pair.centre
     is_in_picture = ray[2] > wp.float64(0.0) and column >= 0.0 and column <= float(pair.width)
     # the error of a distance grows as the surface turns away
-    slack = SAME_SURFACE * (1.0 + length[i]) / wp.max(cos_incidence(normal[i], ray), 1.0e-3)
-    if met[i] < length[i] - slack or not is_in_picture:
-        distance[i] = wp.nan
+    slack = SAME_SURFACE * (1.0 + length) / wp.max(cos_incidence(hits.normal[i], ray), 1.0e-3)
+    if met.distance[i] < length - slack or not is_in_picture:
+        hits.distance[i] = wp.nan
 
 
 @dataclass(frozen=True)
@@ -107,8 +109,8 @@ def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
     device = rays.directions.device
     towards = wp.empty(hits.distance.size, dtype=wp.vec3d, device=device)
     length = wp.empty(hits.distance.size, dtype=float, device=device)
-    inputs = [pair.baseline, rays.directions, hits.distance]
-    launch_over_rays(look_from_second, towards.size, inputs, [towards, length], device)
+    inputs = [pair.baseline, lines_of(rays.directions, hits.distance), lines_of(towards, length)]
+    launch_over_rays(look_from_second, towards.size, inputs, [], device)
     origin = wp.full(1, wp.vec3d(pair.baseline, 0.0, 0.0), dtype=wp.vec3d, device=device)
     packets = None
     if isinstance(rays.packets, Packets) and rays.worlds == 1:  # packets are of the same rays in every world
@@ -119,35 +121,21 @@ def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
 
 def hide(hits: HitArrays, view: SecondView, met: HitArrays, pair: StereoPair) -> None:
     """Make the distance NaN of hits that the second imager does not see, where its rays met something else."""
-    inputs = [pair, view.rays.directions.flatten(), view.length, met.distance, hits.normal]
-    launch_over_rays(hide_unseen, hits.distance.size, inputs, [hits.distance], hits.distance.device)
+    inputs = [pair, lines_of(view.rays.directions, view.length), met.out()]
+    launch_over_rays(hide_unseen, hits.distance.size, inputs, [hits.out()], hits.distance.device)
 
 
 @wp.kernel
-def fatten_edges(
-    first: int,
-    pair: StereoPair,
-    half: int,
-    directions: wp.array[wp.vec3d],
-    # what is there:
-    surface_distance: wp.array[float],
-    surface_shape: wp.array[int],
-    surface_normal: wp.array[wp.vec3],
-    # what is matched of it:
-    matched: wp.array[float],
-    # out:
-    distance: wp.array[float],
-    shape: wp.array[int],
-    normal: wp.array[wp.vec3],
-) -> None:
+def fatten_edges(first: int, pair: StereoPair, half: int, surface: Out, matched: Lines, out: Out) -> None:
     """The nearest surface in the window that stands out from the plane of the own one.
 
-    On the plane n . p = c the inverse depth along a ray (x, y, 1) is n . (x, y, 1) / c: a slanted surface is no edge.
+    `matched` is what is matched of the surface that is there. On the plane n . p = c the inverse depth along a ray
+    (x, y, 1) is n . (x, y, 1) / c: a slanted surface is no edge.
     """
     i = first + wp.tid()
-    ray = of_ray(directions, i)
-    n = surface_normal[i]
-    c = float(wp.dot(to_double(n), ray)) * surface_distance[i]
+    ray = of_ray(matched.directions, i)
+    n = surface.normal[i]
+    c = float(wp.dot(to_double(n), ray)) * surface.distance[i]
     nearest = i
     inverse = float(0.0)
     pixel = i % (pair.width * pair.height)
@@ -156,27 +144,27 @@ def fatten_edges(
     for v in range(wp.max(row - half, 0), wp.min(row + half + 1, pair.height)):
         for u in range(wp.max(column - half, 0), wp.min(column + half + 1, pair.width)):
             j = i - pixel + v * pair.width + u
-            other = to_float(of_ray(directions, j))
-            z = matched[j] * other[2]
+            other = to_float(of_ray(matched.directions, j))
+            z = matched.distance[j] * other[2]
             if wp.isfinite(z) and z > 0.0 and 1.0 / z > inverse:
                 plane = float(0.0)
-                if surface_shape[i] >= 0 and c != 0.0:
+                if surface.shape[i] >= 0 and c != 0.0:
                     plane = wp.max(wp.dot(n, other) / (c * other[2]), 0.0)
                 if pair.focal * wp.abs(pair.baseline) * (1.0 / z - plane) > EDGE:
                     nearest = j
                     inverse = 1.0 / z
-    distance[i] = matched[i]
+    out.distance[i] = matched.distance[i]
     if nearest != i:
-        distance[i] = 1.0 / (inverse * float(ray[2]))
-    shape[i] = surface_shape[nearest]
-    normal[i] = surface_normal[nearest]
+        out.distance[i] = 1.0 / (inverse * float(ray[2]))
+    out.shape[i] = surface.shape[nearest]
+    out.normal[i] = surface.normal[nearest]
 
 
 def fatten(surface: HitArrays, matched: wp.array, directions: wp.array, pair: StereoPair, window: int) -> HitArrays:
     """What windows of an odd number of pixels match, where `matched` is the distance of each pixel, or NaN."""
     out = HitArrays.empty(matched.size, matched.device)
-    inputs = [pair, window // 2, directions, surface.distance, surface.shape, surface.normal, matched]
-    launch_over_rays(fatten_edges, matched.size, inputs, [out.distance, out.shape, out.normal], matched.device)
+    inputs = [pair, window // 2, surface.out(), lines_of(directions, matched)]
+    launch_over_rays(fatten_edges, matched.size, inputs, [out.out()], matched.device)
     return out
 
 
@@ -188,28 +176,26 @@ def disturb_disparity(
     step: float,
     greatest: float,
     source: RandomSource,
-    directions: wp.array[wp.vec3d],
-    # in and out:
-    distance: wp.array[float],
+    seen: Lines,  # distance in and out
 ) -> None:
     i = first + wp.tid()
-    along = float(of_ray(directions, i)[2])
-    z = distance[i] * along
-    if not wp.isfinite(distance[i]):
+    along = float(of_ray(seen.directions, i)[2])
+    z = seen.distance[i] * along
+    if not wp.isfinite(seen.distance[i]):
         return
     if z <= 0.0:
-        distance[i] = wp.nan
+        seen.distance[i] = wp.nan
         return
     disparity = depth_of_disparity(pair, z)
     if std > 0.0:
         disparity += std * random_normal(source, i, DRAW_DISPARITY)[0]
     if step > 0.0:
         disparity = step * wp.round(disparity / step)
-    distance[i] = depth_of_disparity(pair, disparity) / along
+    seen.distance[i] = depth_of_disparity(pair, disparity) / along
     if disparity <= 0.0:
-        distance[i] = wp.inf
+        seen.distance[i] = wp.inf
     elif disparity > greatest:
-        distance[i] = -wp.inf
+        seen.distance[i] = -wp.inf
 
 
 def measure_disparity(
@@ -223,5 +209,5 @@ def measure_disparity(
     greatest: float,
 ) -> None:
     """Give distances the error of a measured disparity [pixels], in place; beyond the greatest it is -inf."""
-    inputs = [pair, std, step, greatest, source, directions]
-    launch_over_rays(disturb_disparity, hits.distance.size, inputs, [hits.distance], directions.device)
+    inputs = [pair, std, step, greatest, source, lines_of(directions, hits.distance)]
+    launch_over_rays(disturb_disparity, hits.distance.size, inputs, [], directions.device)

@@ -12,9 +12,9 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.launch import launch_over_rays
-from rigcast.kernels.packets.packet import LANES, PACKETS, Packet, Tile, double_lanes, farthest, int_lanes, lanes
+from rigcast.kernels.packets.packet import LANES, PACKETS, TILE, Packet, Tile, double_lanes, farthest, int_lanes, lanes
 
-from .sorting import SLACK, SPARSE, TILE, WIDEST, Packets
+from .sorting import SLACK, SPARSE, WIDEST, Packets
 
 _TILES_PER_SLICE = 256
 """Fewer are packed sooner than another thread begins."""
@@ -42,6 +42,15 @@ def gathered(directions: wp.array[wp.vec3d], order: wp.array[int], begin: int, e
     packet.y = y
     packet.z = z
     return packet
+
+
+@wp.func
+def are_in_row(numbers: int_lanes) -> bool:
+    """Whether the rays of a packet follow each other."""
+    apart = int(0)
+    for i in range(LANES):
+        apart = apart | (numbers[i] - numbers[0] - i)
+    return apart == 0
 
 
 @wp.func
@@ -91,21 +100,28 @@ def place_packet(packets: wp.array[Packet], at: int, tile: Tile) -> int:
     return apart
 
 
-@wp.kernel
-def pack_tiles(
-    first: int,
-    directions: wp.array[wp.vec3d],
-    order: wp.array[int],
-    starts: wp.array[int],  # of the tiles, and the end of the last
+@wp.struct
+class Packing:
+    """Rays in the order in which they are packed, and the tiles that they become. Arrays in a struct, for Warp compiles
+    a kernel twice that is given any by itself."""
+
+    directions: wp.array[wp.vec3d]
+    order: wp.array[int]
+    starts: wp.array[int]  # of the tiles, and the end of the last
     # out:
-    tiles: wp.array[Tile],
-    packets: wp.array[Packet],
-    is_dense: wp.array[wp.bool],
-) -> None:
+    tiles: wp.array[Tile]
+    packets: wp.array[Packet]
+    is_dense: wp.array[wp.bool]
+
+
+@wp.kernel
+def pack_tiles(first: int, these: Packing) -> None:
     """One tile per thread; one whose rays are far apart is not dense."""
     t = first + wp.tid()
-    begin = starts[t]
-    end = starts[t + 1]
+    order = these.order
+    packets = these.packets
+    begin = these.starts[t]
+    end = these.starts[t + 1]
     sum_x = double_lanes()
     sum_y = double_lanes()
     sum_z = double_lanes()
@@ -115,7 +131,7 @@ def pack_tiles(
             packets[at] = Packet()
             packets[at].ray = int_lanes(-1)
         else:
-            packet = gathered(directions, order, begin + k * LANES, end)
+            packet = gathered(these.directions, order, begin + k * LANES, end)
             packets[at] = packet
             x = packet.x
             y = packet.y
@@ -126,10 +142,14 @@ def pack_tiles(
                 sum_z[i] = sum_z[i] + z[i]
     tile = tile_along(wp.normalize(wp.vec3d(sum_of(sum_x), sum_of(sum_y), sum_of(sum_z))))
     tile.ray = order[begin]
+    tile.across = 1
     apart = int(0)
     area = float(0.0)
     for k in range(PACKETS):
         at = t * PACKETS + k
+        tile.rows[k] = packets[at].ray[0]
+        if tile.rows[k] < 0 or not are_in_row(packets[at].ray):
+            tile.across = 0
         if begin + k * LANES < end:
             tile.packets = tile.packets | (1 << k)
             apart = apart | place_packet(packets, at, tile)
@@ -140,8 +160,8 @@ def pack_tiles(
             tile.q_low[k] = -farthest(-q) - SLACK
             tile.q_high[k] = farthest(q) + SLACK
             area += (tile.p_high[k] - tile.p_low[k]) * (tile.q_high[k] - tile.q_low[k])
-    tiles[t] = tile
-    is_dense[t] = apart == 0 and area < SPARSE * float(end - begin)
+    these.tiles[t] = tile
+    these.is_dense[t] = apart == 0 and area < SPARSE * float(end - begin)
 
 
 def pack_in_order(
@@ -156,12 +176,13 @@ def pack_in_order(
         listed, starts = _by_number(count)
     else:
         listed, starts = _by_group(np.arange(count, dtype=np.int32) if order is None else order, group)
-    tiles = wp.empty(starts.size - 1, dtype=Tile, device="cpu")
-    packets = wp.empty(PACKETS * tiles.size, dtype=Packet, device="cpu")
-    dense = wp.empty(tiles.size, dtype=wp.bool, device="cpu")
-    outputs = [tiles, packets, dense]
-    launch_over_rays(pack_tiles, tiles.size, [directions, listed, starts], outputs, "cpu", slice_size=_TILES_PER_SLICE)
-    is_dense = dense.numpy()
+    these, count = Packing(), starts.size - 1
+    these.directions, these.order, these.starts = directions, listed, starts
+    these.tiles = tiles = wp.empty(count, dtype=Tile, device="cpu")
+    these.packets = packets = wp.empty(PACKETS * count, dtype=Packet, device="cpu")
+    these.is_dense = wp.empty(count, dtype=wp.bool, device="cpu")
+    launch_over_rays(pack_tiles, count, [these], [], "cpu", slice_size=_TILES_PER_SLICE)
+    is_dense = these.is_dense.numpy()
     if is_dense.all():
         return Packets(tiles, packets, wp.empty(0, dtype=int, device="cpu"))
     return Packets(

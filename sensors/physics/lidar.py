@@ -82,12 +82,12 @@ class LidarPhysics:
         found = self._echoes(sub_rays, visible, source)
         least_power = spec.detection.least_power if spec.detection else 0.0
         gap = 0.5 * weather.SPEED_OF_LIGHT * spec.pulse_length
-        hits, power = returns.choose(found, count, gap, least_power, _MODES[spec.returns])
-        per_beam = hits.distance.size // count
-        limits = (spec.min_range, spec.max_range)
-        intensity = ranging.measure(hits, power, per_beam, self._noise, source, limits)
+        kept = returns.choose(found, count, gap, least_power, _MODES[spec.returns])
+        per_beam = kept.distance.size // count
+        ranging.measure(kept, per_beam, self._noise, source, (spec.min_range, spec.max_range))
+        hits = HitArrays(kept.distance, kept.shape, kept.face, kept.normal)
         read(hits, rays, spec.min_range)
-        return Reading(hits, intensity)
+        return Reading(hits, kept.power)
 
     def _echoes(self, rays: Rays, visible: wp.array, source: RandomSource) -> echoes.Echoes:
         """All that comes back: of surface after surface, of what is seen in a mirror, of rain and fog."""

@@ -191,13 +191,15 @@ def pixel_rays(
     parts = (np.arange(subrays) + 0.5) / subrays
     across = (np.add.outer(np.arange(width), parts) - intrinsics[0, 2]) / intrinsics[0, 0]
     down = (np.add.outer(np.arange(height), parts) - intrinsics[1, 2]) / intrinsics[1, 1]
-    points = np.empty((height, width, subrays, subrays, 2))
-    points[..., 0], points[..., 1] = across[:, None, :], down[:, None, :, None]
-    by_pixel = points.reshape(height, width, -1, 2)
+    x, y = across[:, None, :], down[:, None, :, None]
     if lens is not None:
-        return lens.undistort(by_pixel)
-    directions = np.concatenate([by_pixel, np.ones((*by_pixel.shape[:-1], 1))], axis=-1)
-    return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        points = np.stack(np.broadcast_arrays(x, y), axis=-1)
+        return lens.undistort(points.reshape(height, width, -1, 2))
+    directions = np.empty((height, width, subrays, subrays, 3))
+    length = np.sqrt(x * x + y * y + 1)
+    for k, part in enumerate((x, y, 1)):
+        np.divide(part, length, out=directions[..., k])
+    return directions.reshape(height, width, -1, 3)
 
 
 def _fold_faults(directions: NDArray[np.float64]) -> list[Fault]:

@@ -69,8 +69,8 @@ def test_returns_are_those_of_the_reference(mode: int, least: float, slots: int)
     distance = rng.uniform(0.5, 2 + 0.7 * slots, (400, slots)).astype(np.float32)
     distance[rng.random(distance.shape) < 0.2] = np.inf
     power = rng.random(distance.shape).astype(np.float32)
-    hits, powers = choose(made(distance, power), len(distance), GAP, least, mode)
-    got = zip(hits.distance.numpy(), powers.numpy(), hits.shape.numpy(), strict=True)
+    returns = choose(made(distance, power), len(distance), GAP, least, mode)
+    got = zip(returns.distance.numpy(), returns.power.numpy(), returns.shape.numpy(), strict=True)
     want = [g for d, p in zip(distance, power, strict=True) for g in expected(groups_of(d, p, GAP), least, mode)]
     for k, (g, w) in enumerate(zip(got, want, strict=True)):
         what = f"seed {SEED}, return {k}: got {g}, expected {w}"
@@ -79,28 +79,28 @@ def test_returns_are_those_of_the_reference(mode: int, least: float, slots: int)
             np.testing.assert_allclose(g[:2], w[:2], rtol=1e-5, err_msg=what)
         else:
             assert g[0] == np.inf, what
-    shape = hits.shape.numpy()
-    np.testing.assert_array_equal(hits.face.numpy(), np.where(shape < 0, -1, 10 * shape))
-    np.testing.assert_array_equal(hits.normal.numpy()[:, 0], np.where(shape < 0, 0, shape))
+    shape = returns.shape.numpy()
+    np.testing.assert_array_equal(returns.face.numpy(), np.where(shape < 0, -1, 10 * shape))
+    np.testing.assert_array_equal(returns.normal.numpy()[:, 0], np.where(shape < 0, 0, shape))
 
 
 def test_echoes_just_within_the_gap_are_one_and_just_beyond_it_two() -> None:
     distance = np.array([[4.0, 4.74], [4.0, 4.76]], np.float32)
-    hits, power = choose(made(distance, np.array([[3.0, 1.0]] * 2, np.float32)), 2, GAP, 0.0, DUAL)
-    np.testing.assert_allclose(hits.distance.numpy(), [4.185, np.inf, 4.0, 4.76], rtol=1e-6)
-    np.testing.assert_allclose(power.numpy(), [4.0, 0.0, 3.0, 1.0])
+    returns = choose(made(distance, np.array([[3.0, 1.0]] * 2, np.float32)), 2, GAP, 0.0, DUAL)
+    np.testing.assert_allclose(returns.distance.numpy(), [4.185, np.inf, 4.0, 4.76], rtol=1e-6)
+    np.testing.assert_allclose(returns.power.numpy(), [4.0, 0.0, 3.0, 1.0])
 
 
 def test_one_echo_keeps_its_range_bit_for_bit_and_a_black_one_has_a_range_too() -> None:
     rng = np.random.default_rng(SEED)
     distance = rng.uniform(0, 300, (5000, 1)).astype(np.float32)
     for power in (rng.random(distance.shape), np.zeros(distance.shape)):
-        hits, _ = choose(made(distance, power.astype(np.float32)), len(distance), GAP, 0.0, STRONGEST)
-        np.testing.assert_array_equal(hits.distance.numpy(), distance[:, 0])
+        returns = choose(made(distance, power.astype(np.float32)), len(distance), GAP, 0.0, STRONGEST)
+        np.testing.assert_array_equal(returns.distance.numpy(), distance[:, 0])
 
 
 def test_a_beam_that_is_not_finite_has_returns_that_are_not_a_number() -> None:
     distance = np.array([[np.nan, np.inf], [1.0, np.inf]], np.float32)
-    hits, _ = choose(made(distance, np.ones_like(distance)), 2, GAP, 0.0, DUAL)
-    np.testing.assert_array_equal(hits.distance.numpy(), [np.nan, np.nan, 1.0, np.inf])
-    np.testing.assert_array_equal(hits.shape.numpy(), [-1, -1, 0, -1])
+    returns = choose(made(distance, np.ones_like(distance)), 2, GAP, 0.0, DUAL)
+    np.testing.assert_array_equal(returns.distance.numpy(), [np.nan, np.nan, 1.0, np.inf])
+    np.testing.assert_array_equal(returns.shape.numpy(), [-1, -1, 0, -1])
