@@ -10,7 +10,8 @@ over the shapes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +45,19 @@ class TriangleBlock:
 
 
 @wp.struct
+class Patch:
+    """Two by two cells of the surface of a height field, which fill a cache line; see rigcast.kernels.patches.
+
+    Where there are but one row or column of cells, y or x of the last corners is NaN, and z that of those before.
+    """
+
+    x: wp.vec3  # of the columns of corners
+    y: wp.vec3  # of the rows
+    z: wp.mat33  # row by row
+    face: int  # the lower one of the first cell
+
+
+@wp.struct
 class Geometry:
     """All that a cast reads.
 
@@ -56,6 +70,7 @@ class Geometry:
     # triangle trees:
     nodes: wp.array[Node]
     blocks: wp.array[TriangleBlock]
+    patches: wp.array[Patch]
     # shapes:
     kind: wp.array[int]  # (n,)
     twin: wp.array[int]  # an earlier shape of the same kind and triangle tree, or -1
@@ -63,6 +78,7 @@ class Geometry:
     # (n,) for all worlds, or (W n,):
     size: wp.array[wp.vec3]
     root: wp.array[int]  # node of the triangle tree's root
+    columns: wp.array[int]  # how many cells of a height field are in a row
     center: wp.array[wp.vec3]  # of the shape's box in its own frame, and the half size
     half: wp.array[wp.vec3]
     reach: wp.array[float]  # largest |coordinate| of the shape in its own frame
@@ -84,9 +100,9 @@ class Geometry:
 
 @dataclass(frozen=True)
 class TriangleTree:
-    """A tree over triangles, in the frame of its vertices; child ~k of a node is block k.
+    """A tree over triangles, in the frame of its vertices; child ~k of a node is block k, ~(FIRST_PATCH + k) patch k.
 
-    dropped: how many faces had no area and were left out.
+    dropped: how many faces had no area and were left out. patches, columns: of a height field, see Geometry.
     """
 
     nodes: npt.NDArray[np.void]
@@ -94,18 +110,31 @@ class TriangleTree:
     lower: npt.NDArray[np.float32]
     upper: npt.NDArray[np.float32]
     dropped: int
+    patches: npt.NDArray[np.void] = field(default_factory=lambda: struct_zeros(Patch, 0))
+    columns: int = 0
+
+
+class TreePlace(NamedTuple):
+    """Where in joined arrays a tree's nodes, blocks and patches begin."""
+
+    node: int
+    block: int
+    patch: int
 
 
 def join_triangle_trees(
     trees: Sequence[TriangleTree],
-) -> tuple[npt.NDArray[np.void], npt.NDArray[np.void], npt.NDArray[np.int32]]:
-    """All trees in one array of nodes and one of blocks, and the root of each."""
-    roots = np.cumsum([0, *(len(t.nodes) for t in trees)])[:-1].astype(np.int32)
-    first_blocks = np.cumsum([0, *(len(t.blocks) for t in trees)])[:-1]
-    moved = [moved_nodes(t.nodes, int(r), int(b)) for t, r, b in zip(trees, roots, first_blocks, strict=True)]
-    nodes = np.concatenate([struct_zeros(Node, 0), *moved])
-    blocks = np.concatenate([struct_zeros(TriangleBlock, 0), *(t.blocks for t in trees)])
-    return nodes, blocks, roots
+) -> tuple[npt.NDArray[np.void], npt.NDArray[np.void], npt.NDArray[np.void], list[TreePlace]]:
+    """All trees in one array of nodes, one of blocks and one of patches, and where in these each begins."""
+    sizes = np.array([(len(tree.nodes), len(tree.blocks), len(tree.patches)) for tree in trees]).reshape(-1, 3)
+    places = [TreePlace(*place) for place in (np.cumsum(sizes, axis=0) - sizes).tolist()]
+    nodes = [moved_nodes(tree.nodes, *place) for tree, place in zip(trees, places, strict=True)]
+    return (
+        np.concatenate([struct_zeros(Node, 0), *nodes]),
+        np.concatenate([struct_zeros(TriangleBlock, 0), *(tree.blocks for tree in trees)]),
+        np.concatenate([struct_zeros(Patch, 0), *(tree.patches for tree in trees)]),
+        places,
+    )
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,13 @@ shape, then the one that faces the ray, then that of the lower triangle.
 
 import warp as wp
 
-from .geometry import Geometry, TriangleBlock
-from .noinline import noinline
+from .facets import Facet, facet_at, triangle_at
+from .geometry import Geometry
+from .inline import noinline
 from .poses import Scope, pose_of
 from .shapes.solid_normals import closed_form_normal
 from .shapes.solids import SHEET, decide_closed_form, has_triangles
 from .shapes.triangle import CULL_NONE, GRAZING, decide_triangle
-from .trees.nodes import WIDTH
 from .vectors import larger, to_double, to_float
 
 NO_SHAPE = wp.constant(2**31 - 1)
@@ -40,7 +40,7 @@ class Hit:
     near: float
     far: float
     shape: int
-    triangle: int  # block * WIDTH + lane, 0 for closed forms
+    triangle: int  # its number, as in rigcast.kernels.facets; 0 for closed forms
 
 
 @wp.func
@@ -62,15 +62,6 @@ def hit_within(near: float, far: float, shape: int, triangle: int) -> Hit:
     return hit
 
 
-@wp.func
-def decide_lane(block: TriangleBlock, j: int, origin: wp.vec3d, direction: wp.vec3d, cull: int) -> wp.float64:
-    """Distance to one triangle of a block for a ray in its frame, +inf on a miss."""
-    v0 = to_double(wp.vec3(block.x0[j], block.y0[j], block.z0[j])) - origin
-    v1 = to_double(wp.vec3(block.x1[j], block.y1[j], block.z1[j])) - origin
-    v2 = to_double(wp.vec3(block.x2[j], block.y2[j], block.z2[j])) - origin
-    return decide_triangle(direction, v0, v1, v2, cull)
-
-
 @noinline
 def distance_of(g: wp.array[Geometry], shape: int, triangle: int, ray: WorldRay) -> wp.float64:
     """Distance to a closed form, or to one triangle of a shape, +inf on a miss."""
@@ -81,15 +72,18 @@ def distance_of(g: wp.array[Geometry], shape: int, triangle: int, ray: WorldRay)
     kind = g[0].kind[shape]
     if has_triangles(kind):
         cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
-        return decide_lane(g[0].blocks[triangle / WIDTH], triangle % WIDTH, origin, direction, cull)
+        v = triangle_at(g, triangle)
+        return decide_triangle(
+            direction, to_double(v.a) - origin, to_double(v.b) - origin, to_double(v.c) - origin, cull
+        )
     return decide_closed_form(kind, g[0].size[ray.scope.first_shape + shape], origin, direction, ray.cull)
 
 
 @wp.func
 def follows(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> int:
     """1 if the triangle is seen from behind, else 0."""
-    n = lane_normal(g[0].blocks[hit.triangle / WIDTH], hit.triangle % WIDTH)
-    normal = pose_of(g, hit.shape, ray.scope).rotation * to_double(n)
+    facet = facet_at(g, ray.scope.first_shape + hit.shape, hit.triangle)
+    normal = pose_of(g, hit.shape, ray.scope).rotation * facet.normal
     return wp.where(wp.dot(ray.direction, normal) > wp.float64(0.0), 1, 0)
 
 
@@ -136,6 +130,18 @@ def is_sure(hit: Hit, best: Hit) -> bool:
     return hit.far * APART < best.near
 
 
+@wp.func
+def by_itself(ray: WorldRay) -> WorldRay:
+    """The same ray, for a function that is not inlined: what such a function is given is in memory."""
+    made = WorldRay()
+    made.origin = ray.origin
+    made.direction = ray.direction
+    made.scope = ray.scope
+    made.limit = ray.limit
+    made.cull = ray.cull
+    return made
+
+
 @wp.struct
 class Place:
     """Where a ray hits: the distance [m], the face of a mesh or -1, and the unit outward normal in the world."""
@@ -152,16 +158,14 @@ def place_of(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> Place:
     offset = ray.origin - pose.position
     place = Place()
     if has_triangles(kind):
-        block = g[0].blocks[hit.triangle / WIDTH]
-        lane = hit.triangle % WIDTH
-        n = lane_normal(block, lane)
-        normal = pose.rotation * to_double(n)
+        facet = facet_at(g, ray.scope.first_shape + hit.shape, hit.triangle)
+        normal = pose.rotation * facet.normal
         slope = wp.dot(ray.direction, normal)
-        place.distance = distance_to_plane(lane_vertex(block, lane), n, normal, slope, offset)
-        if wp.abs(slope) <= wp.float64(GRAZING):
-            place.distance = float(distance_of(g, hit.shape, hit.triangle, ray))
-        place.normal = outward(kind, normal, slope)
-        place.face = block.face[lane]
+        place.distance = larger(float(height_above(facet, normal, offset) / slope), 0.0)
+        if wp.abs(slope) * facet.scale <= wp.float64(GRAZING):
+            place.distance = float(distance_of(g, hit.shape, hit.triangle, by_itself(ray)))
+        place.normal = outward(kind, normal * facet.scale, slope)
+        place.face = facet.face
     else:
         place.distance = middle(hit.near, hit.far)
         size = g[0].size[ray.scope.first_shape + hit.shape]
@@ -171,24 +175,13 @@ def place_of(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> Place:
 
 
 @wp.func
-def lane_normal(block: TriangleBlock, j: int) -> wp.vec3:
-    return wp.vec3(block.normal_x[j], block.normal_y[j], block.normal_z[j])
+def height_above(facet: Facet, normal: wp.vec3d, offset: wp.vec3d) -> wp.float64:
+    """V0 . n - (o - x) . R n, which over d . R n is the distance to the facet's plane.
 
-
-@wp.func
-def lane_vertex(block: TriangleBlock, j: int) -> wp.vec3:
-    return wp.vec3(block.x0[j], block.y0[j], block.z0[j])
-
-
-@wp.func
-def distance_to_plane(v0: wp.vec3, n: wp.vec3, normal: wp.vec3d, slope: wp.float64, offset: wp.vec3d) -> float:
-    """Distance to the plane through V0 with the unit normal n, which is `normal` in the world.
-
-    (V0 . n - (o - x) . R n) / (d . R n), slope = d . R n, offset = o - x, R and x the shape's pose. That n is rounded
-    to float32 moves it by u |P - V0| / |cos|.
+    normal: R n, the facet's normal, of any length, in the world. offset: o - x. R and x are the shape's pose. Where n
+    was rounded to float32 the distance is off by u |P - V0| / |cos|.
     """
-    t = (wp.dot(to_double(v0), to_double(n)) - wp.dot(offset, normal)) / slope
-    return larger(float(t), 0.0)
+    return wp.dot(to_double(facet.corner), facet.normal) - wp.dot(offset, normal)
 
 
 @wp.func
@@ -208,7 +201,7 @@ def middle(near: float, far: float) -> float:
 def normal_of_closed_form(
     kind: int, size: wp.vec3, rotation: wp.mat33d, offset: wp.vec3d, direction: wp.vec3d, distance: float
 ) -> wp.vec3:
-    """In the world, where a ray hits a closed form; offset as in distance_to_plane."""
+    """In the world, where a ray hits a closed form; offset as in height_above."""
     to_local = wp.transpose(rotation)
     point = to_float(to_local * (offset + wp.float64(distance) * direction))
     normal = closed_form_normal(kind, size, point, to_float(to_local * direction), distance)

@@ -2,13 +2,15 @@
 
 import warp as wp
 
-from .geometry import Geometry, TriangleBlock
+from .geometry import Geometry, Patch, TriangleBlock
 from .hits import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
+from .inline import noinline
+from .patches import compose
 from .poses import Scope, pose_of
 from .shapes.solids import SHEET, has_triangles, triage_closed_form
 from .shapes.triangle import CULL_FRONT, CULL_NONE, may_be_inside, triage_triangle
 from .traverse import Entered, sign_bits, traversal
-from .trees.nodes import WIDTH, Node, vec8, vec8i
+from .trees.nodes import FIRST_PATCH, WIDTH, Node, vec8, vec8i
 from .vectors import larger, lowest_bit, smaller, to_double, to_float
 
 MARGIN = wp.constant(4.0 * 2.0**-23)
@@ -173,6 +175,13 @@ def triage_block(block: TriangleBlock, ray: Ray) -> Spans:
     return spans
 
 
+@noinline
+def triage_patch(patches: wp.array[Patch], k: int, ray: Ray) -> Spans:
+    composed = wp.zeros(shape=1, dtype=TriangleBlock)
+    compose(patches, k, composed)
+    return triage_block(composed[0], ray)
+
+
 @wp.func
 def reach_of_ray(best: Hit) -> float:
     return best.far * APART
@@ -181,7 +190,11 @@ def reach_of_ray(best: Hit) -> float:
 @wp.func
 def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
     """The ray against the triangles of one block."""
-    spans = triage_block(g[0].blocks[index], ray)
+    spans = Spans()
+    if index >= FIRST_PATCH:
+        spans = triage_patch(g[0].patches, index - FIRST_PATCH, ray)
+    else:
+        spans = triage_block(g[0].blocks[index], ray)
     near = spans.near
     far = spans.far
     possible = spans.possible

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .geometry import Geometry, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
+from .geometry import Geometry, Patch, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
 from .trees.nodes import Node, moved_nodes
 from .trees.top_trees import TopTrees
 from .upload import Upload
@@ -61,7 +61,7 @@ class World:
         self._tree_of_shape = shapes.tree
         self._of_shapes = {
             "size": wp.array(shapes.size, dtype=wp.vec3, device=device),
-            "root": wp.array(self._root_of_shape(), dtype=int, device=device),
+            **self._trees_of_shapes(),
             "reach": wp.array(shapes.reach, dtype=float, device=device),
             "center": wp.array(shapes.center, dtype=wp.vec3, device=device),
             "half": wp.array(shapes.half, dtype=wp.vec3, device=device),
@@ -74,11 +74,11 @@ class World:
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
         old, self.trees[index] = self.trees[index], tree
-        if len(old.nodes) == len(tree.nodes) and len(old.blocks) == len(tree.blocks):
+        if _sizes(old) == _sizes(tree):
             self._overwrite_tree(index)
         else:
             self._join_trees()
-            self._of_shapes["root"] = wp.array(self._root_of_shape(), dtype=int, device=self.device)
+            self._of_shapes |= self._trees_of_shapes()
             self._take_shapes(self._taken)
 
     def _take_shapes(self, part: slice) -> None:
@@ -89,25 +89,39 @@ class World:
             setattr(self.geometry, name, values if is_whole else values[part])
 
     def _join_trees(self) -> None:
-        nodes, blocks, self._roots = join_triangle_trees(self.trees)
-        self.geometry.nodes = wp.array(nodes, dtype=Node, device=self.device, copy=False)
-        self.geometry.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
+        g = self.geometry
+        nodes, blocks, patches, self._places = join_triangle_trees(self.trees)
+        g.nodes = wp.array(nodes, dtype=Node, device=self.device, copy=False)
+        g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
+        g.patches = wp.array(patches, dtype=Patch, device=self.device)  # Warp's memory begins on a cache line
         # the triangles of all trees are held once
-        ends = np.cumsum([len(tree.blocks) for tree in self.trees])
-        own = np.split(blocks, ends)[:-1]
-        self.trees = [replace(tree, blocks=part) for tree, part in zip(self.trees, own, strict=True)]
+        if self.device.is_cpu:
+            patches = g.patches.numpy()
+        self.trees = [
+            replace(
+                tree,
+                blocks=blocks[place.block : place.block + len(tree.blocks)],
+                patches=patches[place.patch : place.patch + len(tree.patches)],
+            )
+            for tree, place in zip(self.trees, self._places, strict=True)
+        ]
 
     def _overwrite_tree(self, index: int) -> None:
-        tree = self.trees[index]
-        first_node = int(self._roots[index])
-        first_block = sum(len(t.blocks) for t in self.trees[:index])
-        nodes = wp.array(moved_nodes(tree.nodes, first_node, first_block), dtype=Node, device=self.device)
+        tree, place, g = self.trees[index], self._places[index], self.geometry
+        nodes = wp.array(moved_nodes(tree.nodes, *place), dtype=Node, device=self.device)
         blocks = wp.array(tree.blocks, dtype=TriangleBlock, device=self.device)
-        wp.copy(self.geometry.nodes, nodes, dest_offset=first_node)
-        wp.copy(self.geometry.blocks, blocks, dest_offset=first_block)
+        patches = wp.array(tree.patches, dtype=Patch, device=self.device)
+        wp.copy(g.nodes, nodes, dest_offset=place.node)
+        wp.copy(g.blocks, blocks, dest_offset=place.block)
+        wp.copy(g.patches, patches, dest_offset=place.patch)
 
-    def _root_of_shape(self) -> npt.NDArray[np.int32]:
-        return np.append(self._roots, np.int32(0))[self._tree_of_shape]
+    def _trees_of_shapes(self) -> dict[str, wp.array]:
+        """The arrays of Geometry that say which tree each shape has; closed forms have any."""
+        roots, columns = [place.node for place in self._places], [tree.columns for tree in self.trees]
+        return {
+            name: wp.array(np.array([*values, 0], np.int32)[self._tree_of_shape], dtype=int, device=self.device)
+            for name, values in (("root", roots), ("columns", columns))
+        }
 
     def update(self, position: Poses, rotation: Poses, part: slice | None = None) -> None:
         """Take the poses of the shapes of one world or of many. A pose that is not finite is never hit.
@@ -181,6 +195,10 @@ class World:
         positions.write(position)
         rotations.write(rotation)
         return positions.array, rotations.array
+
+
+def _sizes(tree: TriangleTree) -> tuple[int, int, int]:
+    return len(tree.nodes), len(tree.blocks), len(tree.patches)
 
 
 def _twins(kind: npt.NDArray[np.int32], tree: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:

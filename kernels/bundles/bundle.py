@@ -2,14 +2,15 @@
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure
+from rigcast.kernels.patches import compose
 from rigcast.kernels.poses import pose_of
 from rigcast.kernels.ray import Ray, enter_boxes, in_frame_of_tree, in_world
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.traverse import Entered, traversal
-from rigcast.kernels.trees.nodes import OUTWARDS, WIDTH, Node
+from rigcast.kernels.trees.nodes import FIRST_PATCH, OUTWARDS, WIDTH, Node
 from rigcast.kernels.vectors import larger, lowest_bit, to_float
 
 from .sides import meet_sides, sides_of
@@ -34,6 +35,7 @@ class Bundle:
     members: wp.array[Member]
     first: int
     count: int
+    composed: wp.array[TriangleBlock]  # one, of a patch
 
 
 @wp.func
@@ -89,11 +91,17 @@ def reach_of_bundle(reach: float) -> float:
 @wp.func
 def visit_block_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, distance: float, reach: float) -> float:
     """Those rays that still reach so far against the triangles of one block; returns how far any of them does."""
-    sides = sides_of(g[0].blocks[index], bundle.middle, bundle.spread)
+    blocks = g[0].blocks
+    block = int(index)
+    if index >= FIRST_PATCH:
+        compose(g[0].patches, index - FIRST_PATCH, bundle.composed)
+        blocks = bundle.composed
+        block = 0
+    sides = sides_of(blocks[block], bundle.middle, bundle.spread)
     some = int(0)
     for k in range(bundle.first, bundle.first + bundle.count):
         if distance <= bundle.members[k].best.far * APART:
-            spans = meet_sides(sides, g[0].blocks[index], bundle.members[k].offset, bundle.middle.cull)
+            spans = meet_sides(sides, blocks[block], bundle.members[k].offset, bundle.middle.cull)
             near = spans.near
             far = spans.far
             possible = spans.possible

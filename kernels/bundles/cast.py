@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from rigcast.kernels.alone import Job, is_castable, write_hit
-from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits import WorldRay, no_hit
 from rigcast.kernels.launch import TURN, prepare_over_tiles
 from rigcast.kernels.out import read_hit, write_miss
@@ -29,14 +29,17 @@ class InBundles:
     # scratch:
     copies: wp.array2d[Geometry]  # (threads, 1)
     members: wp.array[Member]  # MOST of each thread
+    composed: wp.array2d[TriangleBlock]  # (threads, 1)
 
 
 @wp.func
 def bundle_of(
-    world: int, rays: wp.array[int], g: wp.array[Geometry], job: Job, members: wp.array[Member], first: int
+    world: int, rays: wp.array[int], g: wp.array[Geometry], job: Job, these: InBundles, thread: int
 ) -> Bundle:
     """Those of these rays of a world that can be cast; the others give NaN."""
     own = job.rays
+    members = these.members
+    first = thread * MOST
     ray = WorldRay()
     begin = world * own.count
     firing = firing_of(own, begin + rays[0])
@@ -44,6 +47,7 @@ def bundle_of(
     bundle = Bundle()
     bundle.members = members
     bundle.first = first
+    bundle.composed = these.composed[thread]
     bundle.middle.world_direction = rotation * direction_of(own, begin + rays[0])
     bundle.middle.scope = scope_of(g, span_of(own, firing), firing)
     bundle.middle.limit = job.limit
@@ -79,7 +83,7 @@ def cast_turn(begin: int, end: int, g: wp.array[Geometry], job: Job, these: InBu
     """Bundles begin to end - 1. A loop within a function, for Warp compiles the body of a kernel twice."""
     bundles = these.rays.shape[0]
     for at in range(begin, end):
-        bundle = bundle_of(at / bundles, these.rays[at % bundles], g, job, these.members, thread * MOST)
+        bundle = bundle_of(at / bundles, these.rays[at % bundles], g, job, these, thread)
         if bundle.count > 0:
             cast_bundle(g, bundle)
             write_bundle(g, job, bundle)
@@ -105,6 +109,7 @@ def prepare_bundles(geometry: Geometry, job: Job, bundles: Bundles, worlds: int)
         these.worlds, these.rays = worlds, bundles.rays
         these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
         these.members = wp.empty(threads * MOST, dtype=Member, device="cpu")
+        these.composed = wp.empty((threads, 1), dtype=TriangleBlock, device="cpu")
         return [geometry, job, these]
 
     return prepare_over_tiles(cast_bundles, worlds * bundles.rays.shape[0], inputs)

@@ -5,7 +5,7 @@ each of e, the products and their difference; the offset x has one, and its prod
 |x|_1. The sum has one more of each: 12u |e|_1 (|a|_1 + |b|_1) + 18u |e|_1 |x|_1. 16u |e|_1 (|a|_1 + |b|_1 + 4 |x|_1)
 are allowed for. Of the height, n . a has 5u |a|, n . x 4u |x|, and the difference one of each: 6u |a| + 5u |x|, in
 place of 5u |a - x| of a single ray. With what triage_triangle has besides, and one more where it is multiplied with
-1 / (d . n), these are 7u |a| + 6u |x| + 7u t over |cos|, where 8u (|a| + 2 |x| + t) / |cos| are allowed for. What is
+1 / (d . n), these are 10u |a| + 9u |x| + 10u t over |cos|, where 16u (|a| + 2 |x| + t) / |cos| are allowed for. What is
 too near to call goes to float64, by rigcast.kernels.hits.
 """
 

@@ -9,9 +9,9 @@ d = (a + p u + q v) / length has one each of a, u, v, p and q, one of each produ
 within u (11 + 5 min(w, sqrt(3))) |e|_1 |V|_1 of what it should be. 12 in place of 11 is allowed for.
 
 The distance V0 . n / (d . n) has 5u |V0| of its numerator, and of its denominator 5 sqrt(3) u t of d as above, 3u t of
-the length and 3u t of the dot product; n is off by u, which moves it by u (|V0| + t); its quotient and product have two
-u t, and adding what it may be off by one more. Together 6u |V0| + 19u t, over |cos|; 7u |V0| + 20u t are allowed for.
-What is too near to call goes to float64, by rigcast.kernels.hits.
+the length and 3u t of the dot product; n is off by 4u at most (rigcast.kernels.patches), which moves it by 4u (|V0| +
+t); its quotient and product have two u t, and adding what it may be off by one more. Together 9u |V0| + 22u t, over
+|cos|; 10u |V0| + 24u t are allowed for. What is too near to call goes to float64, by rigcast.kernels.hits.
 """
 
 import warp as wp
@@ -29,8 +29,8 @@ from .packet import LANES, View, lanes
 SIDE_ROUNDING = wp.constant(6.0 * 2.0**-23)  # 12u
 DIRECTION_ROUNDING = wp.constant(2.5 * 2.0**-23)  # 5u
 MOST_ROUNDING = wp.constant(4.35 * 2.0**-23)  # more than 5 sqrt(3) u
-HEIGHT_ROUNDING = wp.constant(3.5 * 2.0**-23)  # 7u
-SLOPE_ROUNDING = wp.constant(10.0 * 2.0**-23)  # 20u
+HEIGHT_ROUNDING = wp.constant(5.0 * 2.0**-23)  # 10u
+SLOPE_ROUNDING = wp.constant(12.0 * 2.0**-23)  # 24u
 
 
 vectors = wp.types.matrix(shape=(3, 8), dtype=wp.float32)

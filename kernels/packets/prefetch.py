@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from rigcast.kernels.geometry import TriangleBlock
+from rigcast.kernels.geometry import Patch, TriangleBlock
 from rigcast.kernels.out import Out
 from rigcast.kernels.trees.nodes import Node
 
@@ -30,6 +30,11 @@ def prefetch_node(nodes: wp.array[Node], i: int):  # type: ignore[no-untyped-def
 @wp.func_native(_prefetch("blocks"))
 def prefetch_block(blocks: wp.array[TriangleBlock], i: int):  # type: ignore[no-untyped-def]
     """Ask for block i."""
+
+
+@wp.func_native(_prefetch("patches"))
+def prefetch_patch(patches: wp.array[Patch], i: int):  # type: ignore[no-untyped-def]
+    """Ask for patch i."""
 
 
 @wp.func_native(_prefetch("packets"))

@@ -6,15 +6,17 @@ after the other; a few are taken one by one, each against all boxes of a node or
 
 import warp as wp
 
+from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.hits import APART
+from rigcast.kernels.patches import compose
 from rigcast.kernels.traverse import child_of, stack_of_distances, stack_of_ints
-from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH
+from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, WIDTH
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
 from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
 from .lanes import direction_of, far_of, near_of
 from .packet import ALL_LANES, by_itself, decide_lane_of_packet, farthest, offer
-from .prefetch import prefetch_block, prefetch_node
+from .prefetch import prefetch_block, prefetch_node, prefetch_patch
 from .slabs import EnteredByLanes, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
 from .sought import Sought
 
@@ -23,11 +25,13 @@ FEW = wp.constant(6)
 
 
 @wp.func
-def visit_block_lane_by_lane(sought: Sought, index: int, lanes: int, reach: float) -> float:
+def visit_block_lane_by_lane(
+    sought: Sought, index: int, lanes: int, reach: float, blocks: wp.array[TriangleBlock], block: int
+) -> float:
     """These rays of a packet against the triangles of one block; returns how far all of its rays still reach."""
     best = sought.packet.best
     slot = sought.packet.slot
-    edges = edges_of(sought.blocks[index], sought.view, sought.side_rounding)
+    edges = edges_of(blocks[block], sought.view, sought.side_rounding)
     some = int(0)
     while lanes != 0:
         i = lowest_bit(lanes)
@@ -54,9 +58,9 @@ def visit_block_lane_by_lane(sought: Sought, index: int, lanes: int, reach: floa
 
 
 @wp.func
-def visit_block_at_once(sought: Sought, index: int, reach: float) -> float:
+def visit_block_at_once(sought: Sought, index: int, reach: float, blocks: wp.array[TriangleBlock], block: int) -> float:
     """All rays of a packet against the triangles of one block; returns how far they still reach."""
-    edges = edges_of(sought.blocks[index], sought.view, sought.side_rounding)
+    edges = edges_of(blocks[block], sought.view, sought.side_rounding)
     # fields are taken out of their struct first: an element of a field would be a copy of all of it
     side0_of = edges.side0
     side1_of = edges.side1
@@ -91,18 +95,26 @@ def visit_block_at_once(sought: Sought, index: int, reach: float) -> float:
 
 @wp.func
 def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) -> float:
-    """A packet against the triangles of one block, whose box these rays enter."""
+    """A packet against the triangles of one leaf, whose box these rays enter."""
+    blocks = sought.blocks
+    block = int(index)
+    if index >= FIRST_PATCH:
+        compose(sought.patches, index - FIRST_PATCH, sought.composed)
+        blocks = sought.composed
+        block = 0
     if count_bits(lanes) <= FEW:
-        return visit_block_lane_by_lane(sought, index, lanes, reach)
-    return visit_block_at_once(sought, index, reach)
+        return visit_block_lane_by_lane(sought, index, lanes, reach, blocks, block)
+    return visit_block_at_once(sought, index, reach, blocks, block)
 
 
 @wp.func
 def prefetch_child(sought: Sought, child: int) -> None:
-    if child < 0:
+    if child >= 0:
+        prefetch_node(sought.nodes, child)
+    elif -1 - child < FIRST_PATCH:
         prefetch_block(sought.blocks, -1 - child)
     else:
-        prefetch_node(sought.nodes, child)
+        prefetch_patch(sought.patches, -1 - child - FIRST_PATCH)
 
 
 @wp.func

@@ -25,12 +25,12 @@ what float64 cannot tell is a hit. A closed mesh stays closed, and no triangle i
 1e-14 of its distance.
 
 The distance t = w . n / (d . n), w = V0 - O, that float32 answers with: w has 2u of each component, its dot product
-with n 3u, d . n has 3u and d's own u, n is off by u, which moves t by u |P - V0| / |d . n|, and the quotient has u.
-Together 6u |w| + 6u t, over |d . n| (which is > GRAZING there, so that second orders are nothing):
+with n 3u, d . n has 3u and d's own u, and the quotient has u; n is off by u, or by 4u where it is made as
+rigcast.kernels.patches says, which moves t by as much times |P - V0| / |d . n|. Together 9u |w| + 9u t, over |d . n|
+(which is > GRAZING there, so that second orders are nothing). It says from where to where t may be by 16u, which is
+more by the rounding of that itself. The distance that is written has at worst n in float32, and all else in float64:
 
     |t - t_ref| <= 3 eps (max_i |Vi - O| + t) / |cos|
-
-It says from where to where t may be by 8u instead of 6u, which is more by the rounding of that itself.
 
 Float64 is off by u t where the result is stored, and by its tilt (below), 1.1e-9 t / |cos|: less, down to |cos| = 1e-8.
 
@@ -48,7 +48,7 @@ CULL_BACK = wp.constant(1)
 CULL_FRONT = wp.constant(-1)
 
 ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
-DISTANCE_ROUNDING = wp.constant(4.0 * 2.0**-23)  # 8u
+DISTANCE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
 GRAZING = wp.constant(0.02)  # |d . n| below which float32 loses the distance
 ROUNDING_64 = wp.constant(wp.float64(8.0 * 2.0**-52))
 EDGE_ON = wp.constant(wp.float64(1.0e-13))  # |d . n| below which float64 loses the distance

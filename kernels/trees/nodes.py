@@ -20,6 +20,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 WIDTH = wp.constant(8)
 NO_CHILD = wp.constant(-(2**31))
+FIRST_PATCH = wp.constant(2**27)
+"""Leaves of triangle trees from here on are patches of height fields, those below it blocks of triangles."""
 OUTWARDS = wp.constant(1.0 + 4.0 * 2.0**-23)
 
 vec8 = wp.types.vector(length=8, dtype=wp.float32)
@@ -112,11 +114,13 @@ def empty_node() -> Node:
     return node
 
 
-def moved_nodes(nodes: npt.NDArray[np.void], first_node: int, first_leaf: int) -> npt.NDArray[np.void]:
-    """The nodes of a tree whose root and first leaf stand at these places of longer arrays."""
+def moved_nodes(
+    nodes: npt.NDArray[np.void], first_node: int, first_leaf: int, first_patch: int = 0
+) -> npt.NDArray[np.void]:
+    """The nodes of a tree whose root, first leaf and first patch stand at these places of longer arrays."""
     moved = nodes.copy()
     child = moved["child"]
-    offset = np.where(child >= 0, first_node, -first_leaf)
+    offset = np.where(child >= 0, first_node, np.where(~child >= FIRST_PATCH, -first_patch, -first_leaf))
     moved["child"] = np.where(child == NO_CHILD, NO_CHILD, child + offset)
     return moved
 

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.facets import Triangle, area_normal, unit_normal
 from rigcast.kernels.geometry import FARTHEST, NO_FACE, TriangleBlock, TriangleTree
 from rigcast.kernels.launch import launch_over_rays
-from rigcast.kernels.vectors import to_double, to_float
 
 from .boxes import empty_box, join
 from .nodes import WIDTH
@@ -22,13 +22,6 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 Floats = npt.NDArray[np.float32]
 
 
-@wp.struct
-class Triangle:
-    a: wp.vec3
-    b: wp.vec3
-    c: wp.vec3
-
-
 @wp.func
 def triangle_of(vertices: wp.array[wp.vec3], corners: wp.vec3i) -> Triangle:
     triangle = Triangle()
@@ -36,13 +29,6 @@ def triangle_of(vertices: wp.array[wp.vec3], corners: wp.vec3i) -> Triangle:
     triangle.b = vertices[corners[1]]
     triangle.c = vertices[corners[2]]
     return triangle
-
-
-@wp.func
-def area_normal(triangle: Triangle) -> wp.vec3d:
-    """The winding normal, twice the area long."""
-    a = to_double(triangle.a)
-    return wp.cross(to_double(triangle.b) - a, to_double(triangle.c) - a)
 
 
 @wp.kernel
@@ -87,10 +73,7 @@ def fill_blocks(
         if block.face[j] != NO_FACE:
             triangle = triangle_of(vertices, faces[block.face[j]])
             box = join(join(join(box, triangle.a, triangle.a), triangle.b, triangle.b), triangle.c, triangle.c)
-            n = area_normal(triangle)
-            area = wp.length(n)
-            if area > wp.float64(0.0):
-                normal = to_float(n / area)
+            normal = unit_normal(triangle)
         block.x0[j] = triangle.a[0]
         block.y0[j] = triangle.a[1]
         block.z0[j] = triangle.a[2]

@@ -17,7 +17,7 @@ import numpy as np
 
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.rig.rig import Rig
-from rigcast.sensors.scene.model_geometry import hfield_data, hfield_triangles
+from rigcast.sensors.scene.height_fields import hfield_data, hfield_tree, hfield_triangles
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.scene.tree_cache import cached_triangle_tree
 from rigcast.sensors.specs.lidar import Lidar
@@ -70,14 +70,20 @@ def small(rounds: int) -> Iterator[Figure]:
 
 
 def trees(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
-    """Building the tree of a height field, and reading it as a second start does."""
+    """Building the tree of a mesh, and reading it as a second start does; and that of the same height field."""
     model = hills(triangles).model
-    mesh = hfield_triangles(model.hfield_size[0], hfield_data(model, 0))
+    field = model.hfield_size[0], hfield_data(model, 0)
+    mesh = hfield_triangles(*field)
     with tempfile.TemporaryDirectory() as folder, patch.dict(os.environ, RIGCAST_CACHE=folder):
         cached_triangle_tree(*mesh)
-        ways = {"build": lambda: build_triangle_tree(*mesh), "read": lambda: cached_triangle_tree(*mesh)}
+        ways = {
+            "build": lambda: build_triangle_tree(*mesh),
+            "read": lambda: cached_triangle_tree(*mesh),
+            "hfield": lambda: hfield_tree(*field),
+        }
         times = in_turns(ways, min(rounds, 3))
-    for way, what in (("build", "a tree built"), ("read", "a tree read by a second start")):
+    names = ("a tree built", "a tree read by a second start", "a height field read")
+    for way, what in zip(ways, names, strict=True):
         seconds = times[way][1] / len(mesh[1]) * MILLION
         yield Figure(f"tree_{way}", f"{what}, for each million triangles", "s", Spread.of(seconds))
 
@@ -88,10 +94,14 @@ def memory(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
     if not os.path.exists("/proc/self/statm"):
         return
     with tempfile.TemporaryDirectory() as folder:
-        for way in ("built", "read"):
-            grown = _child("scene_memory", str(triangles), RIGCAST_CACHE=folder)["bytes_per_triangle"]
-            what = f"memory of a scene of {triangles} triangles, its tree {way}"
-            yield Figure(f"memory_{way}", what, "bytes/triangle", Spread.of(grown))
+        for way, kind, what in (
+            ("built", "mesh", "its tree built"),
+            ("read", "mesh", "its tree read"),
+            ("hfield", "hfield", "of a height field"),
+        ):
+            grown = _child("scene_memory", kind, str(triangles), RIGCAST_CACHE=folder)["bytes_per_triangle"]
+            of_scene = f"memory of a scene of {triangles} triangles, {what}"
+            yield Figure(f"memory_{way}", of_scene, "bytes/triangle", Spread.of(grown))
 
 
 def start(rounds: int) -> Iterator[Figure]:

@@ -5,16 +5,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels.geometry import FARTHEST, Shapes, TriangleTree
-from rigcast.kernels.taking import TakenPoses
+from rigcast.kernels.taking import TakenPoses, Watched
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.specs.filter import Filter
 
+from .height_fields import hfield_data
 from .lost import Lost
-from .model_geometry import assets_in_use, hfield_data, needs_asset, read_model, read_shapes
+from .model_geometry import assets_in_use, needs_asset, read_model, read_shapes
 from .part import Owner, Snapshot
-
-_Field = tuple[NDArray[np.float64], NDArray[np.float32]]  # size and elevations of a height field, as the model has them
 
 
 class Geoms:
@@ -43,7 +42,7 @@ class Geoms:
         self._kinds_now = [model.geom_type.data, model.geom_dataid.data]
         self._now = [*self._kinds_now, model.geom_size.data]
         self._kinds, self._read = b"".join(self._kinds_now), b"".join(self._now)
-        self._fields = self._copied_fields()
+        self._fields = self._watched_fields()
         self._to_refresh: set[int] = set()
 
     def update(self, data: mujoco.MjData) -> Snapshot:
@@ -79,7 +78,7 @@ class Geoms:
         """
         now, stale = b"".join(self._now), self._to_refresh
         if self._fields:
-            stale = stale | {k for k, old in self._fields.items() if not _equal(old, self._read_field(k))}
+            stale = stale | {k for k, field in self._fields.items() if field.have_changed()}
         if now == self._read and not stale:
             return None
         if b"".join(self._kinds_now) != self._kinds:
@@ -89,7 +88,8 @@ class Geoms:
         self.trees = [renewed.get(k, tree) for k, tree in enumerate(self.trees)]
         self.shapes = self.shapes_with(self.model.geom_size, self.model.geom_dataid)
         self._read, self._to_refresh = now, set()
-        self._fields |= {k: _copy(self._read_field(k)) for k in stale & self._fields.keys()}
+        for k in stale & self._fields.keys():
+            self._fields[k].taken()
         return renewed
 
     def shapes_with(self, size: NDArray[np.float64], dataid: NDArray[np.int32]) -> Shapes:
@@ -110,28 +110,17 @@ class Geoms:
         added = [asset for asset in assets_in_use(self.model, dataid) if asset not in self._assets]
         self._assets = self._assets + added
         self.trees = self.trees + [asset.tree(self.model) for asset in added]
-        self._fields = self._copied_fields()
+        self._fields = self._watched_fields()
         return bool(added)
 
     def is_present(self, dataid: NDArray[np.int32]) -> NDArray[np.bool_]:
         """(..., ngeom): all but what has a mesh or height field in the model and -1 here."""
         return ~(needs_asset(self.model) & (dataid < 0))
 
-    def _copied_fields(self) -> dict[int, _Field]:
+    def _watched_fields(self) -> dict[int, Watched]:
         """What the trees of height fields are made of, by the number of the tree."""
-        return {k: _copy(self._read_field(k)) for k, asset in enumerate(self._assets) if asset.kind == "hfield"}
-
-    def _read_field(self, tree: int) -> _Field:
-        hfield = self._assets[tree].id
-        return self.model.hfield_size[hfield], hfield_data(self.model, hfield)
-
-
-def _copy(field: _Field) -> _Field:
-    return field[0].copy(), field[1].copy()
-
-
-def _equal(a: _Field, b: _Field) -> bool:
-    return np.array_equal(a[0], b[0]) and np.array_equal(a[1], b[1])
+        hfields = {k: asset.id for k, asset in enumerate(self._assets) if asset.kind == "hfield"}
+        return {k: Watched([self.model.hfield_size[id], hfield_data(self.model, id)]) for k, id in hfields.items()}
 
 
 def are_within_reach(values: NDArray[np.floating]) -> bool:

@@ -18,6 +18,7 @@ from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.errors import InputError, warn_user
 from rigcast.sensors.names import expected_one_of
 
+from .height_fields import hfield_data, hfield_tree
 from .tree_cache import FEWEST_FACES, cached_small_trees, cached_triangle_tree
 
 _GEOM = mujoco.mjtGeom
@@ -50,9 +51,14 @@ class Asset:
     def tree(
         self, model: mujoco.MjModel, build: Callable[[ArrayLike, ArrayLike], TriangleTree] = build_triangle_tree
     ) -> TriangleTree:
-        """Its triangles, in the frame of its geoms. Raises InputError for what is not finite or out of range."""
+        """Its triangles, in the frame of its geoms. `build` makes those of a mesh.
+
+        Raises InputError for what is not finite or out of range.
+        """
         try:
-            return build(*_triangles(model, self))
+            if self.kind == "hfield":
+                return hfield_tree(model.hfield_size[self.id], hfield_data(model, self.id))
+            return build(*_mesh(model, self.id))
         except ValueError as error:
             raise InputError(f"{self.name(model)}: {error}") from None
 
@@ -76,9 +82,9 @@ def read_model(model: mujoco.MjModel) -> ModelGeometry:
 
 
 def _trees(model: mujoco.MjModel, assets: list[Asset]) -> list[TriangleTree]:
-    """The tree of each asset, from disk where they were built before."""
+    """The tree of each asset, those of meshes from disk where they were built before."""
     small = [asset for asset in assets if asset.kind == "mesh" and model.mesh_facenum[asset.id] < FEWEST_FACES]
-    meshes = [_triangles(model, asset) for asset in small]
+    meshes = [_mesh(model, asset.id) for asset in small]
     of_small = dict(zip(small, cached_small_trees(meshes, lambda: [a.tree(model) for a in small]), strict=True))
     return [of_small[asset] if asset in of_small else asset.tree(model, cached_triangle_tree) for asset in assets]
 
@@ -164,62 +170,11 @@ def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
     return f"'{name}'" if name else f"{index} (unnamed)"
 
 
-def _triangles(model: mujoco.MjModel, asset: Asset) -> tuple[NDArray[np.floating], NDArray[np.int32]]:
+def _mesh(model: mujoco.MjModel, k: int) -> tuple[NDArray[np.floating], NDArray[np.int32]]:
     """Vertices and faces, in the frame of the geoms."""
-    k = asset.id
-    if asset.kind == "hfield":
-        return hfield_triangles(model.hfield_size[k], hfield_data(model, k))
     first, count = model.mesh_vertadr[k], model.mesh_vertnum[k]
     first_face, faces = model.mesh_faceadr[k], model.mesh_facenum[k]
     return model.mesh_vert[first : first + count], model.mesh_face[first_face : first_face + faces]
-
-
-def hfield_data(model: mujoco.MjModel, hfield: int) -> NDArray[np.float32]:
-    """(rows, columns), a view of the elevations of a height field."""
-    rows, columns = model.hfield_nrow[hfield], model.hfield_ncol[hfield]
-    first = model.hfield_adr[hfield]
-    return model.hfield_data[first : first + rows * columns].reshape(rows, columns)
-
-
-def hfield_triangles(
-    size: NDArray[np.float64], data: NDArray[np.float32]
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """A height field as mj_ray sees it: the surface, four sides down to z = 0, and a whole box below.
-
-    Args:
-        size: half size along x, half size along y, height of data 1, depth of the base [m].
-        data: (rows along y, columns along x), 0 to 1.
-
-    Returns:
-        Vertices (n, 3) [m] and faces (m, 3), counter-clockwise from outside. Faces 2 k and 2 k + 1 are cell k,
-        row by row, split along v(r, c) - v(r + 1, c + 1); the sides and the box follow.
-    """
-    rows, columns = data.shape
-    x = np.linspace(-size[0], size[0], columns)
-    y = np.linspace(-size[1], size[1], rows)
-    surface = np.stack([*np.meshgrid(x, y), size[2] * data.astype(np.float64)], axis=-1)
-    index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
-    v00, v01, v10, v11 = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
-    cells = np.stack([v00, v01, v11, v00, v11, v10], axis=-1).reshape(-1, 3)
-    border = np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
-    foot = surface.reshape(-1, 3)[border] * [1.0, 1.0, 0.0]
-    box, box_faces = _box_triangles(size)
-    first_foot = rows * columns
-    low = first_foot + np.arange(len(border), dtype=np.int32)
-    next_low, next_border = np.roll(low, -1), np.roll(border, -1)
-    sides = np.stack([low, next_low, next_border, low, next_border, border], axis=-1).reshape(-1, 3)
-    vertices = np.concatenate([surface.reshape(-1, 3), foot, box])
-    faces = np.concatenate([cells, sides, box_faces + first_foot + len(border)])
-    return vertices, faces
-
-
-def _box_triangles(size: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """The base of a height field: |x| <= size 0, |y| <= size 1, -size 3 <= z <= 0."""
-    low, high = np.array([-size[0], -size[1], -size[3]]), np.array([size[0], size[1], 0.0])
-    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)])
-    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (3, 2, 6, 7), (2, 0, 4, 6), (1, 3, 7, 5)]
-    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))], np.int32)
-    return np.where(corners == 1, high, low), faces
 
 
 def _local_boxes(

@@ -1,7 +1,6 @@
 """Triangle trees kept on disk, so that a second start with the same meshes does not build them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from .disk_cache import Arrays, digest_of, kept_arrays
 FEWEST_FACES = 1000
 """Trees of fewer faces are built sooner than read."""
 
-_NAMES = [field.name for field in fields(TriangleTree)]
+_NAMES = ["nodes", "blocks", "lower", "upper", "dropped"]
 _SIZES = ["node_count", "block_count"]
 
 

@@ -1,6 +1,7 @@
 """Worlds made of meshes and solids, rays cast through them, and the results as numpy arrays."""
 
-from dataclasses import dataclass, field
+import dataclasses
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from rigcast.kernels.geometry import Shapes, TriangleTree
 from rigcast.kernels.rays import Rays
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.shapes.triangle import CULL_NONE
+from rigcast.kernels.trees.height_field import build_height_field
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.kernels.world import World
 
@@ -62,6 +64,28 @@ def grid(cells: int, bumps: float = 0.0, seed: int = 0) -> Mesh:
     return mesh(np.stack([*np.meshgrid(x, x), z], axis=-1).reshape(-1, 3), faces)
 
 
+class Field(NamedTuple):
+    """A height field: its tree, and the same triangles as a mesh, all of whose faces have the same numbers."""
+
+    tree: TriangleTree
+    mesh: Mesh
+
+
+def field(rows: int, columns: int, bumps: float, seed: int = 0) -> Field:
+    """So many rows and columns of heights of 0.5 to 0.5 + `bumps`, 2 m along x and 3 m along y; a wall, and a base."""
+    x, y = np.linspace(-1, 1, columns).astype(np.float32), np.linspace(-1.5, 1.5, rows).astype(np.float32)
+    z = np.random.default_rng(seed).uniform(0.5, 0.5 + bumps, (rows, columns)).astype(np.float32)
+    surface = np.stack([*np.meshgrid(x, y), z], axis=-1)
+    top = surface[:, -1]
+    foot = top * (1, 1, 0)
+    wall = np.stack([foot[:-1], foot[1:], top[1:], foot[:-1], top[1:], top[:-1]], axis=1).reshape(-1, 3, 3)
+    base = np.array([[(-1, -1.5, 0), (1, 1.5, 0), (1, -1.5, 0)], [(-1, -1.5, 0), (-1, 1.5, 0), (1, 1.5, 0)]])
+    a, b, c, d = surface[:-1, :-1], surface[:-1, 1:], surface[1:, 1:], surface[1:, :-1]
+    corners = np.concatenate([np.stack([a, b, c, a, c, d], axis=2).reshape(-1, 3, 3), wall, base])
+    whole = mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    return Field(build_height_field(x, y, z, [wall, base]), whole)
+
+
 def turned(shape: Mesh, seed: int) -> Mesh:
     """The mesh, turned at random before it is rounded to float32."""
     return mesh(shape.vertices @ random_rotations(np.random.default_rng(seed), 1)[0].T, shape.faces)
@@ -94,14 +118,14 @@ def half_size(kind: int, size: ArrayLike) -> Doubles:
 class Plan:
     """Shapes to be, with their poses."""
 
-    trees: list[TriangleTree] = field(default_factory=list)
-    kind: list[int] = field(default_factory=list)
-    size: list[Doubles] = field(default_factory=list)
-    tree: list[int] = field(default_factory=list)
-    center: list[Doubles] = field(default_factory=list)
-    half: list[Doubles] = field(default_factory=list)
-    position: list[Doubles] = field(default_factory=list)
-    rotation: list[Doubles] = field(default_factory=list)
+    trees: list[TriangleTree] = dataclasses.field(default_factory=list)
+    kind: list[int] = dataclasses.field(default_factory=list)
+    size: list[Doubles] = dataclasses.field(default_factory=list)
+    tree: list[int] = dataclasses.field(default_factory=list)
+    center: list[Doubles] = dataclasses.field(default_factory=list)
+    half: list[Doubles] = dataclasses.field(default_factory=list)
+    position: list[Doubles] = dataclasses.field(default_factory=list)
+    rotation: list[Doubles] = dataclasses.field(default_factory=list)
 
     def add(
         self, kind: int, size: ArrayLike, position: ArrayLike = (0, 0, 0), rotation: ArrayLike | None = None
@@ -111,8 +135,13 @@ class Plan:
     def add_mesh(self, shape: Mesh | int, position: ArrayLike = (0, 0, 0), rotation: ArrayLike | None = None) -> None:
         """A mesh, or another instance of mesh number `shape`."""
         if isinstance(shape, Mesh):
-            self.trees.append(build_triangle_tree(shape.vertices, shape.faces))
-        index = shape if isinstance(shape, int) else len(self.trees) - 1
+            self.add_tree(build_triangle_tree(shape.vertices, shape.faces), position, rotation)
+        else:
+            self._add(solids.TRIANGLES, np.zeros(3), shape, *self._box(shape), position, rotation)
+
+    def add_tree(self, tree: TriangleTree, position: ArrayLike = (0, 0, 0), rotation: ArrayLike | None = None) -> None:
+        self.trees.append(tree)
+        index = len(self.trees) - 1
         self._add(solids.TRIANGLES, np.zeros(3), index, *self._box(index), position, rotation)
 
     def replace_mesh(self, index: int, shape: Mesh) -> None:
@@ -172,7 +201,7 @@ def world_of(*meshes: Mesh) -> World:
 
 
 def random_plan(seed: int, count: int = 40, spread: float = 4.0) -> Plan:
-    """Solids of every kind, planes finite and infinite, and instances of two meshes."""
+    """Solids of every kind, planes finite and infinite, instances of two meshes, and a height field."""
     rng = np.random.default_rng(seed)
     plan = Plan()
     plan.add_mesh(icosphere(2), rng.uniform(-spread, spread, 3), random_rotations(rng, 1)[0])
@@ -185,6 +214,7 @@ def random_plan(seed: int, count: int = 40, spread: float = 4.0) -> Plan:
             plan.add(kind, rng.uniform(0.1, 0.8, 3), *where)
         else:
             plan.add_mesh(kind - 6, *where)
+    plan.add_tree(field(12, 17, 0.3, seed).tree, rng.uniform(-spread, spread, 3), random_rotations(rng, 1)[0])
     return plan
 
 

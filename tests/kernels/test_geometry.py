@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from made_worlds import Mesh, cube, grid, icosphere, mesh, torus, unit
+from made_worlds import Mesh, cube, field, grid, icosphere, mesh, torus, unit
 
 from rigcast.kernels.geometry import NO_FACE, TriangleTree, join_triangle_trees
-from rigcast.kernels.trees.nodes import NO_CHILD
+from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 
 MESHES = {
@@ -87,24 +87,29 @@ def test_bad_vertices_and_indices_are_named(vertex: tuple[float, float, float], 
 
 
 def test_joined_trees_lead_to_their_own_nodes_and_blocks() -> None:
-    trees = [build_triangle_tree(m.vertices, m.faces) for m in (torus(), MESHES["one triangle"], grid(6), cube())]
-    nodes, blocks, roots = join_triangle_trees(trees)
+    meshes = (torus(), MESHES["one triangle"], grid(6), cube())
+    trees = [build_triangle_tree(m.vertices, m.faces) for m in meshes]
+    trees = [field(5, 9, 0.1).tree, *trees, field(8, 3, 0.1).tree, *trees]
+    nodes, blocks, patches, places = join_triangle_trees(trees)
     assert len(nodes) == sum(len(t.nodes) for t in trees)
-    first_block = 0
-    for tree, root in zip(trees, roots, strict=True):
-        reached_nodes, reached_blocks = {int(root)}, set()
-        to_visit = [int(root)]
+    first_block, first_patch = 0, FIRST_PATCH
+    for tree, place in zip(trees, places, strict=True):
+        root = place.node
+        reached_nodes, reached_leaves = {root}, set()
+        to_visit = [root]
         while to_visit:
             child = nodes["child"][to_visit.pop()]
             inner = child[child >= 0].tolist()
             to_visit += inner
             reached_nodes |= set(inner)
-            reached_blocks |= set((~child[(child < 0) & (child != NO_CHILD)]).tolist())
+            reached_leaves |= set((~child[(child < 0) & (child != NO_CHILD)]).tolist())
         assert reached_nodes == set(range(root, root + len(tree.nodes)))
-        assert reached_blocks == set(range(first_block, first_block + len(tree.blocks)))
+        own_blocks = set(range(first_block, first_block + len(tree.blocks)))
+        assert reached_leaves == own_blocks | set(range(first_patch, first_patch + len(tree.patches)))
         np.testing.assert_array_equal(blocks["face"][first_block : first_block + len(tree.blocks)], tree.blocks["face"])
-        first_block += len(tree.blocks)
+        assert patches[first_patch - FIRST_PATCH :][: len(tree.patches)].tobytes() == tree.patches.tobytes()
+        first_block, first_patch = first_block + len(tree.blocks), first_patch + len(tree.patches)
 
 
 def test_no_trees_to_join() -> None:
-    assert [len(a) for a in join_triangle_trees([])] == [0, 0, 0]
+    assert [len(a) for a in join_triangle_trees([])] == [0, 0, 0, 0]

@@ -152,7 +152,7 @@ def test_worlds_may_differ_in_sizes_and_meshes(packets: bool) -> None:
         each.size = [size * scale for size in each.size]
         each.half = [half if tree >= 0 else half * scale for half, tree in zip(each.half, each.tree, strict=True)]
         if w % 2:
-            swap = {0: 1, 1: 0, -1: -1}
+            swap = {0: 1, 1: 2, 2: 0, -1: -1}
             each.tree = [swap[tree] for tree in each.tree]
             for k, tree in enumerate(each.tree):
                 if tree >= 0:

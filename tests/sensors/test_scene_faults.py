@@ -65,7 +65,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a mesh with inf": (lambda: Scene(edited(MESH, "mesh_vert", (3, 1), -INF)), "mesh 'cube': face .* vertex 3: got"),
     "a mesh of 1e30 m": (lambda: Scene(edited(MESH, "mesh_vert", (3, 1), 1e30)), r"mesh 'cube': .* up to 1e\+18 m"),
     "a face out of range": (lambda: Scene(edited(MESH, "mesh_face", (2, 0), 99)), "'cube': face 2: got vertex 99"),
-    "a height of NaN": (lambda: Scene(edited(HILL, "hfield_data", 2, NAN)), "hfield 'hill': face .* vertex 2: got"),
+    "a height of NaN": (lambda: Scene(edited(HILL, "hfield_data", 2, NAN)), "hfield 'hill': row 0, column 2: got"),
     "a size of NaN": (lambda: Scene(edited('size="1"', "geom_size", 0, NAN)), "geom odd: size: got .*nan"),
     "a size of 1e30 m": (lambda: Scene(edited('size="1"', "geom_size", 0, 1e30)), r"geom odd: size: .* up to 1e\+18 m"),
     "a rig without a model": (lambda: Rig(ANY, [LIDAR]), "Rig: model: got NoneType, expected MjModel"),

@@ -1,0 +1,94 @@
+"""Trees over boxes that stand in rows and columns, as regular as these are, made from the leaves up.
+
+A node has two by four or four by two children, whichever is more of a square, or eight of one row.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .nodes import NO_CHILD, OUTWARDS, empty_nodes
+
+_FANS = ((1, 8), (2, 4), (4, 2), (8, 1))
+"""Rows and columns of the children of a node."""
+
+
+class Boxes(NamedTuple):
+    """Boxes in rows and columns: their ends (rows, columns, 3), and which child (rows, columns) of a node each is."""
+
+    lower: npt.NDArray[np.float32]
+    upper: npt.NDArray[np.float32]
+    child: npt.NDArray[np.int32]
+
+    @staticmethod
+    def in_one_row(parts: "Sequence[Boxes]") -> "Boxes":
+        """All boxes, one after the other."""
+        lower, upper = (
+            np.concatenate([getattr(part, end).reshape(1, -1, 3) for part in parts], axis=1)
+            for end in ("lower", "upper")
+        )
+        return Boxes(lower, upper, np.concatenate([part.child.reshape(1, -1) for part in parts], axis=1))
+
+
+class RegularNodes:
+    """The nodes of a tree in the making. They have the numbers in which they are made until the last one is there."""
+
+    def __init__(self) -> None:
+        self._made: list[npt.NDArray[np.void]] = []
+        self._count = 0
+
+    def over(self, boxes: Boxes) -> Boxes:
+        """The boxes of nodes over these, which are made."""
+        fan = _fan(boxes)
+        lower, upper = _members(boxes.lower, fan, np.inf), _members(boxes.upper, fan, -np.inf)
+        child = _members(boxes.child, fan, NO_CHILD)
+        with np.errstate(invalid="ignore"):  # of children that are not there
+            middle = 0.5 * lower + 0.5 * upper
+            half = np.maximum(upper - middle, middle - lower) * np.float32(OUTWARDS)
+        absent = child == NO_CHILD
+        middle[absent], half[absent] = 0.0, -np.inf
+        nodes = empty_nodes(child[0].size)
+        for j in range(len(child)):
+            for k, axis in enumerate("xyz"):
+                nodes[f"center_{axis}"][:, j] = middle[j, ..., k].ravel()
+                nodes[f"half_{axis}"][:, j] = half[j, ..., k].ravel()
+            nodes["child"][:, j] = child[j].ravel()
+        number = np.arange(self._count, self._count + len(nodes), dtype=np.int32).reshape(child.shape[1:])
+        self._made.append(nodes)
+        self._count += len(nodes)
+        return Boxes(lower.min(axis=0), upper.max(axis=0), number)
+
+    def raised(self, boxes: Boxes, most: int) -> Boxes:
+        """Nodes over these boxes, over those nodes and so on, until there are no more than `most`."""
+        while boxes.child.size > most:
+            boxes = self.over(boxes)
+        return boxes
+
+    def from_last(self) -> npt.NDArray[np.void]:
+        """All nodes, the last one first: children come after their parents."""
+        nodes = np.concatenate(self._made)[::-1].copy()
+        child = nodes["child"]
+        nodes["child"] = np.where(child >= 0, self._count - 1 - child, child)
+        return nodes
+
+
+def _fan(boxes: Boxes) -> tuple[int, int]:
+    """How many rows and columns of boxes make a node: as many as can, in as much of a square as they can."""
+    rows, columns = boxes.child.shape
+    width, depth = (boxes.upper.max(axis=(0, 1)) - boxes.lower.min(axis=(0, 1)))[:2] / (columns, rows)
+
+    def worth(fan: tuple[int, int]) -> tuple[int, float]:
+        own = min(fan[0], rows), min(fan[1], columns)
+        return own[0] * own[1], -(own[0] * depth + own[1] * width)
+
+    return max(_FANS, key=worth)
+
+
+def _members(values: npt.NDArray[Any], fan: tuple[int, int], nothing: float) -> npt.NDArray[Any]:
+    """(children, R, C, ...) of (r, c, ...): what belongs to each node, one child after the other."""
+    rows, columns = fan
+    fill = [(0, -n % own) for n, own in zip(values.shape, fan, strict=False)]
+    whole = np.pad(values, fill + [(0, 0)] * (values.ndim - 2), constant_values=nothing)
+    return np.stack([whole[i::rows, j::columns] for i in range(rows) for j in range(columns)])

@@ -1,0 +1,170 @@
+"""Height fields, whose triangles are not stored, are hit as meshes of the same triangles are."""
+
+import numpy as np
+import pytest
+from made_worlds import Doubles, Field, Plan, cast_through, field, random_rotations, unit
+from moeller_trumbore import dot, norm
+from numpy.typing import NDArray
+
+from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.trees.height_field import build_height_field
+from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD
+from rigcast.kernels.trees.tree import STACK
+
+FIELDS = {
+    f"{rows} x {columns}, up to {bumps:g} m": field(rows, columns, bumps, seed)
+    for seed, (rows, columns, bumps) in enumerate(
+        [
+            (2, 2, 0.3),
+            (2, 3, 0.3),
+            (3, 2, 0.3),
+            (3, 3, 0.3),
+            (4, 4, 0.0),
+            (5, 8, 0.3),
+            (2, 40, 0.1),
+            (61, 2, 0.1),
+            (30, 31, 0.1),
+            (33, 20, 20.0),
+            (65, 65, 0.0),
+        ]
+    )
+}
+RAYS = 20_000
+SIZE = 50.0  # more than the diagonal of the largest [m]
+EPS = 2.0**-23
+
+
+def through(name: str, count: int, seed: int) -> tuple[Doubles, Doubles]:
+    """Origins and unit directions of rays from all around to points on triangles of a field."""
+    shape, rng = FIELDS[name].mesh, np.random.default_rng(seed)
+    weights = rng.dirichlet((1, 1, 1), count)
+    targets = np.einsum("rk,rkx->rx", weights, shape.corners[rng.integers(0, len(shape.faces), count)].astype(float))
+    away = unit(rng.normal(size=(count, 3))) * 10 ** rng.uniform(-1, 1, (count, 1))
+    return targets + away, unit(-away)
+
+
+@pytest.mark.parametrize("cull", [CULL_NONE, CULL_BACK, CULL_FRONT])
+@pytest.mark.parametrize("name", FIELDS)
+def test_it_is_hit_as_a_mesh_of_its_triangles_is(name: str, cull: int) -> None:
+    position, rotation = (3.0, -2.0, 1.0), random_rotations(np.random.default_rng(1), 1)[0]
+    origins, directions = through(name, RAYS, seed=2)
+    found = []
+    for is_tree in (True, False):
+        plan = Plan()
+        if is_tree:
+            plan.add_tree(FIELDS[name].tree, position, rotation)
+        else:
+            plan.add_mesh(FIELDS[name].mesh, position, rotation)
+        found.append(cast_through(plan.world(), origins @ rotation.T + position, directions @ rotation.T, cull=cull))
+    got, expected = found
+    np.testing.assert_array_equal(got.face, expected.face)
+    hit = got.face >= 0
+    assert hit.mean() > 0.5
+    t, normal = expected.distance[hit].astype(float), expected.normal[hit].astype(float)
+    # each is within 3 eps (max |Vi - O| + t) / |cos| of what it should be
+    bound = 6 * EPS * (2 * t + SIZE) / np.abs(dot(directions[hit] @ rotation.T, normal))
+    assert (np.abs(got.distance[hit] - t) <= bound).all()
+    np.testing.assert_allclose(got.normal, expected.normal, atol=2e-7)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_face_is_hit_where_it_is(name: str) -> None:
+    """One by one along its normal: what there is of a patch and no more, under its own number."""
+    shape = FIELDS[name].mesh
+    corners = shape.corners.astype(float)
+    normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    plan = Plan()
+    plan.add_tree(FIELDS[name].tree)
+    got = cast_through(plan.world(), corners.mean(axis=1) + 1e-3 * normal, -normal)
+    np.testing.assert_array_equal(got.face, np.arange(len(corners)))
+    np.testing.assert_allclose(got.distance, 1e-3, atol=1e-5)
+    np.testing.assert_allclose(got.normal, normal, atol=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e5])
+@pytest.mark.parametrize("name", FIELDS)
+def test_no_ray_goes_through_the_surface(name: str, offset: float) -> None:
+    """From above, aimed exactly at corners and edges of cells, within patches and between them."""
+    shape, rng = FIELDS[name].mesh, np.random.default_rng(3)
+    inner = shape.corners[(np.abs(shape.corners[..., :2]) < (0.999, 1.499)).all(axis=(1, 2))]
+    if not len(inner):
+        return
+    face, k = rng.integers(0, len(inner), RAYS), rng.integers(0, 3, RAYS)
+    a, b = inner[face, k].astype(float), inner[face, (k + 1) % 3].astype(float)
+    targets = a + rng.choice([0.0, 0.5, rng.random()], (RAYS, 1)) * (b - a)
+    # steep enough to see all faces from above, straight down or nearly
+    normal = unit(np.cross(inner[:, 1] - inner[:, 0], inner[:, 2] - inner[:, 0]).astype(float))
+    steepest = max(3.0, (1 / normal[:, 2]).max())
+    beside = 3 / steepest * rng.choice([0.0, 1.0], (RAYS, 1)) * rng.normal(size=(RAYS, 3))
+    origins = targets * (1, 1, 0) + (0, 0, 30) + beside
+    position = offset * np.array([1.0, -0.7, 0.3])
+    plan = Plan()
+    plan.add_tree(FIELDS[name].tree, position)
+    got = cast_through(plan.world(), origins + position, unit(targets - origins))
+    expected = norm(targets - origins)
+    leaks = np.flatnonzero(~(got.distance <= expected * (1 + 3e-6 * steepest)))
+    assert not leaks.size, f"{leaks.size} of {RAYS} rays, first {leaks[0]}: got {got.distance[leaks[0]]}"
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_its_tree_reaches_every_leaf_once_within_boxes_and_a_stack(name: str) -> None:
+    tree = FIELDS[name].tree
+    leaves: list[int] = []
+    room = {0: 1}
+    for k, node in enumerate(tree.nodes):
+        present = np.flatnonzero(node["child"] != NO_CHILD)
+        full = room.pop(k) - 1 + len(present)
+        assert full <= STACK
+        for j in present:
+            child = int(node["child"][j])
+            low, high = (np.array([s * node[f"half_{a}"][j] + node[f"center_{a}"][j] for a in "xyz"]) for s in (-1, 1))
+            corners = _corners(FIELDS[name], child) if child < 0 else _child_boxes(tree.nodes[child])
+            assert (corners >= low - 1e-5).all()
+            assert (corners <= high + 1e-5).all()
+            if child < 0:
+                leaves.append(~child)
+            else:
+                assert child > k
+                room[child] = full
+    assert not room
+    expected = [*range(len(tree.blocks)), *range(FIRST_PATCH, FIRST_PATCH + len(tree.patches))]
+    assert sorted(leaves) == expected
+
+
+def _corners(shape: Field, child: int) -> NDArray[np.float32]:
+    """(n, 3) of the triangles in a leaf."""
+    if ~child < FIRST_PATCH:
+        block = shape.tree.blocks[~child]
+        corners = np.array([[block[f"{axis}{k}"] for axis in "xyz"] for k in range(3)]).swapaxes(1, 2).reshape(-1, 3)
+    else:
+        patch = shape.tree.patches[~child - FIRST_PATCH]
+        corners = np.stack([*np.meshgrid(patch["x"], patch["y"]), patch["z"]], axis=-1).reshape(-1, 3)
+    return np.asarray(corners[np.isfinite(corners).all(axis=1)])
+
+
+def _child_boxes(node: np.void) -> NDArray[np.float32]:
+    """(n, 3) centres of a node's boxes."""
+    return np.stack([node[f"center_{axis}"] for axis in "xyz"], axis=-1)[node["child"] != NO_CHILD]
+
+
+@pytest.mark.parametrize(("height", "x"), [(np.nan, 1.0), (np.inf, 1.0), (-2 * FARTHEST, 1.0), (0.0, np.nan)])
+def test_what_is_not_finite_or_too_large_is_named(height: float, x: float) -> None:
+    heights = np.zeros((3, 4))
+    heights[1, 2] = height
+    where = "row 0, column 3" if np.isnan(x) else "row 1, column 2"
+    with pytest.raises(ValueError, match=rf"^{where}: got \[.*\], expected finite numbers up to 1e\+18 m"):
+        build_height_field([0, 0.3, 0.6, x], [0, 1, 2], heights, [np.zeros((1, 3, 3))])
+
+
+def test_triangles_without_area_are_never_hit() -> None:
+    """Walls of a field whose border is at 0."""
+    x, y = np.linspace(-1, 1, 5), np.linspace(-1, 1, 4)
+    wall = np.zeros((8, 3, 3))
+    wall[:, :, 0] = np.linspace(-1, 1, 24).reshape(8, 3)
+    plan = Plan()
+    plan.add_tree(build_height_field(x, y, np.zeros((4, 5)), [wall]))
+    origins = np.stack([np.linspace(-0.99, 0.99, 500), np.zeros(500), np.ones(500)], axis=-1)
+    got = cast_through(plan.world(), origins, (0, 0, -1))
+    assert ((got.face >= 0) & (got.face < 2 * 3 * 4)).all()
+    assert (got.distance == 1).all()
