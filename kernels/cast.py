@@ -12,10 +12,11 @@ from .geometry import Geometry, TriangleBlock
 from .launch import TURN, prepare_over_rays, prepare_over_tiles
 from .moving import at_firings
 from .out import Out
-from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, world_ray
-from .packets.places import miss_packet, read_packet, write_packet
+from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
+from .packets.places import read_packet, write_packet
 from .packets.prefetch import prefetch_out, prefetch_packet, prefetch_tile
-from .packets.tile import cast_tile, clear_packet
+from .packets.staging import FLOATS_PER_TILE, end_stream, stage_misses, staged_in, write_tile
+from .packets.tile import cast_tile
 from .packing.bundling import Bundles
 from .packing.sorting import Packets
 from .poses import scope_of
@@ -29,6 +30,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 BYTES_PER_HIT = 24
 """Of a ray in HitArrays."""
+STREAMED_FROM = 2**20
+"""Bytes of hits that are written past the cache: fewer stay in it until they are read."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,7 @@ class InPackets:
     """Tiles of packets, those of every world, and scratch of each thread."""
 
     worlds: int
+    is_streamed: bool
     tiles: wp.array[Tile]
     packets: wp.array[Packet]
     # scratch:
@@ -87,6 +91,7 @@ class InPackets:
     best: wp.array[PacketHits]
     world_directions: wp.array[Directions]
     local_directions: wp.array2d[Vectors]  # (threads, 1)
+    hits: wp.array2d[float]  # (threads, FLOATS_PER_TILE)
     composed: wp.array2d[TriangleBlock]  # (threads, 1)
 
 
@@ -109,6 +114,8 @@ def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
     rays[0].best = these.best
     rays[0].directions = these.world_directions
     rays[0].local = these.local_directions[thread]
+    staged = staged_in(these.hits[thread])
+    staged.min_range = out.min_range
     rays[0].composed = these.composed[thread]
     at = turn_of(turns) * TURN
     while at < these.worlds * tiles.shape[0]:
@@ -128,21 +135,24 @@ def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
         rays[0].first_packet = index * PACKETS
         following = (at + 1) % tiles.shape[0]
         prefetch_tile(tiles, following)
-        for k in range(PACKETS):
-            clear_packet(rays, k)
-            prefetch_packet(packets, following * PACKETS + k)
-        is_sound = is_castable(world_ray(rays, rays[0].first_slot, 0))
-        if is_sound:
+        if is_castable(axis_ray(rays)):
+            stage_misses(staged, wp.inf)
             cast_tile(g, rays)
-        for k in range(PACKETS):
-            prefetch_out(out, packets, following * PACKETS + k, rays[0].first_ray)
-            if is_sound:
-                write_packet(g, out, rays, k)
-            else:
-                miss_packet(out, rays, k, wp.nan)
-            if out.is_read:
-                read_packet(out, rays, k)
+            for k in range(PACKETS):
+                if rays[0].met != 0:  # where no shape is met, the next tile is not likely to meet any
+                    prefetch_packet(packets, following * PACKETS + k)
+                if rays[0].met & (1 << k) != 0:
+                    write_packet(g, staged, rays, k)
+                    if out.is_read:
+                        read_packet(staged, rays, k)
+        else:
+            stage_misses(staged, wp.nan)
+        write_tile(out, rays, staged, these.is_streamed)
+        if tiles[following].across == 0:
+            for k in range(PACKETS):
+                prefetch_out(out, packets, following * PACKETS + k, rays[0].first_ray)
         at = tile_after(at, turns)
+    end_stream()
 
 
 def cast(
@@ -206,11 +216,13 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     """What `cast_packets` takes in so many threads."""
     these = InPackets()
     these.worlds, these.tiles, these.packets = worlds, packets.tiles, packets.packets
+    these.is_streamed = BYTES_PER_HIT * job.out.distance.size >= STREAMED_FROM
     these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
     these.rays = wp.empty((threads, 1), dtype=TileRays, device="cpu")
     these.best = wp.empty(threads * PACKETS, dtype=PacketHits, device="cpu")
     these.world_directions = wp.empty(threads * PACKETS, dtype=Directions, device="cpu")
     these.local_directions = wp.empty((threads, 1), dtype=Vectors, device="cpu")
+    these.hits = wp.empty((threads, FLOATS_PER_TILE), dtype=float, device="cpu")
     these.composed = wp.empty((threads, 1), dtype=TriangleBlock, device="cpu")
     return [geometry, job, these]
 

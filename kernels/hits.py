@@ -10,7 +10,7 @@ import warp as wp
 
 from .facets import Facet, facet_at, triangle_at
 from .geometry import Geometry
-from .noinline import noinline
+from .inline import noinline
 from .poses import Scope, pose_of
 from .shapes.solid_normals import closed_form_normal
 from .shapes.solids import SHEET, decide_closed_form, has_triangles
@@ -130,6 +130,18 @@ def is_sure(hit: Hit, best: Hit) -> bool:
     return hit.far * APART < best.near
 
 
+@wp.func
+def by_itself(ray: WorldRay) -> WorldRay:
+    """The same ray, for a function that is not inlined: what such a function is given is in memory."""
+    made = WorldRay()
+    made.origin = ray.origin
+    made.direction = ray.direction
+    made.scope = ray.scope
+    made.limit = ray.limit
+    made.cull = ray.cull
+    return made
+
+
 @wp.struct
 class Place:
     """Where a ray hits: the distance [m], the face of a mesh or -1, and the unit outward normal in the world."""
@@ -151,7 +163,7 @@ def place_of(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> Place:
         slope = wp.dot(ray.direction, normal)
         place.distance = larger(float(height_above(facet, normal, offset) / slope), 0.0)
         if wp.abs(slope) * facet.scale <= wp.float64(GRAZING):
-            place.distance = float(distance_of(g, hit.shape, hit.triangle, ray))
+            place.distance = float(distance_of(g, hit.shape, hit.triangle, by_itself(ray)))
         place.normal = outward(kind, normal * facet.scale, slope)
         place.face = facet.face
     else:

@@ -3,6 +3,7 @@
 import warp as wp
 
 from .geometry import FARTHEST, Geometry
+from .inline import inlined
 from .vectors import to_double
 
 
@@ -55,7 +56,7 @@ def first_of_world(size: int, shapes: int, world: int) -> int:
     return wp.where(size > shapes, world * shapes, 0)
 
 
-@wp.func
+@inlined
 def pose_of(g: wp.array[Geometry], shape: int, scope: Scope) -> Pose:
     """Where a shape stands for a ray."""
     entry = scope.first_pose + shape
@@ -89,7 +90,7 @@ def pose_at(g: Geometry, entry: int) -> Pose:
     return pose_among(g.position, g.rotation, g.position_float, g.rotation_float, entry)
 
 
-@wp.func
+@inlined
 def pose_among(
     position: wp.array[wp.vec3d],
     rotation: wp.array[wp.mat33d],

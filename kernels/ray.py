@@ -4,7 +4,7 @@ import warp as wp
 
 from .geometry import Geometry, Patch, TriangleBlock
 from .hits import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
-from .noinline import noinline
+from .inline import noinline
 from .patches import compose
 from .poses import Scope, pose_of
 from .shapes.solids import SHEET, has_triangles, triage_closed_form

@@ -71,12 +71,14 @@ def traversal(
         top = int(0)
         at = int(root)
         near = float(0.0)
+        limit = reach(best)
         while at != NO_CHILD:
             children = int(0)
             if at < 0:
                 best = visit(g, sought, -1 - at, near, best)
+                limit = reach(best)
             else:
-                entered = enter(nodes[at], sought, reach(best))
+                entered = enter(nodes[at], sought, limit)
                 children = entered.children
             if children != 0:
                 distance = entered.distance
@@ -108,7 +110,7 @@ def traversal(
                 at = NO_CHILD
                 while top > 0 and at == NO_CHILD:
                     top -= 1
-                    if distances[top] <= reach(best):
+                    if distances[top] <= limit:
                         at = stack[top]
                         near = distances[top]
         return best

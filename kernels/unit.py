@@ -7,6 +7,9 @@ from .vectors import to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
+RUNS_PER_SLICE = 16
+"""A run takes as long as it takes to read eight times as many rays."""
+
 
 @wp.kernel
 def widen(narrow: wp.array[wp.vec3], wide: wp.array[wp.vec3d]) -> None:
@@ -35,5 +38,5 @@ def as_double(vectors: wp.array) -> wp.array:
 def unit_directions(vectors: wp.array) -> wp.array:
     """(n,) vec3d of length 1, NaN where (n,) vec3 or vec3d vectors have none."""
     unit = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
-    launch_over_runs(normalize, vectors.size, [as_double(vectors)], [unit], vectors.device)
+    launch_over_runs(normalize, vectors.size, [as_double(vectors)], [unit], vectors.device, RUNS_PER_SLICE)
     return unit

@@ -4,14 +4,15 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within
-from rigcast.kernels.noinline import noinline
+from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses import Scope
 from rigcast.kernels.ray import box_margin
-from rigcast.kernels.trees.nodes import vec8
+from rigcast.kernels.trees.nodes import vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
 
 LANES = wp.constant(16)
 PACKETS = wp.constant(8)
+TILE = wp.constant(LANES * PACKETS)
 ALL_LANES = wp.constant(2**16 - 1)
 
 lanes = wp.types.vector(length=16, dtype=wp.float32)
@@ -32,6 +33,8 @@ class Tile:
     q_high: vec8
     packets: int  # bit by bit, which of the packets have rays
     ray: int  # one of them: all have its firing and its origin
+    across: int  # packets side by side, 1 or 4, that share each of its PACKETS rows of LANES rays; 0 if it has no rows
+    rows: vec8i  # the first ray of each row, which the others follow
 
 
 @wp.struct
@@ -118,6 +121,7 @@ class TileRays:
     scope: Scope
     limit: float
     cull: int
+    met: int  # bit by bit, which of the packets have met a shape: the others are not cleared
     first_ray: int  # of their world
     first_packet: int
     packets: wp.array[Packet]
@@ -188,6 +192,15 @@ def world_ray(rays: wp.array[TileRays], slot: int, i: int) -> WorldRay:
     ray.scope = rays[0].scope
     ray.limit = rays[0].limit
     ray.cull = rays[0].cull
+    return ray
+
+
+@wp.func
+def axis_ray(rays: wp.array[TileRays]) -> WorldRay:
+    """A ray in the middle of a tile, which is finite if the tile's rays are."""
+    ray = WorldRay()
+    ray.origin = rays[0].origin
+    ray.direction = rays[0].axis
     return ray
 
 

@@ -1,6 +1,6 @@
 """Where the rays of a packet hit, as rigcast.kernels.hits.place_of has it, for one shape at a time.
 
-It is written at once: to hand it on would be to copy a dozen arrays of lanes.
+It is written at once to where the tile's hits are staged: to hand it on would be to copy a dozen arrays of lanes.
 """
 
 import warp as wp
@@ -8,22 +8,21 @@ import warp as wp
 from rigcast.kernels.facets import facet_at
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE, distance_of, height_above, middle, outward
-from rigcast.kernels.out import Out, read_hit, write_miss, write_place
+from rigcast.kernels.out import Out, read_hit, write_place
 from rigcast.kernels.poses import pose_of
 from rigcast.kernels.shapes.solids import has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
 
 from .lanes import lane_bits
-from .packet import LANES, TileRays, Vectors, int_lanes, lanes, world_ray
+from .packet import ALL_LANES, LANES, TileRays, Vectors, int_lanes, lanes, world_ray
 from .solids import closed_form_normals
 
 
 @wp.func
-def write_triangles(g: Geometry, out: Out, rays: wp.array[TileRays], k: int, which: int, shape: int) -> None:
+def write_triangles(g: Geometry, staged: Out, rays: wp.array[TileRays], k: int, which: int, shape: int) -> None:
     """Where those rays of a packet hit which hit triangles of one shape."""
     slot = rays[0].first_slot + k
-    numbers = rays[0].packets[rays[0].first_packet + k].ray
     x = rays[0].directions[slot].x
     y = rays[0].directions[slot].y
     z = rays[0].directions[slot].z
@@ -49,14 +48,13 @@ def write_triangles(g: Geometry, out: Out, rays: wp.array[TileRays], k: int, whi
             if wp.abs(slope) * facet.scale <= wp.float64(GRAZING):
                 distance = float(distance_of(rays[0].geometry, shape, triangle, world_ray(rays, slot, i)))
             facing = outward(kind, unit_normal, slope)
-            write_place(out, rays[0].first_ray + numbers[i], shape, distance, facet.face, facing, rays[0].limit)
+            write_place(staged, k * LANES + i, shape, distance, facet.face, facing, rays[0].limit)
 
 
 @wp.func
-def write_closed_form(g: Geometry, out: Out, rays: wp.array[TileRays], k: int, which: int, shape: int) -> None:
+def write_closed_form(g: Geometry, staged: Out, rays: wp.array[TileRays], k: int, which: int, shape: int) -> None:
     """Where those rays of a packet hit which hit one closed form; normals are worked out for all rays at once."""
     slot = rays[0].first_slot + k
-    numbers = rays[0].packets[rays[0].first_packet + k].ray
     x = rays[0].directions[slot].x
     y = rays[0].directions[slot].y
     z = rays[0].directions[slot].z
@@ -90,12 +88,20 @@ def write_closed_form(g: Geometry, out: Out, rays: wp.array[TileRays], k: int, w
     local_x = local.x
     local_y = local.y
     local_z = local.z
+    normal_x = lanes()
+    normal_y = lanes()
+    normal_z = lanes()
+    for i in range(LANES):
+        normal = to_float(rotation * to_double(wp.vec3(local_x[i], local_y[i], local_z[i])))
+        normal_x[i] = normal[0]
+        normal_y[i] = normal[1]
+        normal_z[i] = normal[2]
     todo = int(which)
     while todo != 0:
         i = lowest_bit(todo)
         todo = todo & (todo - 1)
-        normal = to_float(rotation * to_double(wp.vec3(local_x[i], local_y[i], local_z[i])))
-        write_place(out, rays[0].first_ray + numbers[i], shape, distance[i], -1, normal, rays[0].limit)
+        facing = wp.vec3(normal_x[i], normal_y[i], normal_z[i])
+        write_place(staged, k * LANES + i, shape, distance[i], -1, facing, rays[0].limit)
 
 
 @wp.func
@@ -108,15 +114,6 @@ def vectors(x: lanes, y: lanes, z: lanes) -> Vectors:
 
 
 @wp.func
-def lanes_with_rays(numbers: int_lanes) -> int:
-    """Bit by bit, which lanes of a packet have a ray."""
-    there = int_lanes()
-    for i in range(LANES):
-        there[i] = -1 - numbers[i]
-    return lane_bits(there)
-
-
-@wp.func
 def lanes_at(numbers: int_lanes, number: int) -> int:
     """Bit by bit, which of these is the number."""
     same = int_lanes()
@@ -126,37 +123,22 @@ def lanes_at(numbers: int_lanes, number: int) -> int:
 
 
 @wp.func
-def miss_packet(out: Out, rays: wp.array[TileRays], k: int, distance: float) -> None:
-    for lane in range(LANES):
-        i = rays[0].packets[rays[0].first_packet + k].ray[lane]
-        if i >= 0:
-            write_miss(out, rays[0].first_ray + i, distance)
-
-
-@wp.func
-def write_packet(g: Geometry, out: Out, rays: wp.array[TileRays], k: int) -> None:
-    """Write what the rays of a packet hit, shape by shape."""
+def write_packet(g: Geometry, staged: Out, rays: wp.array[TileRays], k: int) -> None:
+    """Write what the rays of a packet hit, shape by shape, where their misses are."""
     slot = rays[0].first_slot + k
-    numbers = rays[0].packets[rays[0].first_packet + k].ray
     shapes = rays[0].best[slot].shape
-    todo = lanes_with_rays(numbers)
+    todo = ALL_LANES & ~lanes_at(shapes, NO_SHAPE)
     while todo != 0:
         shape = shapes[lowest_bit(todo)]
         same = todo & lanes_at(shapes, shape)
         todo = todo & ~same
-        if shape == NO_SHAPE:
-            for lane in range(LANES):
-                if same & (1 << lane) != 0:
-                    write_miss(out, rays[0].first_ray + numbers[lane], wp.inf)
-        elif has_triangles(g.kind[shape]):
-            write_triangles(g, out, rays, k, same, shape)
+        if has_triangles(g.kind[shape]):
+            write_triangles(g, staged, rays, k, same, shape)
         else:
-            write_closed_form(g, out, rays, k, same, shape)
+            write_closed_form(g, staged, rays, k, same, shape)
 
 
 @wp.func
-def read_packet(out: Out, rays: wp.array[TileRays], k: int) -> None:
+def read_packet(staged: Out, rays: wp.array[TileRays], k: int) -> None:
     for lane in range(LANES):
-        i = rays[0].packets[rays[0].first_packet + k].ray[lane]
-        if i >= 0:
-            read_hit(out, rays[0].first_ray + i, rays[0].rotation)
+        read_hit(staged, k * LANES + lane, rays[0].rotation)

@@ -69,6 +69,44 @@ def visit_closed_form(
 
 
 @wp.func
+def clear_packet(rays: wp.array[TileRays], k: int) -> None:
+    """No hits yet, and the directions of a packet's rays in the world."""
+    rotation = rays[0].rotation
+    slot = rays[0].first_slot + k
+    packet = rays[0].packets[rays[0].first_packet + k]
+    numbers = packet.ray
+    x = packet.x
+    y = packet.y
+    z = packet.z
+    world_x = double_lanes()
+    world_y = double_lanes()
+    world_z = double_lanes()
+    hits = PacketHits()
+    for i in range(LANES):
+        d = rotation * wp.vec3d(x[i], y[i], z[i])
+        world_x[i] = d[0]
+        world_y[i] = d[1]
+        world_z[i] = d[2]
+        hits.near[i] = wp.inf
+        hits.far[i] = wp.where(numbers[i] >= 0, wp.inf, -wp.inf)  # where there is no ray, nothing is entered
+        hits.shape[i] = NO_SHAPE
+    rays[0].best[slot] = hits
+    rays[0].directions[slot].x = world_x
+    rays[0].directions[slot].y = world_y
+    rays[0].directions[slot].z = world_z
+
+
+@wp.func
+def begin_packets(rays: wp.array[TileRays], which: int) -> None:
+    """Clear those packets, which meet their first shape."""
+    rays[0].met = rays[0].met | which
+    todo = int(which)
+    while todo != 0:
+        clear_packet(rays, lowest_bit(todo))
+        todo = todo & (todo - 1)
+
+
+@wp.func
 def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: float, reach: vec8) -> vec8:  # noqa: ARG001
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
     rays = tile.rays
@@ -83,6 +121,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     at = scope.first_shape + shape
     view = view_from(to_local * (rays[0].origin - pose.position), to_local, rays, g.reach[at])
     packets = packets_at_box(view, rays[0].tile, g.center[at], g.half[at], reach)
+    begin_packets(rays, packets & ~rays[0].met)
     cull = wp.where(kind == SHEET, CULL_NONE, rays[0].cull)
     while packets != 0:
         k = lowest_bit(packets)
@@ -116,37 +155,10 @@ cast_tile_through_shapes = traversal(
 
 
 @wp.func
-def clear_packet(rays: wp.array[TileRays], k: int) -> None:
-    """No hits yet, and the directions of a packet's rays in the world."""
-    rotation = rays[0].rotation
-    slot = rays[0].first_slot + k
-    packet = rays[0].packets[rays[0].first_packet + k]
-    numbers = packet.ray
-    x = packet.x
-    y = packet.y
-    z = packet.z
-    world_x = double_lanes()
-    world_y = double_lanes()
-    world_z = double_lanes()
-    hits = PacketHits()
-    for i in range(LANES):
-        d = rotation * wp.vec3d(x[i], y[i], z[i])
-        world_x[i] = d[0]
-        world_y[i] = d[1]
-        world_z[i] = d[2]
-        hits.near[i] = wp.inf
-        hits.far[i] = wp.where(numbers[i] >= 0, wp.inf, -wp.inf)  # where there is no ray, nothing is entered
-        hits.shape[i] = NO_SHAPE
-    rays[0].best[slot] = hits
-    rays[0].directions[slot].x = world_x
-    rays[0].directions[slot].y = world_y
-    rays[0].directions[slot].z = world_z
-
-
-@wp.func
 def cast_tile(g: Geometry, rays: wp.array[TileRays]) -> None:
     """The first hits of a tile's rays among the visible shapes, into its slots; they may lie beyond the limit."""
     tile = rays[0].tile
+    rays[0].met = 0
     p_low = float(wp.inf)
     p_high = float(-wp.inf)
     q_low = float(wp.inf)

@@ -12,9 +12,9 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.launch import launch_over_rays
-from rigcast.kernels.packets.packet import LANES, PACKETS, Packet, Tile, double_lanes, farthest, int_lanes, lanes
+from rigcast.kernels.packets.packet import LANES, PACKETS, TILE, Packet, Tile, double_lanes, farthest, int_lanes, lanes
 
-from .sorting import SLACK, SPARSE, TILE, WIDEST, Packets
+from .sorting import SLACK, SPARSE, WIDEST, Packets
 
 _TILES_PER_SLICE = 256
 """Fewer are packed sooner than another thread begins."""
@@ -42,6 +42,15 @@ def gathered(directions: wp.array[wp.vec3d], order: wp.array[int], begin: int, e
     packet.y = y
     packet.z = z
     return packet
+
+
+@wp.func
+def are_in_row(numbers: int_lanes) -> bool:
+    """Whether the rays of a packet follow each other."""
+    apart = int(0)
+    for i in range(LANES):
+        apart = apart | (numbers[i] - numbers[0] - i)
+    return apart == 0
 
 
 @wp.func
@@ -133,10 +142,14 @@ def pack_tiles(first: int, these: Packing) -> None:
                 sum_z[i] = sum_z[i] + z[i]
     tile = tile_along(wp.normalize(wp.vec3d(sum_of(sum_x), sum_of(sum_y), sum_of(sum_z))))
     tile.ray = order[begin]
+    tile.across = 1
     apart = int(0)
     area = float(0.0)
     for k in range(PACKETS):
         at = t * PACKETS + k
+        tile.rows[k] = packets[at].ray[0]
+        if tile.rows[k] < 0 or not are_in_row(packets[at].ray):
+            tile.across = 0
         if begin + k * LANES < end:
             tile.packets = tile.packets | (1 << k)
             apart = apart | place_packet(packets, at, tile)

@@ -18,10 +18,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.packets.packet import LANES, PACKETS, Packet, Tile
+from rigcast.kernels.packets.packet import LANES, PACKETS, TILE, Packet, Tile
 from rigcast.kernels.trees.nodes import struct_zeros
 
-TILE = LANES * PACKETS
 SQUARE = 4
 """Pixels of an image along each side of a packet."""
 TILE_ROWS, TILE_COLUMNS = 2 * SQUARE, 4 * SQUARE
@@ -187,7 +186,17 @@ def _tile_structs(tiles: Indices, bases: Doubles, low: Doubles, high: Doubles) -
         structs[f"{name}_low"], structs[f"{name}_high"] = low[..., k], high[..., k]
     structs["packets"] = ((tiles >= 0).any(axis=2) << np.arange(PACKETS)).sum(axis=1)
     structs["ray"] = _or_near(tiles[:, 0, 0])
+    for across in (1, TILE_COLUMNS // SQUARE):
+        rows = _rows_of(tiles, across)
+        are_rows = (rows[..., 0] >= 0).all(axis=1) & (np.diff(rows) == 1).all(axis=(1, 2))
+        structs["across"][are_rows], structs["rows"][are_rows] = across, rows[are_rows, :, 0]
     return structs
+
+
+def _rows_of(tiles: Indices, across: int) -> Indices:
+    """(tiles, PACKETS, LANES) row by row what (tiles, PACKETS, LANES) are packet by packet, so many side by side."""
+    packets = tiles.reshape(-1, PACKETS // across, across, across, LANES // across)
+    return packets.swapaxes(2, 3).reshape(-1, PACKETS, LANES)
 
 
 def _packet_structs(tiles: Indices, places: Doubles, directions: Doubles) -> npt.NDArray[np.void]:

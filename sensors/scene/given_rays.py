@@ -13,22 +13,37 @@ from rigcast.sensors.errors import InputError
 
 
 class GivenRays(NamedTuple):
-    """n rays of this shape on the device: unit directions (n,) vec3d, and origins likewise or (1,) [m]."""
+    """n rays of this shape on the device: unit directions (n,) vec3d, and origins likewise or (1,) [m].
+
+    unseen: those of the user on the host, origins and directions, where nobody has yet looked whether they can be cast.
+    """
 
     directions: wp.array
     origins: wp.array
     shape: tuple[int, ...]
+    unseen: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+
+    def refuse_lost(self, distance: wp.array) -> None:
+        """Raise InputError for the first unseen ray that could not be cast, of which the distance is NaN."""
+        if self.unseen is not None and np.isnan(distance.numpy()).any():
+            _require_castable(*self.unseen)
 
 
 def take_rays(origins: ArrayLike | wp.array, directions: ArrayLike | wp.array, device: wp.Device) -> GivenRays:
-    """See `Scene.cast`."""
+    """See `Scene.cast`.
+
+    Those on the host are looked at before they are copied to another device; on the CPU, where they are used in place,
+    the cast does so.
+    """
     if isinstance(directions, wp.array):
         return _device_rays(origins, directions, device)
     require_on_device("Scene.cast: directions", "an array on the host", device)
-    host_origins, host_directions = _checked_rays(origins, directions)
-    return GivenRays(
-        unit_directions(lend(host_directions, device)), lend(host_origins, device), host_directions.shape[:-1]
-    )
+    given = _host_rays(origins, directions)
+    if not device.is_cpu:
+        _require_castable(*given)
+    o, d = given
+    unseen = given if device.is_cpu else None
+    return GivenRays(unit_directions(lend(d, device)), lend(o, device), d.shape[:-1], unseen)
 
 
 def upload(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
@@ -44,7 +59,9 @@ def lend(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
 def _device_rays(origins: ArrayLike | wp.array, directions: wp.array, device: wp.Device) -> GivenRays:
     if not isinstance(origins, wp.array):
         require_on_device("Scene.cast: origins", "an array on the host", device)
-        origins = upload(_checked_origins(origins), device)
+        host_origins = _vectors("origins", origins)
+        _require_origins(host_origins)
+        origins = upload(host_origins, device)
     for name, array in (("origins", origins), ("directions", directions)):
         _require_vectors(name, array, device)
     if origins.size not in (1, directions.size):
@@ -60,22 +77,22 @@ def _require_vectors(name: str, array: wp.array, device: wp.Device) -> None:
         raise InputError(f"Scene.cast: {name}: got an array on {array.device}, expected {device}")
 
 
-def _checked_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _host_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Origins and directions, float64."""
-    d, o = _vectors("directions", directions), _checked_origins(origins)
+    d, o = _vectors("directions", directions), _vectors("origins", origins)
     if o.shape not in ((3,), d.shape):
         raise InputError(f"Scene.cast: origins: got shape {o.shape}, expected (3,) or {d.shape}")
-    _refuse_rays("directions", d, np.isfinite(d), "finite numbers")
-    # component by component: numpy is slow along an axis of 3
-    some = (d[..., 0] != 0.0) | (d[..., 1] != 0.0) | (d[..., 2] != 0.0)
-    _refuse_rays("directions", d, some[..., None], "a direction of any length but 0")
     return o, d
 
 
-def _checked_origins(origins: ArrayLike) -> NDArray[np.float64]:
-    o = _vectors("origins", origins)
+def _require_castable(o: NDArray[np.float64], d: NDArray[np.float64]) -> None:
+    _require_origins(o)
+    _refuse_rays("directions", d, np.isfinite(d), "finite numbers")
+    _refuse_rays("directions", d, (d != 0.0).any(axis=-1, keepdims=True), "a direction of any length but 0")
+
+
+def _require_origins(o: NDArray[np.float64]) -> None:
     _refuse_rays("origins", o, np.abs(o) <= FARTHEST, f"finite numbers up to {FARTHEST:g} m")
-    return o
 
 
 def _refuse_rays(name: str, values: NDArray[np.float64], good: NDArray[np.bool_], expected: str) -> None:

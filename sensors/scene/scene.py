@@ -299,8 +299,8 @@ class Scene:
             out: hits of an earlier cast of as many rays on this scene's device, which are written over: no arrays are
                 made for the new ones. None makes new arrays.
 
-        Arrays on the host keep float64 and are checked; Warp arrays (vec3 or vec3d, on the scene's device) are
-        not: a ray in them that is not finite gives NaN.
+        Arrays on the host keep float64 and are checked, on the CPU by the cast itself, which writes to `out`; Warp
+        arrays (vec3 or vec3d, on the scene's device) are not: a ray in them that is not finite gives NaN.
 
         Raises:
             InputError: a shape that does not fit, or a ray that is not finite or has no direction, with its index.
@@ -318,7 +318,9 @@ class Scene:
         given = take_rays(origins, directions, self.device)
         room = None if out is None else out.room_for(given.shape, self.device)
         rays = in_world(given) if self._worlds is None else in_worlds(given, self._worlds)
-        return self.hits(self.cast_rays(rays, self.visible(wanted), max_distance, cull, room), given.shape)
+        hits = self.cast_rays(rays, self.visible(wanted), max_distance, cull, room)
+        given.refuse_lost(hits.distance)
+        return self.hits(hits, given.shape)
 
     def _wanted(self, filter: Filter | Sequence[Filter] | None) -> Filter | PerWorld[Filter]:
         if isinstance(filter, list | tuple) and self._worlds is not None:
