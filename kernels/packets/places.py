@@ -88,12 +88,20 @@ def write_closed_form(g: Geometry, staged: Out, rays: wp.array[TileRays], k: int
     local_x = local.x
     local_y = local.y
     local_z = local.z
+    normal_x = lanes()
+    normal_y = lanes()
+    normal_z = lanes()
+    for i in range(LANES):
+        normal = to_float(rotation * to_double(wp.vec3(local_x[i], local_y[i], local_z[i])))
+        normal_x[i] = normal[0]
+        normal_y[i] = normal[1]
+        normal_z[i] = normal[2]
     todo = int(which)
     while todo != 0:
         i = lowest_bit(todo)
         todo = todo & (todo - 1)
-        normal = to_float(rotation * to_double(wp.vec3(local_x[i], local_y[i], local_z[i])))
-        write_place(staged, k * LANES + i, shape, distance[i], -1, normal, rays[0].limit)
+        facing = wp.vec3(normal_x[i], normal_y[i], normal_z[i])
+        write_place(staged, k * LANES + i, shape, distance[i], -1, facing, rays[0].limit)
 
 
 @wp.func

@@ -37,12 +37,12 @@ def cache_folder() -> Path | None:
     return Path(wanted) if wanted else Path(wp.config.kernel_cache_dir) / "rigcast_trees"
 
 
-def kept_arrays(names: Collection[str], sources: Iterable[NDArray[Any]], make: Callable[[], Arrays]) -> Arrays:
-    """The arrays of these names that `make` works out from the sources, read from disk where it did so before."""
+def kept_arrays(names: Collection[str], digest: str, make: Callable[[], Arrays]) -> Arrays:
+    """The arrays of these names that `make` works out from what has this digest, read from disk where it did before."""
     folder = cache_folder()
     if folder is None:
         return make()
-    path = place_of(folder, *sources)
+    path = folder / f"{digest}.npz"
     arrays = read_arrays(path)
     if arrays is None or arrays.keys() != set(names):
         arrays = make()
@@ -50,13 +50,13 @@ def kept_arrays(names: Collection[str], sources: Iterable[NDArray[Any]], make: C
     return arrays
 
 
-def place_of(folder: Path, *sources: NDArray[Any]) -> Path:
-    """The file of what comes from these arrays."""
+def digest_of(sources: Iterable[NDArray[Any]]) -> str:
+    """Tells apart what comes from these arrays, and from the code that is here now."""
     digest = hashlib.sha256(_makers())
     for array in sources:
         digest.update(f"{array.dtype.str} {array.shape}".encode())
         digest.update(np.ascontiguousarray(array).data)
-    return folder / f"{digest.hexdigest()[:40]}.npz"
+    return digest.hexdigest()[:40]
 
 
 @cache

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from rigcast.kernels.geometry import TriangleTree
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 
-from .disk_cache import Arrays, kept_arrays
+from .disk_cache import Arrays, digest_of, kept_arrays
 
 FEWEST_FACES = 1000
 """Trees of fewer faces are built sooner than read."""
@@ -23,7 +23,7 @@ def cached_triangle_tree(vertices: ArrayLike, faces: ArrayLike) -> TriangleTree:
     v, f = np.asarray(vertices), np.asarray(faces)
     if len(f) < FEWEST_FACES:
         return build_triangle_tree(v, f)
-    arrays = kept_arrays(_NAMES, (v, f), lambda: _arrays(build_triangle_tree(v, f)))
+    arrays = kept_arrays(_NAMES, digest_of((v, f)), lambda: _arrays(build_triangle_tree(v, f)))
     return TriangleTree(**{name: _plain(array) for name, array in arrays.items()})
 
 
@@ -33,8 +33,8 @@ def cached_small_trees(
     """What `build` makes of meshes of fewer faces, kept in one file for all of them; raises what that raises."""
     if sum(len(faces) for _, faces in meshes) < FEWEST_FACES:
         return build()
-    sources = [array for mesh in meshes for array in mesh]
-    return _apart(kept_arrays([*_NAMES, *_SIZES], sources, lambda: _joined(build())))
+    digest = digest_of(array for mesh in meshes for array in mesh)
+    return _apart(kept_arrays([*_NAMES, *_SIZES], digest, lambda: _joined(build())))
 
 
 def _joined(trees: Sequence[TriangleTree]) -> Arrays:

@@ -68,6 +68,7 @@ HELD: dict[str, Callable[[Frame], Any]] = {
     "frame": lambda frame: frame,
     "range": lambda frame: frame.range,
     "numpy": lambda frame: frame.range.numpy(),
+    "asked by numpy": lambda frame: np.asarray(frame.range),
     "row": lambda frame: frame.range[1:],
     "part of numpy": lambda frame: frame.normal.numpy()[..., 2],
     "dlpack": lambda frame: np.from_dlpack(frame.normal),

@@ -26,7 +26,7 @@ needs_statm = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="
 
 @needs_statm
 def test_a_scene_whose_tree_was_built_keeps_little_beside_the_tree() -> None:
-    command = [sys.executable, "-m", "rigcast.bench.scene_memory", str(TRIANGLES)]
+    command = [sys.executable, "-m", "rigcast.bench.scene_memory", "mesh", str(TRIANGLES)]
     environment = os.environ | {"RIGCAST_CACHE": "off"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     taken = json.loads(done.stdout.splitlines()[-1])["bytes_per_triangle"]

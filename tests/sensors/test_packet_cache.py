@@ -57,10 +57,21 @@ def assert_same(got: Packets, expected: Packets) -> None:
 @pytest.mark.parametrize("of_several", [False, True])
 def test_second_start_reads_the_same_packets(of_several: bool, sorts: list[int]) -> None:
     given = directions(), groups(3) if of_several else None
-    first, second = cached_packets(*given), cached_packets(*given)
+    cached_packets(*given)
+    assert_same(cached_packets(*given), packed(*given))
     assert sorts == [COUNT]
-    assert_same(second, first)
-    assert_same(second, packed(*given))
+
+
+@pytest.mark.parametrize("kept", ["kept", "off"])
+def test_sensors_with_the_same_rays_have_the_same_packets(
+    kept: str, sorts: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if kept == "off":
+        monkeypatch.setenv("RIGCAST_CACHE", kept)
+    first, other = cached_packets(directions(), None), cached_packets(directions(), groups(2))
+    assert cached_packets(directions(), None) is first
+    assert other is not first
+    assert sorts == [COUNT, COUNT]
 
 
 def test_any_other_rays_are_other_packets(sorts: list[int]) -> None:

@@ -52,7 +52,7 @@ class RigcastCaster:
             kept = pool.take(shape, self.scene.device)
             kept.read(self.scene, rays, self.scene.visible(self._filter), (0.0, np.inf))
             numbers = self._numbers(self.scene.hits(kept.hits, shape))
-            return Answer(kept.range.numpy(), numbers, kept.normal.numpy())
+            return Answer(np.asarray(kept.range), numbers, np.asarray(kept.normal))
 
         return frame
 
@@ -60,12 +60,12 @@ class RigcastCaster:
         def frame() -> Answer:
             self.scene.update(self._data)
             hits = self.scene.cast(origins, directions, filter=self._filter)
-            return Answer(hits.distance.numpy(), self._numbers(hits), hits.normal.numpy())
+            return Answer(np.asarray(hits.distance), self._numbers(hits), np.asarray(hits.normal))
 
         return frame
 
     def _numbers(self, hits: Hits) -> npt.NDArray[np.int32]:
-        return self._things.numbers(SimpleNamespace(**{name: getattr(hits, name).numpy() for name in self._ids}))
+        return self._things.numbers(SimpleNamespace(**{name: getattr(hits, name) for name in self._ids}))
 
 
 CASTER = RigcastCaster
