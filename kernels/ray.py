@@ -183,6 +183,13 @@ def triage_patch(patches: wp.array[Patch], k: int, ray: Ray) -> Spans:
 
 
 @wp.func
+def triage_leaf(g: wp.array[Geometry], index: int, ray: Ray) -> Spans:
+    if index >= FIRST_PATCH:
+        return triage_patch(g[0].patches, index - FIRST_PATCH, ray)
+    return triage_block(g[0].blocks[index], ray)
+
+
+@wp.func
 def reach_of_ray(best: Hit) -> float:
     return best.far * APART
 
@@ -190,11 +197,7 @@ def reach_of_ray(best: Hit) -> float:
 @wp.func
 def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
     """The ray against the triangles of one block."""
-    spans = Spans()
-    if index >= FIRST_PATCH:
-        spans = triage_patch(g[0].patches, index - FIRST_PATCH, ray)
-    else:
-        spans = triage_block(g[0].blocks[index], ray)
+    spans = triage_leaf(g, index, ray)
     near = spans.near
     far = spans.far
     possible = spans.possible

@@ -17,6 +17,8 @@ from .trees.nodes import Node, moved_nodes
 from .trees.top_trees import TopTrees
 from .upload import Upload
 
+CACHE_LINE = 64
+
 _SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
 
 Poses = npt.NDArray[np.floating[Any]] | wp.array
@@ -93,10 +95,9 @@ class World:
         nodes, blocks, patches, self._places = join_triangle_trees(self.trees)
         g.nodes = wp.array(nodes, dtype=Node, device=self.device, copy=False)
         g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
-        g.patches = wp.array(patches, dtype=Patch, device=self.device)  # Warp's memory begins on a cache line
+        patches = _on_cache_lines(patches)
+        g.patches = wp.array(patches, dtype=Patch, device=self.device, copy=False)
         # the triangles of all trees are held once
-        if self.device.is_cpu:
-            patches = g.patches.numpy()
         self.trees = [
             replace(
                 tree,
@@ -195,6 +196,15 @@ class World:
         positions.write(position)
         rotations.write(rotation)
         return positions.array, rotations.array
+
+
+def _on_cache_lines(values: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """A copy that begins on a cache line, in memory of numpy's, which is in huge pages, where Warp's is not."""
+    room = np.empty(values.nbytes + CACHE_LINE, np.uint8)
+    first = -room.ctypes.data % CACHE_LINE
+    copy = room[first : first + values.nbytes].view(values.dtype)
+    copy[...] = values
+    return copy
 
 
 def _sizes(tree: TriangleTree) -> tuple[int, int, int]:

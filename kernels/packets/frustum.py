@@ -1,4 +1,4 @@
-"""Boxes held against the side planes and directions of many rays at once."""
+"""Boxes held against the side planes and the ranges of the directions of many rays at once."""
 
 import warp as wp
 
@@ -13,30 +13,72 @@ TINY = wp.constant(1.0e-30)
 LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
 
 
+Slowness = wp.types.vector(length=5, dtype=wp.float32)
+"""Of many numbers d the least and the largest sign, the least and the largest 1 / |d|; the rest is as in Interval."""
+
+
+@wp.func
+def slowness_of(a: float, u: float, v: float, p_low: float, p_high: float, q_low: float, q_high: float) -> Slowness:
+    """That of one component of a + p u + q v over a range of p and q.
+
+    Rounded it is within 5u (1 + |p| + |q|) of what it should be, of which 16u are allowed for.
+    """
+    pu_low = p_low * u
+    pu_high = p_high * u
+    qv_low = q_low * v
+    qv_high = q_high * v
+    rounding = LANE_ROUNDING * (1.0 + larger(-p_low, p_high) + larger(-q_low, q_high))
+    low = a + smaller(pu_low, pu_high) + smaller(qv_low, qv_high) - rounding
+    high = a + larger(pu_low, pu_high) + larger(qv_low, qv_high) + rounding
+    by_low = wp.abs(1.0 / low)
+    by_high = wp.abs(1.0 / high)
+    made = Slowness()
+    made[0] = wp.where(low > 0.0, 1.0, -1.0)
+    made[1] = wp.where(high < 0.0, -1.0, 1.0)
+    made[2] = smaller(by_low, by_high)
+    made[3] = wp.where(low * high <= 0.0, 1.0 / TINY, larger(by_low, by_high))
+    return made
+
+
+@wp.func
+def in_slab(slow: Slowness, c: float, h: float) -> Interval:
+    """From which t to which t any of these directions d may have c - h <= t d <= c + h, if t >= 0.
+
+    Where d has both signs, c is taken to be on the side to which each of them goes.
+    """
+    ahead = larger(slow[0] * c, slow[1] * c)
+    return interval((ahead - h) * slow[2], (ahead + h) * slow[3])
+
+
 @wp.struct
 class Frustum:
-    """Where rays of a range of p and q run: points x, as seen from the origin, with right . x <= 0 and so on."""
+    """Where rays of a range of p and q run: points x, as seen from the origin, with right . x <= 0 and so on.
 
-    axis: wp.vec3
+    slow_x, slow_y, slow_z: of a + p u + q v, so that rays are t (a + p u + q v) and t is at most the distance.
+    """
+
     left: wp.vec3
     right: wp.vec3
     bottom: wp.vec3
     top: wp.vec3
-    slowness: wp.vec3  # 1 / the largest |component| of any of the unit directions
+    slow_x: Slowness
+    slow_y: Slowness
+    slow_z: Slowness
 
 
 @wp.func
 def frustum_of(view: View, p_low: float, p_high: float, q_low: float, q_high: float) -> Frustum:
+    a = view.axis
+    u = view.u
+    v = view.v
     f = Frustum()
-    f.axis = view.axis
-    f.left = p_low * view.axis - view.u
-    f.right = view.u - p_high * view.axis
-    f.bottom = q_low * view.axis - view.v
-    f.top = view.v - q_high * view.axis
-    middle = wp.abs(view.axis + 0.5 * (p_low + p_high) * view.u + 0.5 * (q_low + q_high) * view.v)
-    # the length of a + p u + q v is at least 1
-    most = middle + 0.5 * (p_high - p_low) * wp.abs(view.u) + 0.5 * (q_high - q_low) * wp.abs(view.v)
-    f.slowness = wp.vec3(0.9999 / (most[0] + TINY), 0.9999 / (most[1] + TINY), 0.9999 / (most[2] + TINY))
+    f.left = p_low * a - u
+    f.right = u - p_high * a
+    f.bottom = q_low * a - v
+    f.top = v - q_high * a
+    f.slow_x = slowness_of(a[0], u[0], v[0], p_low, p_high, q_low, q_high)
+    f.slow_y = slowness_of(a[1], u[1], v[1], p_low, p_high, q_low, q_high)
+    f.slow_z = slowness_of(a[2], u[2], v[2], p_low, p_high, q_low, q_high)
     return f
 
 
@@ -87,13 +129,13 @@ def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
     half_x = boxes.half_x
     half_y = boxes.half_y
     half_z = boxes.half_z
-    axis = f.axis
     left = f.left
     right = f.right
     bottom = f.bottom
     top = f.top
-    slowness = f.slowness
-    axis_size = off_zero(axis)
+    slow_x = f.slow_x
+    slow_y = f.slow_y
+    slow_z = f.slow_z
     left_size = off_zero(left)
     right_size = off_zero(right)
     bottom_size = off_zero(bottom)
@@ -107,17 +149,19 @@ def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
         hx = half_x[j]
         hy = half_y[j]
         hz = half_z[j]
-        ahead = weighted(axis, x, y, z) + weighted(axis_size, hx, hy, hz)
         off_left = weighted(left, x, y, z) - weighted(left_size, hx, hy, hz)
         off_right = weighted(right, x, y, z) - weighted(right_size, hx, hy, hz)
         off_bottom = weighted(bottom, x, y, z) - weighted(bottom_size, hx, hy, hz)
         off_top = weighted(top, x, y, z) - weighted(top_size, hx, hy, hz)
         outside = larger(larger(off_left, off_right), larger(off_bottom, off_top))
-        near_xy = larger((wp.abs(x) - hx) * slowness[0], (wp.abs(y) - hy) * slowness[1])
-        near = larger(near_xy, larger((wp.abs(z) - hz) * slowness[2], 0.0))
+        in_x = in_slab(slow_x, x, hx)
+        in_y = in_slab(slow_y, y, hy)
+        in_z = in_slab(slow_z, z, hz)
+        enter = larger(larger(in_x[0], in_y[0]), larger(in_z[0], 0.0))
+        leave = smaller(smaller(in_x[1], in_y[1]), smaller(in_z[1], limit))
         # planes without bounds first, as they bound how far all rays reach
-        distance[j] = wp.where(half_x[j] + half_y[j] + half_z[j] < wp.inf, near, 0.0)
-        enters = outside <= 0.0 and ahead >= 0.0 and near <= limit and half_x[j] >= 0.0
+        distance[j] = wp.where(half_x[j] + half_y[j] + half_z[j] < wp.inf, enter, 0.0)
+        enters = outside <= 0.0 and enter <= leave and half_x[j] >= 0.0
         children = children | wp.where(enters, 1 << j, 0)
     entered = Entered()
     entered.children = children
@@ -126,44 +170,11 @@ def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
 
 
 @wp.func
-def component_range(a: float, u: float, v: float, p_low: float, p_high: float, q_low: float, q_high: float) -> Interval:
-    """Between what one component of a + p u + q v is for a range of p and q.
-
-    Rounded it is within 5u (1 + |p| + |q|) of what it should be, of which 16u are allowed for.
-    """
-    pu_low = p_low * u
-    pu_high = p_high * u
-    qv_low = q_low * v
-    qv_high = q_high * v
-    rounding = LANE_ROUNDING * (1.0 + larger(-p_low, p_high) + larger(-q_low, q_high))
-    low = a + smaller(pu_low, pu_high) + smaller(qv_low, qv_high)
-    high = a + larger(pu_low, pu_high) + larger(qv_low, qv_high)
-    return interval(low - rounding, high + rounding)
-
-
-@wp.func
-def in_slab(direction: Interval, c: float, h: float) -> Interval:
-    """From which t to which t any of these directions d may have c - h <= t d <= c + h, t >= 0.
-
-    Where d has one sign both ends are linear in 1 / d.
-    """
-    by_low = 1.0 / direction[0]
-    by_high = 1.0 / direction[1]
-    h_low = h * wp.abs(by_low)
-    h_high = h * wp.abs(by_high)
-    enter = smaller(c * by_low - h_low, c * by_high - h_high)
-    leave = larger(c * by_low + h_low, c * by_high + h_high)
-    soonest = larger(wp.abs(c) - h, 0.0) * smaller(wp.abs(by_low), wp.abs(by_high))
-    has_both_signs = direction[0] * direction[1] <= 0.0
-    return interval(wp.where(has_both_signs, soonest, enter), wp.where(has_both_signs, wp.inf, leave))
-
-
-@wp.func
 def packets_at_box(view: View, tile: Tile, center: wp.vec3, half: wp.vec3, reach: vec8) -> int:
     """Bit by bit, the packets some of whose rays may enter a box in the view's frame before their reach.
 
-    Rays are taken as t (a + p u + q v), so t is at most the distance. All other rounding is within box_margin, here of
-    one axis each, as a plane's box is without bounds along two of them.
+    All rounding but that of directions is within box_margin, here of one axis each, as a plane's box is without bounds
+    along two of them.
     """
     p_low = tile.p_low
     p_high = tile.p_high
@@ -176,11 +187,10 @@ def packets_at_box(view: View, tile: Tile, center: wp.vec3, half: wp.vec3, reach
     h = half + MARGIN * (wp.abs(view.origin) + wp.abs(center) + half)
     packets = int(0)
     for j in range(PACKETS):
-        x = in_slab(component_range(a[0], u[0], v[0], p_low[j], p_high[j], q_low[j], q_high[j]), c[0], h[0])
-        y = in_slab(component_range(a[1], u[1], v[1], p_low[j], p_high[j], q_low[j], q_high[j]), c[1], h[1])
-        z = in_slab(component_range(a[2], u[2], v[2], p_low[j], p_high[j], q_low[j], q_high[j]), c[2], h[2])
+        x = in_slab(slowness_of(a[0], u[0], v[0], p_low[j], p_high[j], q_low[j], q_high[j]), c[0], h[0])
+        y = in_slab(slowness_of(a[1], u[1], v[1], p_low[j], p_high[j], q_low[j], q_high[j]), c[1], h[1])
+        z = in_slab(slowness_of(a[2], u[2], v[2], p_low[j], p_high[j], q_low[j], q_high[j]), c[2], h[2])
         enter = larger(larger(x[0], y[0]), larger(z[0], 0.0))
         leave = smaller(smaller(x[1], y[1]), smaller(z[1], reach[j]))
-        # infinite boxes make NaN of inf - inf, which is not outside
         packets = packets | wp.where(enter > leave, 0, 1 << j)
     return packets & tile.packets

@@ -137,13 +137,10 @@ class TileRays:
 class PacketRays:
     """One packet of a tile: its rays, and where their hits are kept. Small, for functions copy what they are given."""
 
-    ray: WorldRay  # all but the direction
+    tile: wp.array[TileRays]
     packet: int
-    packets: wp.array[Packet]
-    geometry: wp.array[Geometry]
     slot: int
     best: wp.array[PacketHits]
-    directions: wp.array[Directions]
 
 
 @wp.struct
@@ -208,44 +205,11 @@ def axis_ray(rays: wp.array[TileRays]) -> WorldRay:
 def packet_of(rays: wp.array[TileRays], k: int) -> PacketRays:
     """Packet k of a tile."""
     packet = PacketRays()
-    packet.ray.origin = rays[0].origin
-    packet.ray.scope = rays[0].scope
-    packet.ray.limit = rays[0].limit
-    packet.ray.cull = rays[0].cull
+    packet.tile = rays
     packet.packet = rays[0].first_packet + k
-    packet.packets = rays[0].packets
-    packet.geometry = rays[0].geometry
     packet.slot = rays[0].first_slot + k
     packet.best = rays[0].best
-    packet.directions = rays[0].directions
     return packet
-
-
-@wp.func
-def by_itself(packet: PacketRays) -> PacketRays:
-    """The same packet, for a function that is not inlined.
-
-    What such a function is given is in memory. If it were part of a struct, all of that would be copied there wherever
-    the function may be called.
-    """
-    made = PacketRays()
-    made.ray = packet.ray
-    made.packet = packet.packet
-    made.packets = packet.packets
-    made.geometry = packet.geometry
-    made.slot = packet.slot
-    made.best = packet.best
-    made.directions = packet.directions
-    return made
-
-
-@wp.func
-def ray_of_lane(packet: PacketRays, i: int) -> WorldRay:
-    """The ray of lane i, in the world."""
-    d = packet.slot
-    ray = packet.ray
-    ray.direction = wp.vec3d(packet.directions[d].x[i], packet.directions[d].y[i], packet.directions[d].z[i])
-    return ray
 
 
 @wp.func
@@ -283,18 +247,20 @@ def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int
     while open != 0:
         i = lowest_bit(open)
         open = open & (open - 1)
-        decide_lane_of_packet(by_itself(packet), i, near[i], far[i], shape, triangle)
+        decide_lane_of_packet(packet.tile, slot, i, near[i], far[i], shape, triangle)
     return APART * farthest(packet.best[slot].far)
 
 
 @noinline
-def decide_lane_of_packet(packet: PacketRays, i: int, near: float, far: float, shape: int, triangle: int) -> None:
-    """Float64 decides."""
+def decide_lane_of_packet(
+    rays: wp.array[TileRays], slot: int, i: int, near: float, far: float, shape: int, triangle: int
+) -> None:
+    """Float64 decides between the best hit of lane i of a packet and another one."""
     hit = hit_within(near, far, shape, triangle)
-    hits = packet.best[packet.slot]
-    first = decided(packet.geometry, hit_of_lane(hits, i), hit, ray_of_lane(packet, i))
+    hits = rays[0].best[slot]
+    first = decided(rays[0].geometry, hit_of_lane(hits, i), hit, world_ray(rays, slot, i))
     hits.near[i] = first.near
     hits.far[i] = first.far
     hits.shape[i] = first.shape
     hits.triangle[i] = first.triangle
-    packet.best[packet.slot] = hits
+    rays[0].best[slot] = hits

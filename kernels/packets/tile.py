@@ -16,9 +16,7 @@ from .packet import (
     LANES,
     PACKETS,
     PacketHits,
-    PacketRays,
     TileRays,
-    Vectors,
     View,
     double_lanes,
     offer,
@@ -43,17 +41,18 @@ class TileSought:
 @wp.func
 def visit_closed_form(
     g: Geometry,
-    packet: PacketRays,
+    rays: wp.array[TileRays],
+    k: int,
     shape: int,
     to_local: wp.mat33d,
     origin: wp.vec3,
-    local: wp.array[Vectors],
     reach: float,
 ) -> float:
-    """A packet against one closed form: lane by lane what a single ray does. local: scratch."""
-    x = packet.directions[packet.slot].x
-    y = packet.directions[packet.slot].y
-    z = packet.directions[packet.slot].z
+    """Packet k of a tile against one closed form: lane by lane what a single ray does."""
+    slot = rays[0].first_slot + k
+    x = rays[0].directions[slot].x
+    y = rays[0].directions[slot].y
+    z = rays[0].directions[slot].z
     local_x = double_lanes()
     local_y = double_lanes()
     local_z = double_lanes()
@@ -62,10 +61,11 @@ def visit_closed_form(
         local_x[i] = d[0]
         local_y[i] = d[1]
         local_z[i] = d[2]
+    local = rays[0].local
     round_vectors(local, local_x, local_y, local_z)
-    size = g.size[packet.ray.scope.first_shape + shape]
-    spans = triage_closed_forms(g.kind[shape], size, origin, local[0], packet.ray.cull)
-    return offer(packet, spans.near, spans.far, shape, 0, reach)
+    size = g.size[rays[0].scope.first_shape + shape]
+    spans = triage_closed_forms(g.kind[shape], size, origin, local[0], rays[0].cull)
+    return offer(packet_of(rays, k), spans.near, spans.far, shape, 0, reach)
 
 
 @wp.func
@@ -130,8 +130,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
             sought = packet_among_triangles(g, rays, view, k, shape, cull)
             reach[k] = cast_packet_through_triangles(sought, g.root[at], reach[k])
         else:
-            packet = packet_of(rays, k)
-            reach[k] = visit_closed_form(g, packet, shape, to_local, view.origin, rays[0].local, reach[k])
+            reach[k] = visit_closed_form(g, rays, k, shape, to_local, view.origin, reach[k])
     return reach
 
 

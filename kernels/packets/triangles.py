@@ -15,7 +15,7 @@ from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
 from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
 from .lanes import direction_of, far_of, near_of
-from .packet import ALL_LANES, by_itself, decide_lane_of_packet, farthest, offer
+from .packet import ALL_LANES, decide_lane_of_packet, farthest, offer
 from .prefetch import prefetch_block, prefetch_node, prefetch_patch
 from .slabs import EnteredByLanes, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
 from .sought import Sought
@@ -51,7 +51,7 @@ def visit_block_lane_by_lane(
                 best[slot].shape[i] = sought.shape
                 best[slot].triangle[i] = index * WIDTH + j
             elif near[j] <= far_of(best, slot, i) * APART:
-                decide_lane_of_packet(by_itself(sought.packet), i, near[j], far[j], sought.shape, index * WIDTH + j)
+                decide_lane_of_packet(sought.packet.tile, slot, i, near[j], far[j], sought.shape, index * WIDTH + j)
     if some == 0:
         return reach
     return APART * farthest(sought.packet.best[slot].far)
@@ -131,9 +131,20 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
     top = int(0)
     at = int(root)
     entering = int(ALL_LANES)
+    # a leaf that few rays enter waits for the next one, and meanwhile comes from memory
+    waiting = int(NO_CHILD)
+    lanes_of_waiting = int(0)
     while at != NO_CHILD:
         if at < 0:
-            reach = visit_block_of_packet(sought, -1 - at, entering, reach)
+            leaf = int(at)
+            who = int(entering)
+            if top > 0 and count_bits(entering) <= FEW:
+                leaf = waiting
+                who = lanes_of_waiting
+                waiting = at
+                lanes_of_waiting = entering
+            if leaf != NO_CHILD:
+                reach = visit_block_of_packet(sought, -1 - leaf, who, reach)
             at = int(NO_CHILD)
         else:
             slabs = slabs_of(sought.nodes[at], sought.view.origin, sought.margin, sought.way)
@@ -145,10 +156,11 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
             far_z = slabs.far_z
             are_few = count_bits(entering) <= FEW
             entered = EnteredByLanes()
+            limit = packet.tile[0].limit
             if are_few:
-                entered = enter_lane_by_lane(slabs, sought.way, packet.best, packet.slot, entering, packet.ray.limit)
+                entered = enter_lane_by_lane(slabs, sought.way, packet.best, packet.slot, entering, limit)
             else:
-                entered = enter_any(slabs, sought.way, smaller(reach, packet.ray.limit))
+                entered = enter_any(slabs, sought.way, smaller(reach, limit))
             children = entered.children
             distance = entered.distance
             lanes_of_few = entered.lanes
@@ -193,4 +205,8 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
             if distances[top] <= reach:
                 at = stack[top]
                 entering = lanes[top]
+        if at == NO_CHILD:
+            at = waiting
+            entering = lanes_of_waiting
+            waiting = NO_CHILD
     return reach

@@ -12,7 +12,7 @@ from made_worlds import random_rotations
 from numpy.typing import NDArray
 
 from rigcast.kernels.hits import APART
-from rigcast.kernels.packets.frustum import LANE_ROUNDING, packets_at_box
+from rigcast.kernels.packets.frustum import LANE_ROUNDING, boxes_from, enter_frustum, frustum_of, packets_at_box
 from rigcast.kernels.packets.packet import ALL_LANES, LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, lanes
 from rigcast.kernels.packets.slabs import (
     enter_any,
@@ -23,7 +23,7 @@ from rigcast.kernels.packets.slabs import (
     way_of,
 )
 from rigcast.kernels.ray import box_margin
-from rigcast.kernels.trees.nodes import empty_node, vec8
+from rigcast.kernels.trees.nodes import Node, empty_node, vec8
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -46,6 +46,13 @@ def _packets(view: View, p: lanes, q: lanes, far: float, center: wp.vec3, half: 
     return packets_at_box(view, tile, center, half, reach)
 
 
+@wp.func
+def _tile(view: View, p: lanes, q: lanes, far: float, node: Node) -> int:
+    """Bit by bit, the boxes of a node that a tile of these rays enters."""
+    frustum = frustum_of(view, wp.min(p), wp.max(p), wp.min(q), wp.max(q))
+    return enter_frustum(boxes_from(node, view.origin, view.margin), frustum, far).children
+
+
 @wp.kernel
 def _enter(
     p: wp.array[lanes],
@@ -62,8 +69,9 @@ def _enter(
     one_by_one: wp.array[int],
     distance: wp.array[float],
     packets: wp.array[int],
+    tiles: wp.array[int],
 ) -> None:
-    """Bit by bit, which rays enter the first box of a node, and from where the first of them is in it; and packets."""
+    """Bit by bit, which rays enter the first box of a node, from where the first of them is in it; packets, tiles."""
     i = wp.tid()
     view = View()
     view.origin = origin[i]
@@ -99,6 +107,7 @@ def _enter(
     one_by_one[i] = wp.where(entered.children == 1, entered.lanes[0], 0)
     distance[i] = entered.distance[0]
     packets[i] = _packets(view, p[i], q[i], far[i], center[i], half[i])
+    tiles[i] = _tile(view, p[i], q[i], far[i], node)
 
 
 class Packets:
@@ -122,7 +131,9 @@ class Packets:
 
     def enter(self, center: Doubles, half: Doubles, far: Doubles | float = np.inf) -> NDArray[np.bool_]:
         """Whether any ray enters a box: of each the same, taken with the others or by itself."""
-        out = [wp.empty(CASES, dtype=kind, device="cpu") for kind in (PacketHits, Vectors, int, int, int, float, int)]
+        out = [
+            wp.empty(CASES, dtype=kind, device="cpu") for kind in (PacketHits, Vectors, int, int, int, float, int, int)
+        ]
         arrays = [
             wp.array(np.ascontiguousarray(values, np.float32), dtype=kind, device="cpu")
             for values, kind in (
@@ -136,12 +147,13 @@ class Packets:
             )
         ]
         wp.launch(_enter, CASES, inputs=arrays, outputs=out, device="cpu")
-        any_ray, at_once, one_by_one, self.distance, packets = (array.numpy() for array in out[2:])
+        any_ray, at_once, one_by_one, self.distance, packets, tiles = (array.numpy() for array in out[2:])
         np.testing.assert_array_equal(at_once, one_by_one)
         assert set(any_ray) <= {0, 1}
         assert (any_ray >= (at_once != 0)).all()
         assert set(packets) <= {0, 2**PACKETS - 1}
-        self.is_entered = packets != 0
+        assert set(tiles) <= {0, 1}
+        self.is_entered, self.is_entered_by_tile = packets != 0, tiles != 0
         return np.asarray(at_once != 0)
 
     def seen(self, center: Doubles, is_mirrored: bool = False) -> tuple[Doubles, Doubles]:
@@ -186,7 +198,7 @@ def box_around(points: Doubles, rng: np.random.Generator, scale: float) -> tuple
 def test_a_box_that_a_ray_enters_is_not_refused(seed: int, scale: float, spread: float) -> None:
     packets = Packets(seed, scale, spread)
     entered = packets.enter(*box_around(packets.points, packets.rng, scale))
-    for is_entered in entered, packets.is_entered:
+    for is_entered in entered, packets.is_entered, packets.is_entered_by_tile:
         assert is_entered.all(), f"seed {seed}, scale {scale}: refused {np.flatnonzero(~is_entered)[:5]}"
 
 
@@ -212,7 +224,7 @@ def test_a_box_that_a_narrow_packet_does_not_come_near_is_refused(seed: int) -> 
     is_near = np.isfinite(packets.distances(center, half + size))
     packets.enter(center, half)
     assert 0.01 < is_near.mean() < 0.95
-    let_through = np.flatnonzero(packets.is_entered & ~is_near)
+    let_through = np.flatnonzero((packets.is_entered | packets.is_entered_by_tile) & ~is_near)
     assert not let_through.size, f"seed {seed}: let through {let_through[:5]}"
 
 
@@ -230,7 +242,8 @@ def test_a_box_beyond_all_hits_is_refused() -> None:
     center, half = box_around(packets.points, packets.rng, 1.0)
     entered = packets.enter(center, half, np.nextafter(packets.distances(center, half).astype(np.float32), np.inf))
     assert entered.all(), f"refused {np.flatnonzero(~entered)[:5]}"
-    assert packets.is_entered.all(), f"refused {np.flatnonzero(~packets.is_entered)[:5]}"
+    for is_entered in packets.is_entered, packets.is_entered_by_tile:
+        assert is_entered.all(), f"refused {np.flatnonzero(~is_entered)[:5]}"
     assert (packets.distance <= packets.distances(center, half) * (1 + 1e-6)).all()
     size = 1e-4 * (np.abs(packets.origin) + np.abs(center)).max(axis=1, keepdims=True)
     at_least = packets.distances(center, half + size, is_mirrored=True)
@@ -246,4 +259,4 @@ def test_a_packet_is_refused_at_a_box_beyond_its_reach() -> None:
     at_least = packets.distances(center, half + size)
     packets.enter(center, half, at_least / np.sqrt(1.5))  # the longest a + p u + q v
     assert (at_least > 0).mean() > 0.5
-    assert not packets.is_entered[at_least > 0].any()
+    assert not (packets.is_entered | packets.is_entered_by_tile)[at_least > 0].any()
