@@ -15,7 +15,7 @@ from .out import Out
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
 from .packets.places import read_packet, write_packet
 from .packets.prefetch import prefetch_out, prefetch_packet, prefetch_tile
-from .packets.staging import FLOATS_PER_TILE, end_stream, stage_misses, staged_in, write_tile
+from .packets.staging import FLOATS_PER_TILE, end_stream, stage_misses, staged_in, write_part
 from .packets.tile import cast_tile
 from .packing.bundling import Bundles
 from .packing.sorting import Packets
@@ -147,10 +147,10 @@ def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
                         read_packet(staged, rays, k)
         else:
             stage_misses(staged, wp.nan)
-        write_tile(out, rays, staged, these.is_streamed)
-        if tiles[following].across == 0:
-            for k in range(PACKETS):
+        for k in range(PACKETS):
+            if tiles[following].across == 0:
                 prefetch_out(out, packets, following * PACKETS + k, rays[0].first_ray)
+            write_part(out, rays, staged, k, these.is_streamed)
         at = tile_after(at, turns)
     end_stream()
 

@@ -9,7 +9,7 @@ import warp as wp
 
 from rigcast.kernels.out import Out
 
-from .packet import LANES, PACKETS, TILE, TileRays, int_lanes
+from .packet import LANES, TILE, TileRays, int_lanes
 
 FLOATS_PER_TILE = wp.constant(6 * TILE)
 """Of 4 bytes, for what is in Out."""
@@ -82,14 +82,12 @@ def write_one_by_one(out: Out, first_ray: int, numbers: int_lanes, staged: Out, 
 
 
 @wp.func
-def write_tile(out: Out, rays: wp.array[TileRays], staged: Out, is_streamed: bool) -> None:
-    """Write what a tile hits."""
+def write_part(out: Out, rays: wp.array[TileRays], staged: Out, k: int, is_streamed: bool) -> None:
+    """Write what row k of a tile hits, or its packet k where it has no rows."""
     across = rays[0].tile.across
-    rows = rays[0].tile.rows
-    for k in range(PACKETS):
-        if across > 0:
-            at = k / across * across * LANES + k % across * 4
-            write_row(out, rays[0].first_ray + rows[k], staged, at, 4 * across, is_streamed)
-        else:
-            numbers = rays[0].packets[rays[0].first_packet + k].ray
-            write_one_by_one(out, rays[0].first_ray, numbers, staged, k * LANES)
+    if across > 0:
+        at = k / across * across * LANES + k % across * 4
+        write_row(out, rays[0].first_ray + rays[0].tile.rows[k], staged, at, 4 * across, is_streamed)
+    else:
+        numbers = rays[0].packets[rays[0].first_packet + k].ray
+        write_one_by_one(out, rays[0].first_ray, numbers, staged, k * LANES)

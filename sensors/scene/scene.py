@@ -49,7 +49,7 @@ Cull = Literal["none", "back", "front"]
 
 _CULL: dict[str, int] = {"none": CULL_NONE, "back": CULL_BACK, "front": CULL_FRONT}
 
-_NO_DIFFERENCES = Differences()
+_NO_DIFFERENCES, _NO_FILTER = Differences(), Filter()
 _BYTES_PER_SIZE = 48  # of a shape, with its tree, its box and its reach
 
 
@@ -326,7 +326,7 @@ class Scene:
         if isinstance(filter, list | tuple) and self._worlds is not None:
             return PerWorld.of("Scene.cast: filter", filter, Filter, self._worlds)
         require_type("Scene.cast: filter", filter, Filter, NoneType)
-        return filter if isinstance(filter, Filter) else Filter()
+        return filter if isinstance(filter, Filter) else _NO_FILTER
 
     def visible(self, filter: Filter | PerWorld[Filter]) -> wp.array:
         """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit.

@@ -35,17 +35,19 @@ class Sight:
         self._now = [values.data for name in _LOOKS if (values := getattr(model, name)).size]
         self._read: bytes | None = None
         self._visible: dict[Filter | PerWorld[Filter], wp.array] = {}
+        self._recent: dict[int, tuple[object, wp.array]] = {}
         self._looks: Looks | None = None
 
     def update(self) -> None:
         """Take the model as it looks now."""
         now = b"".join(self._now)
         if now != self._read:
-            self._read, self._visible, self._looks = now, {}, None
+            self._read, self._looks = now, None
+            self.forget_visible()
 
     def forget_visible(self) -> None:
         """Other geoms are present."""
-        self._visible = {}
+        self._visible, self._recent = {}, {}
 
     def visible(
         self, filter: Filter | PerWorld[Filter], find_present: Callable[[], NDArray[np.bool_] | None]
@@ -55,6 +57,16 @@ class Sight:
         find_present: (nworld, ngeom), which geoms are there in each of many worlds, None where they all are; the same
         until `forget_visible` is called.
         """
+        known = self._recent.get(id(filter))
+        if known is None:  # by its id, as to hash a filter takes longer than all else here
+            if len(self._recent) == _MOST_FILTERS:
+                self._recent.clear()
+            known = self._recent[id(filter)] = filter, self._visible_to(filter, find_present)
+        return known[1]
+
+    def _visible_to(
+        self, filter: Filter | PerWorld[Filter], find_present: Callable[[], NDArray[np.bool_] | None]
+    ) -> wp.array:
         visible = self._visible.get(filter)
         if visible is not None:
             return visible
