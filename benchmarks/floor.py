@@ -10,29 +10,31 @@ import numpy.typing as npt
 from rigcast.bench.casters import Floats
 from rigcast.bench.workloads import View, Workload, hills, room, warehouse
 from rigcast.kernels.shapes.solids import TRIANGLES
+from rigcast.kernels.trees.nodes import FIRST_PATCH
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
 
 RAYS = 200
-NODE, BLOCK, RAY = 224, 416, 48  # bytes
+NODE, BLOCK, PATCH, RAY = 224, 416, 64, 48  # bytes
 NODE_OPERATIONS, BLOCK_OPERATIONS = 8 * 15, 8 * 60
 
 
 @dataclass(frozen=True)
 class Visits:
-    """Nodes and blocks of a ray, on average."""
+    """Nodes, blocks of meshes and patches of height fields of a ray, on average."""
 
     name: str
     nodes: float
     blocks: float
+    patches: float
 
     @property
     def bytes(self) -> float:
-        return RAY + NODE * self.nodes + BLOCK * self.blocks
+        return RAY + NODE * self.nodes + BLOCK * self.blocks + PATCH * self.patches
 
     @property
     def operations(self) -> float:
-        return NODE_OPERATIONS * self.nodes + BLOCK_OPERATIONS * self.blocks
+        return NODE_OPERATIONS * self.nodes + BLOCK_OPERATIONS * (self.blocks + self.patches)
 
 
 def visits() -> list[Visits]:
@@ -50,25 +52,25 @@ def _visits(workload: Workload) -> Visits:
     reach = scene.cast(view.origin, rays, filter=seen).numpy().distance.astype(float)
     visible = scene.visible(seen).numpy()
     counts = [_of_ray(scene, visible, view.origin, d, t) for d, t in zip(rays, reach, strict=True)]
-    nodes, blocks = np.mean(counts, axis=0)
-    return Visits(f"{workload.name}, lidar", float(nodes), float(blocks))
+    return Visits(f"{workload.name}, lidar", *np.mean(counts, axis=0).tolist())
 
 
 def _of_ray(
     scene: Scene, visible: npt.NDArray[np.bool_], origin: Floats, direction: Floats, reach: float
-) -> tuple[int, int]:
+) -> tuple[int, int, int]:
     g: Any = scene._world.geometry
     kind, root = g.kind.numpy(), g.root.numpy()
     position, rotation = g.position.numpy(), g.rotation.numpy()
     nodes, shapes = _entered(g.top.numpy(), 0, origin - g.anchor.numpy()[0], direction, reach)
-    blocks = 0
+    met: list[int] = []
     for shape in shapes:
         if visible[shape] and kind[shape] == TRIANGLES:
             turn = rotation[shape]
             local = turn.T @ (origin - position[shape]), turn.T @ direction
             more, leaves = _entered(g.nodes.numpy(), root[shape], *local, reach)
-            nodes, blocks = nodes + more, blocks + len(leaves)
-    return nodes, blocks
+            nodes, met = nodes + more, [*met, *leaves]
+    patches = sum(leaf >= FIRST_PATCH for leaf in met)
+    return nodes, len(met) - patches, patches
 
 
 def _entered(

@@ -151,9 +151,10 @@ def of_steps(found: Sequence[Step]) -> Iterator[str]:
 def of_floor(found: Sequence[Visits]) -> Iterator[str]:
     """Yield the section on GPUs."""
     yield GPU
-    yield "| scene and rays | nodes | blocks | bytes | operations |\n|---|--:|--:|--:|--:|"
+    yield "| scene and rays | nodes | blocks | patches | bytes | operations |\n|---|--:|--:|--:|--:|--:|"
     for one in found:
-        yield f"| {one.name} | {one.nodes:.1f} | {one.blocks:.2f} | {one.bytes:.0f} | {one.operations:.0f} |"
+        counts = f"{one.nodes:.1f} | {one.blocks:.2f} | {one.patches:.2f}"
+        yield f"| {one.name} | {counts} | {one.bytes:.0f} | {one.operations:.0f} |"
     yield GPU_END.format(rays=1e-9 * 4.8e12 / max(one.bytes for one in found))
 
 
@@ -225,10 +226,11 @@ are rays per CPU second with it, over those without it (for threads: per second 
 GPU = """
 ## On a GPU: not measured
 
-Nothing here was run on a GPU. What can be said is the floor: how many nodes and blocks of triangles a ray has to look
-at with these trees even if it knew its hit beforehand (those whose boxes it enters before its hit), counted for 200
-rays each. A node is 224 bytes and 8 boxes of 15 operations, a block 416 bytes and 8 triangles of 60 operations; a ray
-brings 24 bytes and takes 24 away.
+Nothing here was run on a GPU. What can be said is the floor: how many nodes, blocks of triangles and patches of height
+fields a ray has to look at with these trees even if it knew its hit beforehand (those whose boxes it enters before its
+hit), counted for 200 rays each. A node is 224 bytes and 8 boxes of 15 operations, a block 416 bytes and 8 triangles of
+60 operations, a patch 64 bytes and as many triangles, whose making is left out; a ray brings 24 bytes and takes 24
+away.
 """
 GPU_END = """
 An H200 moves 4.8 TB/s: if every node came from its memory once for every ray, {rays:.2g} G rays/s would be the
