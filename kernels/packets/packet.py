@@ -76,10 +76,11 @@ class Vectors:
 @wp.func_native("""
     auto* to = wp::address(rounded, 0);
 #if defined(__CUDA_ARCH__)
+    // not float(x), which is a macro of Warp's
     for (int i = 0; i < 16; ++i) {
-        to->x[i] = float(x[i]);
-        to->y[i] = float(y[i]);
-        to->z[i] = float(z[i]);
+        to->x[i] = (float)x[i];
+        to->y[i] = (float)y[i];
+        to->z[i] = (float)z[i];
     }
 #else
     typedef double doubles __attribute__((ext_vector_type(16)));
