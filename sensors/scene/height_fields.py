@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import TriangleTree
+from rigcast.kernels.geometry import FARTHEST, TriangleTree
 from rigcast.kernels.trees.height_field import build_height_field
 
 Doubles = NDArray[np.float64]
@@ -20,7 +20,12 @@ def hfield_data(model: mujoco.MjModel, hfield: int) -> NDArray[np.float32]:
 
 
 def hfield_tree(size: Size, data: NDArray[np.float32]) -> TriangleTree:
-    """The tree over what `hfield_triangles` says; raises what build_height_field does."""
+    """The tree over what `hfield_triangles` says.
+
+    Raises ValueError for a size or an elevation that is not finite or too large, and a surface without width or depth.
+    """
+    if not ((np.abs(size) <= FARTHEST).all() and (size[:2] > 0).all()):
+        raise ValueError(f"size: got {size.tolist()}, expected up to {FARTHEST:g} m, and half sizes above 0 m")
     x, y, z = _surface(size, data)
     return build_height_field(x, y, z, [*_sides(x, y, z), _base(size)])
 
@@ -62,7 +67,7 @@ def _sides(x: Doubles, y: Doubles, z: Doubles) -> list[Doubles]:
 
 
 def _wall(top: Doubles) -> Doubles:
-    foot = top * [1.0, 1.0, 0.0]
+    foot = np.pad(top[:, :2], [(0, 0), (0, 1)])
     lower, upper = (foot[:-1], foot[1:], top[1:]), (foot[:-1], top[1:], top[:-1])
     return np.stack([np.stack(lower, axis=1), np.stack(upper, axis=1)], axis=1).reshape(-1, 3, 3)
 

@@ -56,7 +56,7 @@ class Part(Protocol):
 
 
 def joined_poses(snapshots: Sequence[Snapshot]) -> ShapePoses:
-    """The poses of all; of one they may be those of MuJoCo, not copied."""
+    """The poses of all; of one they are its own, not copied."""
     if len(snapshots) == 1:
         return ShapePoses(snapshots[0].position, snapshots[0].rotation)
     return ShapePoses(

@@ -50,6 +50,7 @@ Cull = Literal["none", "back", "front"]
 _CULL: dict[str, int] = {"none": CULL_NONE, "back": CULL_BACK, "front": CULL_FRONT}
 
 _NO_DIFFERENCES, _NO_FILTER = Differences(), Filter()
+_UNDER_WAY = "the last update failed"  # as it did if a cast sees this: it may have taken some poses
 _BYTES_PER_SIZE = 48  # of a shape, with its tree, its box and its reach
 
 
@@ -120,7 +121,8 @@ class Scene:
 
         Raises:
             InputError: `data` belongs to another model, a size or an elevation that is not finite, or a geom that
-                has got another type, mesh or height field.
+                has got another type, mesh or height field. Where the model is at fault, casting is refused until
+                an update has taken it.
         """
         if is_batch(data):
             worlds = as_worlds(data)
@@ -137,6 +139,7 @@ class Scene:
 
     def take(self, data: mujoco.MjData) -> None:
         """`update` with data that are known to be of the model."""
+        self._stale = _UNDER_WAY
         snapshots = self._snapshots(data)
         if self._in_place is None:
             self._world.update(*joined_poses(snapshots))
@@ -147,10 +150,16 @@ class Scene:
     def read(self, data: mujoco.MjData) -> ShapePoses:
         """Where everything stands in `data`, which are of the model, for a `sweep`.
 
-        Rays are cast at it after the next `update` or `sweep`.
+        Rays are still cast at what was there before, until the next `update` or `sweep`.
         """
-        poses = joined_poses(self._snapshots(data))
-        return ShapePoses(poses.position.copy(), poses.rotation.copy())
+        taken = [array.numpy() for array in (self._geoms.poses.position, self._geoms.poses.rotation)]
+        standing = [values.copy() for values in taken]  # those that rays may be cast at in place
+        try:
+            poses = joined_poses(self._snapshots(data))
+            return ShapePoses(poses.position.copy(), poses.rotation.copy())
+        finally:
+            for values, before in zip(taken, standing, strict=True):
+                values[...] = before
 
     def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
         """Of all parts as they stand in `data`; their sizes and trees are taken."""
@@ -193,6 +202,7 @@ class Scene:
             InputError: worlds of another model, or a model with flexes or skins.
         """
         worlds.require_model(self.model)
+        self._stale = _UNDER_WAY
         self._sight.update()
         deforming = [part.owner for part in self._parts if part.owner in ("flex", "skin")]
         if deforming:

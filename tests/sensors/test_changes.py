@@ -222,6 +222,22 @@ def nan_elevation(model: mujoco.MjModel) -> None:
     model.hfield_data[5] = np.nan
 
 
+def infinite_elevation(model: mujoco.MjModel) -> None:
+    model.hfield_data[5] = np.inf
+
+
+def nan_base(model: mujoco.MjModel) -> None:
+    model.hfield_size[:, 3] = np.nan
+
+
+def endless_base(model: mujoco.MjModel) -> None:
+    model.hfield_size[:, 3] = 1e30
+
+
+def no_width(model: mujoco.MjModel) -> None:
+    model.hfield_size[:, 0] = 0
+
+
 def nan_size(model: mujoco.MjModel) -> None:
     model.geom_size[1, 0] = np.nan
 
@@ -232,6 +248,13 @@ def other_type(model: mujoco.MjModel) -> None:
 
 BAD: dict[str, tuple[Edit, str]] = {
     "elevation": (nan_elevation, r"hfield 'hill': row 1, column 1: got .*nan.*, expected finite numbers"),
+    "elevation without end": (
+        infinite_elevation,
+        r"hfield 'hill': row 1, column 1: got .*inf.*, expected finite numbers",
+    ),
+    "base": (nan_base, r"hfield 'hill': size: got .*nan.*, expected up to 1e\+18 m"),
+    "base of 1e30 m": (endless_base, r"hfield 'hill': size: got .*1e\+30.*, expected up to 1e\+18 m"),
+    "no width": (no_width, r"hfield 'hill': size: got \[0\.0, .*, and half sizes above 0 m"),
     "size": (nan_size, r"geom ball: size: got \[nan, 0\.0, 0\.0\], expected finite numbers"),
     "type": (other_type, "geom_type or geom_dataid has changed; make a new Scene"),
 }
@@ -242,12 +265,15 @@ def test_an_edit_that_cannot_be_shown_is_refused_until_it_is_mended(edit: Edit, 
     model = model_of('<geom type="hfield" hfield="hill" pos="2 0 0"/><geom name="ball" size="0.4" pos="3 1 1"/>')
     data, scene = posed(model), Scene(model)
     scene.update(data)
-    good = [values.copy() for values in (model.hfield_data, model.geom_size, model.geom_type)]
+    edited = model.hfield_size, model.hfield_data, model.geom_size, model.geom_type
+    good = [values.copy() for values in edited]
     edit(model)
     for _ in range(2):
         with pytest.raises(InputError, match=message):
             scene.update(data)
-    for values, before in zip((model.hfield_data, model.geom_size, model.geom_type), good, strict=True):
+        with pytest.raises(InputError, match=r"the last update failed, expected scene\.update\(data\) first"):
+            scene.cast(*rays(0))
+    for values, before in zip(edited, good, strict=True):
         values[:] = before
     scene.update(data)
     assert_like_mj_ray(model, data, scene)

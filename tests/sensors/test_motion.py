@@ -251,6 +251,17 @@ def test_sensors_that_move_do_not_change_those_that_do_not() -> None:
         np.testing.assert_array_equal(a.range.numpy(), b.range.numpy())
 
 
+def test_steps_of_sensors_that_move_leave_the_scene_where_it_was() -> None:
+    model, data = moving(TIMESTEP)
+    rig = Rig(model, [spinning()], "cpu")
+    rig.sense(data)
+    rays = (0, 0, 0.5), np.random.default_rng(0).normal(size=(500, 3))
+    before = rig.scene.cast(*rays).numpy().distance
+    mujoco.mj_step(model, data, 10)
+    assert not list(rig.step(data)), "nothing is over yet"
+    np.testing.assert_array_equal(rig.scene.cast(*rays).numpy().distance, before)
+
+
 EFFECTS: dict[str, tuple[Lidar | DepthCamera, dict[str, Any]]] = {
     "lidar": (spinning(), {"detection": Detection(range=1e6)}),
     "angle": (spinning(), {"noise": Noise(angle_std_deg=1e-7)}),

@@ -1,11 +1,13 @@
 """A geom whose pose is not finite is never hit, is named in one warning, and comes back when its pose does."""
 
+import warnings
+
 import mujoco
 import numpy as np
 import pytest
 from small_scenes import KINDS, assert_missed, model_of, posed, ready
 
-from rigcast import Scene
+from rigcast import InputError, Scene
 
 NAN, INF = np.nan, np.inf
 
@@ -43,6 +45,18 @@ def test_a_geom_whose_pose_is_not_finite_is_never_hit_and_named_once(kind: str) 
         scene.update(posed(model))
         for got, expected in zip(scene.cast(*rays).numpy(), good, strict=True):
             np.testing.assert_array_equal(got, expected, err_msg=f"back from {ruined}")
+
+
+def test_where_the_warning_is_an_error_nothing_is_cast_until_the_next_update() -> None:
+    model = model_of('<geom name="lost" size="0.1"/><body pos="2 0 0"><freejoint/><geom size="0.1"/></body>')
+    scene, data = ready(model), posed(model)
+    data.geom_xpos[0], data.geom_xpos[1, 0] = NAN, 3
+    with warnings.catch_warnings(action="error"), pytest.raises(RuntimeWarning, match="not hit: lost"):
+        scene.update(data)
+    with pytest.raises(InputError, match=r"the last update failed, expected scene\.update\(data\) first"):
+        scene.cast((1, 0, 0), (1, 0, 0))
+    scene.update(data)
+    assert scene.cast((1, 0, 0), (1, 0, 0)).numpy().distance == pytest.approx(1.9)
 
 
 def test_a_scene_that_starts_with_nothing_finite_comes_right() -> None:
