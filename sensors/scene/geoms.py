@@ -108,9 +108,9 @@ class Geoms:
     def add_assets(self, dataid: NDArray[np.int32]) -> bool:
         """Whether geoms have meshes or height fields by `dataid` (..., ngeom) that had no tree yet; they have now."""
         added = [asset for asset in assets_in_use(self.model, dataid) if asset not in self._assets]
+        self.trees = self.trees + [asset.tree(self.model) for asset in added]  # which may raise
         self._assets = self._assets + added
-        self.trees = self.trees + [asset.tree(self.model) for asset in added]
-        self._fields = self._watched_fields()
+        self._fields = self._watched_fields() | self._fields  # of the others there may be edits to see yet
         return bool(added)
 
     def is_present(self, dataid: NDArray[np.int32]) -> NDArray[np.bool_]:

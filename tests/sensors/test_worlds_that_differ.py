@@ -58,6 +58,27 @@ def test_meshes_and_height_fields_may_differ_or_be_absent() -> None:
     assert (frames["lidar"].geom_id.numpy()[1] == geom).any()
 
 
+def test_what_is_edited_as_another_height_field_comes_in_is_seen_and_refused_until_it_is_mended() -> None:
+    fields = "".join(f'<hfield name="{name}" nrow="3" ncol="3" size="2 2 1 .1"/>' for name in "ab")
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><asset>{fields}</asset><worldbody><geom type="hfield" hfield="a"/></worldbody></mujoco>'
+    )
+    data, scene = [mujoco.MjData(model) for _ in range(2)], Scene(model, "cpu")
+    for each in data:
+        mujoco.mj_kinematics(model, each)
+    scene.update(data)
+    both = Worlds(data, geom_dataid=np.array([[0], [1]], np.int32))
+    model.hfield_data[:9], model.hfield_data[9:] = 0.25, np.nan
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"hfield 'b': row 0, column 0: got .*nan"):
+            scene.update(both)
+        with pytest.raises(InputError, match="the last update failed"):
+            scene.cast((0, 0, 3), [[(0, 0, -1)]] * 2)
+    model.hfield_data[9:] = 0.5
+    scene.update(both)
+    assert scene.cast((0.1, 0.2, 3), [[(0, 0, -1)]] * 2).numpy().distance.ravel().tolist() == [2.75, 2.5]
+
+
 def test_geoms_may_be_there_in_some_worlds_only(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
     visible = np.random.default_rng(5).random((COUNT, robot.ngeom)) < 0.6
     rig = rig_of(robot, "lidar", "weather")
