@@ -1,0 +1,136 @@
+"""Single triangles of blocks and patches, each by its number: leaf * WIDTH + lane."""
+
+import warp as wp
+
+from rigcast.kernels.geometry import Geometry, Patch
+from rigcast.kernels.trees.nodes import FIRST_PATCH, WIDTH
+from rigcast.kernels.vectors import to_double, to_float
+
+_FIRST_IN_PATCHES = wp.constant(FIRST_PATCH * WIDTH)
+
+
+@wp.struct
+class Triangle:
+    a: wp.vec3
+    b: wp.vec3
+    c: wp.vec3
+
+
+@wp.struct
+class Facet:
+    """A corner of a triangle, its winding normal, in its shape's frame, 1 / the length of that, and the face's number.
+
+    Where a ray meets its plane does not depend on how long the normal is, and need not wait until that is known.
+    """
+
+    corner: wp.vec3
+    normal: wp.vec3d
+    scale: wp.float64
+    face: int
+
+
+@wp.func
+def area_normal(triangle: Triangle) -> wp.vec3d:
+    """The winding normal, twice the area long."""
+    a = to_double(triangle.a)
+    return wp.cross(to_double(triangle.b) - a, to_double(triangle.c) - a)
+
+
+@wp.func
+def unit_normal(triangle: Triangle) -> wp.vec3:
+    """NaN where there is no area."""
+    n = area_normal(triangle)
+    area = wp.length(n)
+    if area > wp.float64(0.0):
+        return to_float(n / area)
+    return wp.vec3(wp.nan, wp.nan, wp.nan)
+
+
+@wp.func
+def triangle_at(g: wp.array[Geometry], number: int) -> Triangle:
+    triangle = Triangle()
+    if number >= _FIRST_IN_PATCHES:
+        triangle = triangle_of_patch(g[0].patches, number - _FIRST_IN_PATCHES)
+    else:
+        block = number / WIDTH
+        j = number % WIDTH
+        triangle.a = wp.vec3(g[0].blocks[block].x0[j], g[0].blocks[block].y0[j], g[0].blocks[block].z0[j])
+        triangle.b = wp.vec3(g[0].blocks[block].x1[j], g[0].blocks[block].y1[j], g[0].blocks[block].z1[j])
+        triangle.c = wp.vec3(g[0].blocks[block].x2[j], g[0].blocks[block].y2[j], g[0].blocks[block].z2[j])
+    return triangle
+
+
+@wp.func
+def facet_at(g: wp.array[Geometry], entry: int, number: int) -> Facet:
+    """entry: of the triangle's shape, in arrays of sizes."""
+    facet = Facet()
+    if number >= _FIRST_IN_PATCHES:
+        facet = facet_of_patch(g[0].patches, number - _FIRST_IN_PATCHES, g[0].columns[entry])
+    else:
+        block = number / WIDTH
+        j = number % WIDTH
+        facet.corner = wp.vec3(g[0].blocks[block].x0[j], g[0].blocks[block].y0[j], g[0].blocks[block].z0[j])
+        facet.normal = to_double(
+            wp.vec3(g[0].blocks[block].normal_x[j], g[0].blocks[block].normal_y[j], g[0].blocks[block].normal_z[j])
+        )
+        facet.scale = wp.float64(1.0)
+        facet.face = g[0].blocks[block].face[j]
+    return facet
+
+
+@wp.func_native("return (&wp::address(patches, k)->x[0])[i];")
+def number_of(patches: wp.array[Patch], k: int, i: int) -> float:  # type: ignore[empty-body]
+    """One of a patch's 16 numbers, read alone: three of x, three of y, then z row by row."""
+
+
+@wp.func
+def corner_of(patches: wp.array[Patch], k: int, row: int, column: int) -> wp.vec3:
+    return wp.vec3(
+        number_of(patches, k, column), number_of(patches, k, 3 + row), number_of(patches, k, 6 + 3 * row + column)
+    )
+
+
+@wp.func
+def triangle_of_patch(patches: wp.array[Patch], number: int) -> Triangle:
+    """See rigcast.kernels.shapes.patches."""
+    k = number / WIDTH
+    row = number / 2 % 2
+    column = number % 2
+    triangle = Triangle()
+    triangle.a = corner_of(patches, k, row, column)
+    triangle.b = corner_of(patches, k, row, column + 1)
+    triangle.c = corner_of(patches, k, row + 1, column + 1)
+    if number % WIDTH >= WIDTH / 2:
+        triangle.b = triangle.c
+        triangle.c = corner_of(patches, k, row + 1, column)
+    return triangle
+
+
+@wp.func
+def facet_of_patch(patches: wp.array[Patch], number: int, columns: int) -> Facet:
+    """columns: cells in a row of the height field.
+
+    The normal of a triangle that rises by a along x, over dx, and by b along y, over dy, is (-a dy, -b dx, dx dy).
+    """
+    k = number >> 3
+    column = number & 1
+    row = (number >> 1) & 1
+    upper = (number >> 2) & 1
+    first = 6 + 3 * row + column
+    x = number_of(patches, k, column)
+    y = number_of(patches, k, 3 + row)
+    z = number_of(patches, k, first)
+    z_far = wp.float64(number_of(patches, k, first + 4))
+    z_third = wp.float64(number_of(patches, k, first + 1 + 2 * upper))
+    dx = wp.float64(number_of(patches, k, column + 1)) - wp.float64(x)
+    dy = wp.float64(number_of(patches, k, 4 + row)) - wp.float64(y)
+    early = z_third - wp.float64(z)
+    late = z_far - z_third
+    a = wp.where(upper == 0, early, late)
+    b = wp.where(upper == 0, late, early)
+    facet = Facet()
+    facet.corner = wp.vec3(x, y, z)
+    facet.normal = wp.vec3d(-a * dy, -b * dx, dx * dy)
+    facet.scale = wp.float64(1.0) / wp.length(facet.normal)
+    facet.face = patches[k].face + 2 * (row * columns + column) + upper
+    return facet
