@@ -46,7 +46,7 @@ class TriangleBlock:
 
 @wp.struct
 class Patch:
-    """Two by two cells of the surface of a height field, which fill a cache line; see rigcast.kernels.patches.
+    """Two by two cells of the surface of a height field, which fill a cache line; see rigcast.kernels.shapes.patches.
 
     Where there are but one row or column of cells, y or x of the last corners is NaN, and z that of those before.
     """

@@ -8,10 +8,10 @@ shape, then the one that faces the ray, then that of the lower triangle.
 
 import warp as wp
 
-from .facets import Facet, facet_at, triangle_at
 from .geometry import Geometry
 from .inline import noinline
 from .poses import Scope, pose_of
+from .shapes.facets import Facet, facet_at, triangle_at
 from .shapes.solid_normals import closed_form_normal
 from .shapes.solids import SHEET, decide_closed_form, has_triangles
 from .shapes.triangle import CULL_NONE, GRAZING, decide_triangle
@@ -40,7 +40,7 @@ class Hit:
     near: float
     far: float
     shape: int
-    triangle: int  # its number, as in rigcast.kernels.facets; 0 for closed forms
+    triangle: int  # its number, as in rigcast.kernels.shapes.facets; 0 for closed forms
 
 
 @wp.func

@@ -5,8 +5,8 @@ import warp as wp
 from .geometry import Geometry, Patch, TriangleBlock
 from .hits import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from .inline import noinline
-from .patches import compose
 from .poses import Scope, pose_of
+from .shapes.patches import compose
 from .shapes.solids import SHEET, has_triangles, triage_closed_form
 from .shapes.triangle import CULL_FRONT, CULL_NONE, may_be_inside, triage_triangle
 from .traverse import Entered, sign_bits, traversal

@@ -13,11 +13,10 @@ import numpy.typing as npt
 import warp as wp
 
 from .geometry import Geometry, Patch, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
+from .packets.prefetch import CACHE_LINE
 from .trees.nodes import Node, moved_nodes
 from .trees.top_trees import TopTrees
 from .upload import Upload
-
-CACHE_LINE = 64
 
 _SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
 

@@ -8,10 +8,13 @@ d = (a + p u + q v) / length has one each of a, u, v, p and q, one of each produ
 |q|, over the length, which is at least w / sqrt(3), and 3u of length and quotient; the dot product has three. So s is
 within u (11 + 5 min(w, sqrt(3))) |e|_1 |V|_1 of what it should be. 12 in place of 11 is allowed for.
 
-The distance V0 . n / (d . n) has 5u |V0| of its numerator, and of its denominator 5 sqrt(3) u t of d as above, 3u t of
-the length and 3u t of the dot product; n is off by 4u at most (rigcast.kernels.patches), which moves it by 4u (|V0| +
-t); its quotient and product have two u t, and adding what it may be off by one more. Together 9u |V0| + 22u t, over
-|cos|; 10u |V0| + 24u t are allowed for. What is too near to call goes to float64, by rigcast.kernels.hits.
+The distance V0 . n / (d . n) has 5u |V0| of its numerator, and of its denominator 7u t of d as below, 3u t of the
+length and 3u t of the dot product; n is off by 4u at most (rigcast.kernels.shapes.patches), which moves it by 4u (|V0|
++ t); its quotient and product have two u t, and adding what it may be off by one more. Together 9u |V0| + 20u t, over
+|cos|; 10u |V0| + 24u t are allowed for. As a vector, a + p u + q v is off by u of a, 3u |p| and 3u |q|, as a, u and v
+are unit vectors, and by two u of its length: over the length at most (2 + sqrt(19)) u < 7u.
+
+What is too near to call goes to float64, by rigcast.kernels.hits.
 """
 
 import warp as wp
@@ -115,7 +118,11 @@ def edges_of(block: TriangleBlock, view: View, rounding_of_sides: float) -> Edge
 
 @wp.func
 def may_be_hit(edges: Edges, middle: wp.vec3, spread: wp.vec3, widest: float) -> int:
-    """Bit by bit, the triangles that rays along middle +- spread may hit, whose lengths are up to widest."""
+    """Bit by bit, the triangles that rays along middle +- spread may hit; widest: the largest w of a packet.
+
+    Rounding, per w |e|_1 |V|_1: e x V has 5u; the middle 6u, of a mean, of p, u and their product, and of two sums; its
+    dot product 3u, and the sum with the change one: 15u. What the spread has is less. At least 17u are allowed for.
+    """
     side0 = edges.side0
     side1 = edges.side1
     side2 = edges.side2

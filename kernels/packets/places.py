@@ -5,11 +5,11 @@ It is written at once to where the tile's hits are staged: to hand it on would b
 
 import warp as wp
 
-from rigcast.kernels.facets import facet_at
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE, distance_of, height_above, middle, outward
 from rigcast.kernels.out import Out, read_hit, write_place
 from rigcast.kernels.poses import pose_of
+from rigcast.kernels.shapes.facets import facet_at
 from rigcast.kernels.shapes.solids import has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float

@@ -9,6 +9,7 @@ from rigcast.kernels.trees.nodes import Node
 from .packet import LANES, Packet, Tile
 
 CACHE_LINE = 64
+"""Bytes."""
 
 
 def _prefetch(array: str) -> str:

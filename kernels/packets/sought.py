@@ -1,4 +1,4 @@
-"""A packet as the triangles of one shape see it."""
+"""Packets, turned once into the frame of a shape, with all that its triangles are held against."""
 
 import warp as wp
 

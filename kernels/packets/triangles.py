@@ -8,7 +8,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.hits import APART
-from rigcast.kernels.patches import compose
+from rigcast.kernels.shapes.patches import compose
 from rigcast.kernels.traverse import child_of, stack_of_distances, stack_of_ints
 from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, WIDTH
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller

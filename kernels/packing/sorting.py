@@ -34,7 +34,7 @@ WIDEST_RUN = np.cos(np.radians(10.0))
 SEEN = 0.01
 """How large, in p and q, the boxes are that packets are held against, for the choice between blocks and runs."""
 SLACK = 1e-6
-"""By how much ranges of p and q are widened: more than float32 rounds them."""
+"""By how much ranges of p and q are widened: more than float32 rounds them, and the planes that bound a tile."""
 
 Indices = npt.NDArray[np.int64]
 Doubles = npt.NDArray[np.float64]

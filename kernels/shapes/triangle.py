@@ -26,9 +26,10 @@ what float64 cannot tell is a hit. A closed mesh stays closed, and no triangle i
 
 The distance t = w . n / (d . n), w = V0 - O, that float32 answers with: w has 2u of each component, its dot product
 with n 3u, d . n has 3u and d's own u, and the quotient has u; n is off by u, or by 4u where it is made as
-rigcast.kernels.patches says, which moves t by as much times |P - V0| / |d . n|. Together 9u |w| + 9u t, over |d . n|
-(which is > GRAZING there, so that second orders are nothing). It says from where to where t may be by 16u, which is
-more by the rounding of that itself. The distance that is written has at worst n in float32, and all else in float64:
+rigcast.kernels.shapes.patches says, which moves t by as much times |P - V0| / |d . n|. Together 9u |w| + 9u t, over
+|d . n| (which is > GRAZING there, so that second orders are nothing). It says from where to where t may be by 16u,
+which is more by the rounding of that itself. The distance that is written has at worst n in float32, and all else in
+float64:
 
     |t - t_ref| <= 3 eps (max_i |Vi - O| + t) / |cos|
 

@@ -32,15 +32,15 @@ def shape_box(pose: Pose, center: wp.vec3, half: wp.vec3, anchor: wp.vec3d) -> B
     rotation = pose.rotation
     middle = pose.position - anchor
     extent = wp.vec3d()
-    sum = wp.float64(0.0)  # finite where all is that it is of
+    total = wp.float64(0.0)  # of all sizes, finite where they are
     for row in range(3):
         for column in range(3):
             size = wp.abs(rotation[row, column])
-            sum += size
+            total += size
             middle[row] += rotation[row, column] * wp.float64(center[column])
             extent[row] += wp.where(size > wp.float64(0.0), size * wp.float64(half[column]), wp.float64(0.0))
-        sum += wp.abs(middle[row])
-    if not (is_within_reach(pose.position) and sum < wp.float64(wp.inf)):
+        total += wp.abs(middle[row])
+    if not (is_within_reach(pose.position) and total < wp.float64(wp.inf)):
         return empty_box()
     box = make_box(to_float(middle - extent), to_float(middle + extent))
     # rounded outwards by more than the two roundings above

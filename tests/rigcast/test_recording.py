@@ -147,16 +147,16 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path, name: str) -> N
             data.time += 0.1
             recorder.step(data, [frame for frame in frames_at(data.time) if frame.sensor == rig[0].name])
 
+    traced = []
     tracemalloc.start()
-    record(25)
-    gc.collect()
-    before, _ = tracemalloc.get_traced_memory()
-    record(150)  # enough for what is allocated only once to count little
-    gc.collect()
-    after, _ = tracemalloc.get_traced_memory()
+    for frames in (25, 50, 50, 50):
+        record(frames)
+        gc.collect()
+        traced.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     recorder.finish()
-    assert (after - before) / 150 < 600, name
+    # the least, as what is allocated once, by whatever runs in this process, is in one of them
+    assert min(np.diff(traced)) / 50 < 600, (name, traced)
 
 
 # A run in its own process: writes frames to the folder given, and does what is asked after the third step.

@@ -2,11 +2,11 @@
 
 import warp as wp
 
-from .geometry import Geometry, Patch
-from .trees.nodes import FIRST_PATCH, WIDTH
-from .vectors import to_double, to_float
+from rigcast.kernels.geometry import Geometry, Patch
+from rigcast.kernels.trees.nodes import FIRST_PATCH, WIDTH
+from rigcast.kernels.vectors import to_double, to_float
 
-_PATCHED = wp.constant(FIRST_PATCH * WIDTH)
+_FIRST_IN_PATCHES = wp.constant(FIRST_PATCH * WIDTH)
 
 
 @wp.struct
@@ -18,7 +18,7 @@ class Triangle:
 
 @wp.struct
 class Facet:
-    """A corner of a triangle, its normal, 1 / the length of that, and the number of the face.
+    """A corner of a triangle, its winding normal, in its shape's frame, 1 / the length of that, and the face's number.
 
     Where a ray meets its plane does not depend on how long the normal is, and need not wait until that is known.
     """
@@ -49,8 +49,8 @@ def unit_normal(triangle: Triangle) -> wp.vec3:
 @wp.func
 def triangle_at(g: wp.array[Geometry], number: int) -> Triangle:
     triangle = Triangle()
-    if number >= _PATCHED:
-        triangle = triangle_of_patch(g[0].patches, number - _PATCHED)
+    if number >= _FIRST_IN_PATCHES:
+        triangle = triangle_of_patch(g[0].patches, number - _FIRST_IN_PATCHES)
     else:
         block = number / WIDTH
         j = number % WIDTH
@@ -64,8 +64,8 @@ def triangle_at(g: wp.array[Geometry], number: int) -> Triangle:
 def facet_at(g: wp.array[Geometry], entry: int, number: int) -> Facet:
     """entry: of the triangle's shape, in arrays of sizes."""
     facet = Facet()
-    if number >= _PATCHED:
-        facet = facet_of_patch(g[0].patches, number - _PATCHED, g[0].columns[entry])
+    if number >= _FIRST_IN_PATCHES:
+        facet = facet_of_patch(g[0].patches, number - _FIRST_IN_PATCHES, g[0].columns[entry])
     else:
         block = number / WIDTH
         j = number % WIDTH
@@ -92,7 +92,7 @@ def corner_of(patches: wp.array[Patch], k: int, row: int, column: int) -> wp.vec
 
 @wp.func
 def triangle_of_patch(patches: wp.array[Patch], number: int) -> Triangle:
-    """See rigcast.kernels.patches."""
+    """See rigcast.kernels.shapes.patches."""
     k = number / WIDTH
     row = number / 2 % 2
     column = number % 2

@@ -16,7 +16,7 @@ overflows or a side is 0 m long, it is 0 or NaN, which leaves the distance to fl
 
 import warp as wp
 
-from .geometry import Patch, TriangleBlock
+from rigcast.kernels.geometry import Patch, TriangleBlock
 
 _CORNERS = {
     # which of a patch's 16 numbers: x of its columns begins at 0, y of its rows at 3, z row by row at 6, 9 and 12
