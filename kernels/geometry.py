@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .trees.nodes import Node, moved_nodes, struct_zeros, vec8, vec8i
+from .trees.nodes import FIRST_PATCH, Node, moved_nodes, struct_zeros, vec8, vec8i
 
 NO_FACE = wp.constant(-1)
 FARTHEST = wp.constant(1.0e18)
@@ -125,8 +125,15 @@ class TreePlace(NamedTuple):
 def join_triangle_trees(
     trees: Sequence[TriangleTree],
 ) -> tuple[npt.NDArray[np.void], npt.NDArray[np.void], npt.NDArray[np.void], list[TreePlace]]:
-    """All trees in one array of nodes, one of blocks and one of patches, and where in these each begins."""
+    """All trees in one array of nodes, one of blocks and one of patches, and where in these each begins.
+
+    Raises ValueError for more blocks or patches than there are numbers for.
+    """
     sizes = np.array([(len(tree.nodes), len(tree.blocks), len(tree.patches)) for tree in trees]).reshape(-1, 3)
+    _, blocks, patches = sizes.sum(axis=0)
+    if max(blocks, patches) > FIRST_PATCH:
+        got = f"{blocks} blocks of stored triangles and {patches} patches of height fields"
+        raise ValueError(f"triangle trees: got {got}, expected up to {FIRST_PATCH} of each")
     places = [TreePlace(*place) for place in (np.cumsum(sizes, axis=0) - sizes).tolist()]
     nodes = [moved_nodes(tree.nodes, *place) for tree, place in zip(trees, places, strict=True)]
     return (

@@ -34,7 +34,8 @@ def build_height_field(
     Raises:
         ValueError: a corner that is not finite or too large, or too many of them.
     """
-    x, y, heights = (np.asarray(a, np.float32) for a in (x, y, heights))
+    with np.errstate(over="ignore"):  # what becomes infinite is refused
+        x, y, heights = (np.asarray(a, np.float32) for a in (x, y, heights))
     _require_usable(x, y, heights)
     cells = (len(y) - 1, len(x) - 1)
     surface = _Corners.of(x, y, heights)

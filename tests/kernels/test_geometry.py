@@ -113,3 +113,14 @@ def test_joined_trees_lead_to_their_own_nodes_and_blocks() -> None:
 
 def test_no_trees_to_join() -> None:
     assert [len(a) for a in join_triangle_trees([])] == [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("most", ["blocks", "patches"])
+def test_more_leaves_than_there_are_numbers_for_are_refused(most: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    tree = field(5, 9, 0.1).tree
+    monkeypatch.setattr("rigcast.kernels.geometry.FIRST_PATCH", max(len(tree.blocks), len(tree.patches)))
+    join_triangle_trees([tree])
+    trees = [tree, build_triangle_tree(torus().vertices, torus().faces) if most == "blocks" else tree]
+    count = sum(len(getattr(one, most)) for one in trees)
+    with pytest.raises(ValueError, match=rf"^triangle trees: got .*{count} {most}.*, expected up to \d+ of each"):
+        join_triangle_trees(trees)

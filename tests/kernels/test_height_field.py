@@ -151,7 +151,9 @@ def _corners(shape: Field, child: int) -> NDArray[np.float32]:
     return np.asarray(corners[np.isfinite(corners).all(axis=1)])
 
 
-@pytest.mark.parametrize(("height", "x"), [(np.nan, 1.0), (np.inf, 1.0), (-2 * FARTHEST, 1.0), (0.0, np.nan)])
+@pytest.mark.parametrize(
+    ("height", "x"), [(np.nan, 1.0), (np.inf, 1.0), (-2 * FARTHEST, 1.0), (1e39, 1.0), (0.0, np.nan)]
+)
 def test_what_is_not_finite_or_too_large_is_named(height: float, x: float) -> None:
     heights = np.zeros((3, 4))
     heights[1, 2] = height
