@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
@@ -36,10 +37,12 @@ def test_a_scene_whose_tree_was_built_keeps_little_beside_the_tree() -> None:
 @needs_statm
 def test_frames_leave_nothing_behind() -> None:
     rig, data = small_rig()
-    read(rig, data, FRAMES)
-    gc.collect()
-    objects, memory = len(gc.get_objects()), resident()
-    read(rig, data, FRAMES)
-    gc.collect()
-    assert len(gc.get_objects()) - objects < FRAMES / 20
-    assert resident() - memory < BYTES_PER_FRAME * FRAMES
+    objects, memory = [], []
+    for _ in range(4):
+        read(rig, data, FRAMES)
+        gc.collect()
+        objects.append(len(gc.get_objects()))
+        memory.append(resident())
+    # the least, as what is taken once, by whatever else runs in this process, is in one of them
+    assert min(np.diff(objects)) < FRAMES / 20, objects
+    assert min(np.diff(memory)) < BYTES_PER_FRAME * FRAMES, memory
