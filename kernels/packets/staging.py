@@ -27,11 +27,11 @@ def staged_in(scratch: wp.array[float]) -> Out:
 
 
 # these have no return type, which Warp 1.12 would take for that of a value
-@wp.func_native("""
-    for (int i = 0; i < 128; ++i) staged.distance.data[i] = distance;
-    for (int i = 0; i < 128; ++i) staged.shape.data[i] = -1;
-    for (int i = 0; i < 128; ++i) staged.face.data[i] = -1;
-    for (int i = 0; i < 3 * 128; ++i) (&staged.normal.data[0][0])[i] = 0.0f;
+@wp.func_native(f"""
+    for (int i = 0; i < {TILE}; ++i) staged.distance.data[i] = distance;
+    for (int i = 0; i < {TILE}; ++i) staged.shape.data[i] = -1;
+    for (int i = 0; i < {TILE}; ++i) staged.face.data[i] = -1;
+    for (int i = 0; i < 3 * {TILE}; ++i) (&staged.normal.data[0][0])[i] = 0.0f;
 """)
 def stage_misses(staged: Out, distance: float):  # type: ignore[no-untyped-def]
     """Those of a whole tile."""

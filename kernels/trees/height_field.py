@@ -1,15 +1,17 @@
 """Trees over height fields: patches of the surface in a regular tree, and rows of triangles beside and below it."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import warp as wp
 
 from rigcast.kernels.geometry import FARTHEST, NO_FACE, Patch, TriangleBlock, TriangleTree
 
 from .nodes import FIRST_PATCH, WIDTH, struct_zeros
 from .regular import Boxes, RegularNodes
+from .triangle_tree import fill, on_cpu
 
 Floats = npt.NDArray[np.float32]
 
@@ -116,38 +118,18 @@ def _over_threes(end: np.ufunc, values: Floats) -> Floats:
 
 def _blocks(rows: Sequence[npt.NDArray[np.floating]], first_face: int) -> tuple[npt.NDArray[np.void], list[Boxes]]:
     """(blocks,) of TriangleBlock, and the boxes of those of each row of triangles, whose faces are numbered on."""
-    face = np.split(
-        np.arange(first_face, first_face + sum(map(len, rows)), dtype=np.int32), np.cumsum([*map(len, rows)])
-    )
-    corners = _in_eights([row.astype(np.float32) for row in rows], np.nan)
-    blocks = struct_zeros(TriangleBlock, len(corners))
-    blocks["face"] = _in_eights(face[:-1], NO_FACE)
-    normal = _unit_normals(corners)
-    for k, axis in enumerate("xyz"):
-        for corner in range(3):
-            blocks[f"{axis}{corner}"] = corners[:, :, corner, k]
-        blocks[f"normal_{axis}"] = normal[..., k]
-    lower, upper = (end.reduce(corners.reshape(-1, 3 * WIDTH, 3), axis=1)[None] for end in (np.fmin, np.fmax))
-    number = ~np.arange(len(blocks), dtype=np.int32)[None]
-    ends = np.cumsum([-(-len(row) // WIDTH) for row in rows])
+    corners = np.concatenate(rows).astype(np.float32).reshape(-1, 3)
+    faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+    own = np.split(np.arange(len(faces), dtype=np.int32), np.cumsum([*map(len, rows)])[:-1])
+    filled = [np.pad(row, (0, -len(row) % WIDTH), constant_values=NO_FACE).reshape(-1, WIDTH) for row in own]
+    face = np.concatenate(filled)
+    blocks = struct_zeros(TriangleBlock, len(face))
+    blocks["face"] = face
+    lower, upper = fill(on_cpu(blocks, TriangleBlock), on_cpu(corners, wp.vec3), on_cpu(faces, wp.vec3i))
+    blocks["face"] = np.where(face == NO_FACE, NO_FACE, face + first_face)
+    number = ~np.arange(len(blocks), dtype=np.int32)
+    ends = np.cumsum([*map(len, filled)])
     return blocks, [
-        Boxes(lower[:, first:end], upper[:, first:end], number[:, first:end])
+        Boxes(lower[None, first:end], upper[None, first:end], number[None, first:end])
         for first, end in zip([0, *ends[:-1]], ends, strict=True)
     ]
-
-
-def _in_eights(rows: Sequence[npt.NDArray[Any]], nothing: float) -> npt.NDArray[Any]:
-    """(n, WIDTH, ...) of rows (m, ...), each filled up."""
-    filled = [
-        np.pad(row, [(0, -len(row) % WIDTH)] + [(0, 0)] * (row.ndim - 1), constant_values=nothing) for row in rows
-    ]
-    whole = np.concatenate(filled)
-    return whole.reshape(-1, WIDTH, *whole.shape[1:])
-
-
-def _unit_normals(corners: Floats) -> Floats:
-    """(..., 3) of triangles (..., 3, 3), NaN where one has no area."""
-    a, b, c = np.moveaxis(corners.astype(np.float64), -2, 0)
-    normal = np.cross(b - a, c - a)
-    with np.errstate(invalid="ignore"):
-        return (normal / np.linalg.norm(normal, axis=-1, keepdims=True)).astype(np.float32)
