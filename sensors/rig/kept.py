@@ -78,17 +78,15 @@ class Kept:
         self.asked.clear()
         self._current.clear()
 
-    def place(self, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData) -> NDArray[np.float64]:
-        """Put the sensor where its mount is in `data`: (4, 4), its pose."""
+    def aim(
+        self, fixed: Rays, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData
+    ) -> tuple[NDArray[np.float64], Rays]:
+        """Where a sensor on this mount is in `data`, (4, 4), and its rays there."""
         if self._frame is None or self._mount is not mount:
             self._frame = PlacedFrame(mount.id, mount.offset, yaw_aligned, self.hits.distance.device)
             self._mount, self._fixed = mount, None
-        return self._frame.place(*mount.carriers(data))
-
-    def aim(self, fixed: Rays) -> Rays:
-        """Those rays where the sensor was put."""
-        assert self._frame is not None
-        return self._placed(fixed, self._frame.position, self._frame.rotation, 1)
+        pose = self._frame.place(*mount.carriers(data))
+        return pose, self._placed(fixed, self._frame.position, self._frame.rotation, 1)
 
     def frames(self, worlds: int) -> Frames:
         """For the sensor's pose in so many worlds."""

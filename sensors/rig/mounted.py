@@ -187,8 +187,8 @@ class Mounted:
 
     def aim(self, data: mujoco.MjData, time: float, kept: Kept) -> Aim:
         """Its rays, all fired now, for a reading at `time` [s]."""
-        pose = kept.place(self.mount, self.spec.yaw_aligned, data)
-        return Aim(time, pose, kept.aim(self.rays_at_once), kept)
+        pose, rays = kept.aim(self.rays_at_once, self.mount, self.spec.yaw_aligned, data)
+        return Aim(time, pose, rays, kept)
 
     def rays_along(self, track: Track) -> Rays:
         """The rays of a sensor that moves, which is on this track at the times of its firings."""
