@@ -70,15 +70,19 @@ def end_stream():  # type: ignore[no-untyped-def]
     """What was streamed is there before what is written after this: a CPU does not order it otherwise."""
 
 
-@wp.func
-def write_one_by_one(out: Out, first_ray: int, numbers: int_lanes, staged: Out, at: int) -> None:
-    for lane in range(LANES):
-        if numbers[lane] >= 0:
-            i = first_ray + numbers[lane]
-            out.distance[i] = staged.distance[at + lane]
-            out.shape[i] = staged.shape[at + lane]
-            out.face[i] = staged.face[at + lane]
-            out.normal[i] = staged.normal[at + lane]
+@wp.func_native("""
+    for (int lane = 0; lane < 16; ++lane) {
+        const int ray = numbers[lane];
+        if (ray < 0) continue;
+        out.distance.data[first_ray + ray] = staged.distance.data[at + lane];
+        out.shape.data[first_ray + ray] = staged.shape.data[at + lane];
+        out.face.data[first_ray + ray] = staged.face.data[at + lane];
+        out.normal.data[first_ray + ray] = staged.normal.data[at + lane];
+    }
+""")
+def write_one_by_one(out: Out, first_ray: int, numbers: int_lanes, staged: Out, at: int):  # type: ignore[no-untyped-def]
+    """The hits of 16 rays by these numbers, -1 for none, from `at` on. Native: Warp asks of every index where it begins
+    to count."""
 
 
 @wp.func
