@@ -57,16 +57,15 @@ def launch_over_runs(
     inputs: Sequence[Any],
     outputs: Sequence[Any],
     device: wp.DeviceLike,
-    runs_per_slice: int = RUNS_PER_SLICE,
 ) -> None:
     """Launch a kernel for which there is so little to do that a thread takes a run of rays, but on CUDA one.
 
     Its first arguments are the index of the run of thread 0, and how many rays a run has; the last may have fewer.
-    A thread of the CPU takes at least so many runs.
+    A thread of the CPU takes at least RUNS_PER_SLICE runs.
     """
     run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
     runs = -(-count // run)
-    slice_size = max(runs_per_slice, -(-runs // thread_count()))
+    slice_size = max(RUNS_PER_SLICE, -(-runs // thread_count()))
     launch_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
 
 
