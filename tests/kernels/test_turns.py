@@ -1,5 +1,7 @@
 """What threads take of what is to be done: all of it, once."""
 
+# mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
+
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event
