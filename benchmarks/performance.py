@@ -189,8 +189,8 @@ Measured on {processor} ({machine}), {threads} threads of {cores} cores, {rounds
 
 A frame is: poses brought up to date, all rays of a sensor cast, and distances, ids and normals, of those that the
 caster reports, handed over as numpy. The casters take turns on the same rays and keep what they need between frames. In
-its turn a caster makes as many frames as take a tenth of a second, after one that does not count: as in a simulation,
-that goes on with the same scene.
+its turn a caster makes as many frames as take a tenth of a second, after one that does not count, and drops each when
+it has the next: as in a simulation, that goes on with the same scene.
 Embree, through Open3D, has all triangles in one mesh that does not move, so it has nothing to bring up to date.
 rigcast and Embree run on all threads, the other casters on one. A caster that takes more than 2 s for a frame is timed
 on 4000 of its rays.

@@ -14,7 +14,7 @@ from .moving import at_firings
 from .out import Out
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
 from .packets.places import Places, place_packet, stage_packet
-from .packets.prefetch import prefetch_out, prefetch_packet, prefetch_tile
+from .packets.prefetch import align_stack, prefetch_out, prefetch_packet, prefetch_tile
 from .packets.staging import PacketOut, end_stream, stage_misses, write_part
 from .packets.tile import cast_tile
 from .packing.bundling import Bundles
@@ -99,6 +99,7 @@ class InPackets:
 @wp.kernel
 def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these: InPackets) -> None:
     """Tiles that no other thread takes, one after the other, of all worlds. turns: how many were taken."""
+    align_stack()
     g.visible = job.visible
     these.copies[thread, 0] = g
     held = these.copies[thread]

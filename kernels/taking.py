@@ -1,11 +1,7 @@
-"""What MuJoCo has on the host, taken from where it is: poses of things, of frames that are fixed to them, and arrays
-that anybody may have written to.
+"""What MuJoCo has on the host, taken from where it is: poses of things, and of frames that are fixed to them.
 
 All of it runs on the CPU, in one launch for what numpy takes a dozen steps for.
 """
-
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -149,55 +145,3 @@ class PlacedFrame:
             wp.copy(self.position, self._frame.position)
             wp.copy(self.rotation, self._frame.rotation)
         return self._pose.copy()
-
-
-@wp.struct
-class Watch:
-    """The addresses of runs of bytes and of what they held, and how many bytes each is; whether any differs."""
-
-    now: wp.array[wp.uint64]
-    before: wp.array[wp.uint64]
-    size: wp.array[wp.int64]
-    differ: wp.array[wp.bool]
-
-
-@wp.func_native("""
-    return __builtin_memcmp((const void*)a, (const void*)b, size) != 0;
-""")
-def are_different(a: wp.uint64, b: wp.uint64, size: wp.int64) -> bool:  # type: ignore[empty-body]
-    """Whether the bytes at these addresses are."""
-
-
-@wp.kernel
-def compare_runs(watch: Watch) -> None:
-    watch.differ[0] = False
-    for k in range(watch.now.shape[0]):
-        if are_different(watch.now[k], watch.before[k], watch.size[k]):
-            watch.differ[0] = True
-
-
-class Watched:
-    """Arrays on the host, without gaps, that anybody may write to."""
-
-    def __init__(self, arrays: Sequence[npt.NDArray[Any]]) -> None:
-        self._arrays, self._before = arrays, [array.copy() for array in arrays]
-        watch = Watch()
-        watch.now, watch.before = _addresses(self._arrays), _addresses(self._before)
-        watch.size = wp.array([array.nbytes for array in arrays], dtype=wp.int64, device="cpu")
-        watch.differ = wp.zeros(1, dtype=wp.bool, device="cpu")
-        self._differ = watch.differ.numpy().item
-        self._compare = recorded(compare_runs, 1, [watch], [], "cpu")
-
-    def have_changed(self) -> bool:
-        """Whether any holds other bytes than at first, or when they were `taken`."""
-        self._compare()
-        return self._differ()
-
-    def taken(self) -> None:
-        """From now on they are compared with what they hold now."""
-        for before, array in zip(self._before, self._arrays, strict=True):
-            before[...] = array
-
-
-def _addresses(arrays: Sequence[npt.NDArray[Any]]) -> wp.array:
-    return wp.array([array.ctypes.data for array in arrays], dtype=wp.uint64, device="cpu")

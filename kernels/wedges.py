@@ -1,18 +1,22 @@
-"""Beams behind rotating wedges, reading after reading.
+"""Beams behind rotating wedges, reading after reading, and their packets.
 
-The formula is that of rigcast.sensors.specs.rosette, in the same order, so that directions have the same bits. Samples
-of a line go together, LANES at once, which the compiler turns into vector instructions.
+The formula is that of rigcast.sensors.specs.rosette. Samples of a line go together, LANES at once, which the compiler
+turns into vector instructions. Wedges turn evenly, so that sines and cosines of all samples come from those of a few:
+
+    cos(a + b) = cos a cos b - sin a sin b      sin(a + b) = sin a cos b + cos a sin b
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .cast import tile_after
 from .launch import TURN, prepare_over_tiles
-from .packets.packet import LANES, double_lanes
+from .packets.packet import LANES, TILE, double_lanes
+from .packing.in_order import Packing, begin_packing, by_number, end_packing, pack_tile
+from .packing.sorting import Packets
 from .turns import turn_of
 
 Doubles = npt.NDArray[np.float64]
@@ -20,24 +24,60 @@ Doubles = npt.NDArray[np.float64]
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
+@dataclass(frozen=True)
+class TurningWedge:
+    """A wedge that turns by `step` [rad] about x from one sample to the next.
+
+    tilt: of its tilted face [rad]. index: of refraction. tilted_first: whether the light meets the tilted face before
+    the one square to x.
+    """
+
+    tilt: float
+    index: float
+    tilted_first: bool
+    step: float
+
+
 @wp.struct
 class Wedges:
-    """Wedges in the order in which the light meets them, the beams before them, and those behind them."""
+    """Wedges in the order in which the light meets them, and the beams before them."""
 
+    samples: int
     lines: wp.array[wp.vec3d]
     rise: wp.array[wp.float64]  # (wedges,) n^2 - 1 of the refractive index n
     tilted_first: wp.array[wp.bool]
-    # the tilted faces' normals, of which x stays:
+    # the tilted faces' normals, of which x stays and y, z go round:
     x: wp.array[wp.float64]  # (wedges,)
+    aside: wp.array[wp.float64]
+    turned: wp.array[wp.float64]  # [rad], from y to z, at the first sample
+    step: wp.array[wp.float64]  # [rad], from one sample to the next
+    cosine: wp.array[double_lanes]  # of how far a wedge turns from the first sample of a block to each
+    sine: wp.array[double_lanes]
+    # scratch:
     y: wp.array2d[double_lanes]  # (wedges, blocks)
     z: wp.array2d[double_lanes]
-    # out:
-    directions: wp.array2d[wp.vec3d]  # (samples, lines)
 
 
 @wp.func
-def bend_line(wedges: Wedges, line: int, block: int) -> None:
-    """Of LANES samples, or those that there are."""
+def lean(wedges: Wedges, k: int, block: int) -> None:
+    """Turn the tilted face of a wedge to where it is at each sample of a block."""
+    turned = wedges.turned[k] + wp.float64(block * LANES) * wedges.step[k]
+    along_y = wedges.aside[k] * wp.cos(turned)
+    along_z = wedges.aside[k] * wp.sin(turned)
+    cosine = wedges.cosine[k]
+    sine = wedges.sine[k]
+    y = double_lanes()
+    z = double_lanes()
+    for i in range(LANES):
+        y[i] = along_y * cosine[i] - along_z * sine[i]
+        z[i] = along_z * cosine[i] + along_y * sine[i]
+    wedges.y[k, block] = y
+    wedges.z[k, block] = z
+
+
+@wp.func
+def bend_line(wedges: Wedges, line: int, block: int, directions: wp.array[wp.vec3d]) -> None:
+    """Of LANES samples, or those that there are. directions: (samples * lines,)"""
     start = wedges.lines[line]
     x = double_lanes()
     y = double_lanes()
@@ -66,46 +106,64 @@ def bend_line(wedges: Wedges, line: int, block: int) -> None:
             for i in range(LANES):
                 x[i] = wp.sqrt(x[i] * x[i] - rise)
     begin = block * LANES
-    for i in range(wp.min(LANES, wedges.directions.shape[0] - begin)):
-        wedges.directions[begin + i, line] = wp.vec3d(x[i], y[i], z[i])
+    lines = wedges.lines.shape[0]
+    for i in range(wp.min(LANES, wedges.samples - begin)):
+        directions[(begin + i) * lines + line] = wp.vec3d(x[i], y[i], z[i])
 
 
 @wp.kernel
-def bend_blocks(_thread: int, turns: wp.array[int], wedges: Wedges) -> None:
-    """Blocks of LANES samples of all lines that no other thread takes. turns: how many were taken."""
-    block = turn_of(turns) * TURN
-    while block * LANES < wedges.directions.shape[0]:
-        for line in range(wedges.lines.shape[0]):
-            bend_line(wedges, line, block)
-        block = tile_after(block, turns)
+def bend_and_pack(_thread: int, turns: wp.array[int], wedges: Wedges, these: Packing) -> None:
+    """TURN blocks of LANES samples that no other thread takes, and the tiles that their rays fill. turns: how many
+    were taken."""
+    blocks = (wedges.samples + LANES - 1) / LANES
+    tiles = TURN * LANES * wedges.lines.shape[0] / TILE  # without a rest
+    turn = turn_of(turns)
+    while turn * TURN < blocks:
+        for block in range(turn * TURN, wp.min((turn + 1) * TURN, blocks)):
+            for k in range(wedges.rise.shape[0]):
+                lean(wedges, k, block)
+            for line in range(wedges.lines.shape[0]):
+                bend_line(wedges, line, block, these.directions)
+        for t in range(turn * tiles, wp.min((turn + 1) * tiles, these.tiles.shape[0])):
+            pack_tile(these, t)
+        turn = turn_of(turns)
 
 
 class Bending:
-    """Beams of several lines through wedges, at so many samples.
+    """Beams of several lines through wedges, at so many samples. lines: (lines, 3) unit, before the wedges."""
 
-    lines: (lines, 3) unit, before the wedges. index: (wedges,) their refractive indices. tilted_first: (wedges,)
-    whether the light meets the tilted face before the one square to x.
-    """
-
-    def __init__(self, lines: Doubles, index: Doubles, tilted_first: npt.NDArray[np.bool_], samples: int) -> None:
+    def __init__(self, lines: Doubles, wedges: Sequence[TurningWedge], samples: int) -> None:
         self._shape = samples, len(lines)
-        blocks = -(-samples // LANES)
-        self._wedges = wedges = Wedges()
-        wedges.lines = wp.array(lines, dtype=wp.vec3d, device="cpu")
-        wedges.rise = wp.array(index**2 - 1.0, dtype=wp.float64, device="cpu")
-        wedges.tilted_first = wp.array(tilted_first, dtype=wp.bool, device="cpu")
-        wedges.x = wp.zeros(len(index), dtype=wp.float64, device="cpu")
-        wedges.y = wp.zeros((len(index), blocks), dtype=double_lanes, device="cpu")
-        wedges.z = wp.zeros((len(index), blocks), dtype=double_lanes, device="cpu")
-        # where normals are written: one after the other, without a block's end
-        self._x = wedges.x.numpy()
-        self._y, self._z = (a.numpy().reshape(len(index), -1)[:, :samples] for a in (wedges.y, wedges.z))
-        self._launch = prepare_over_tiles(bend_blocks, blocks, lambda _: [wedges])
+        tilt, index, step = (
+            np.array(values) for values in zip(*((w.tilt, w.index, w.step) for w in wedges), strict=True)
+        )
+        turned, blocks = np.arange(LANES) * step[:, None], -(-samples // LANES)
+        self._wedges = these = Wedges()
+        these.samples = samples
+        these.lines = wp.array(lines, dtype=wp.vec3d, device="cpu")
+        these.tilted_first = wp.array([w.tilted_first for w in wedges], dtype=wp.bool, device="cpu")
+        these.rise, these.x, these.aside = map(_doubles, (index**2 - 1.0, np.cos(tilt), np.sin(tilt)))
+        these.turned, these.step = map(_doubles, (np.zeros(len(wedges)), step))
+        these.cosine, these.sine = (
+            wp.array(a, dtype=double_lanes, device="cpu") for a in (np.cos(turned), np.sin(turned))
+        )
+        these.y, these.z = (wp.empty((len(wedges), blocks), dtype=double_lanes, device="cpu") for _ in range(2))
+        self._turned = these.turned.numpy()
+        self._packing = Packing()
+        self._packing.order, self._packing.starts = by_number(samples * len(lines), len(lines))
+        self._launch = prepare_over_tiles(bend_and_pack, blocks, lambda _: [these, self._packing])
 
-    def directions(self, normals: Sequence[tuple[float, Doubles, Doubles]]) -> Doubles:
-        """(samples, lines, 3) unit: where the light goes on. normals: x, y (samples,) and z of each tilted face."""
-        for k, normal in enumerate(normals):
-            self._x[k], self._y[k], self._z[k] = normal
-        self._wedges.directions = directions = wp.empty(self._shape, dtype=wp.vec3d, device="cpu")
+    def reading(self, turned: Sequence[float]) -> tuple[Doubles, Packets]:
+        """(samples, lines, 3) unit: where the light goes on, and the same in packets.
+
+        turned: of each wedge at the first sample [rad]; at 0 its tilted face leans to +y.
+        """
+        self._turned[:] = turned
+        directions = wp.empty(self._shape, dtype=wp.vec3d, device="cpu")
+        begin_packing(self._packing, directions.flatten())
         self._launch()
-        return directions.numpy()
+        return directions.numpy(), end_packing(self._packing)
+
+
+def _doubles(values: Doubles) -> wp.array:
+    return wp.array(values, dtype=wp.float64, device="cpu")

@@ -102,13 +102,18 @@ def end_stream():  # type: ignore[no-untyped-def]
 
 @wp.func_native("""
     const auto& hits = staged.data[k];
-    out.distance.data[ray] = hits.distance[i];
-    out.shape.data[ray] = hits.shape[i];
-    out.face.data[ray] = hits.face[i];
-    out.normal.data[ray] = wp::vec3(hits.normal_x[i], hits.normal_y[i], hits.normal_z[i]);
+    for (int i = 0; i < 16; ++i) {
+        const int ray = first_ray + numbers[i];
+        if (numbers[i] < 0) continue;
+        out.distance.data[ray] = hits.distance[i];
+        out.shape.data[ray] = hits.shape[i];
+        out.face.data[ray] = hits.face[i];
+        out.normal.data[ray] = wp::vec3(hits.normal_x[i], hits.normal_y[i], hits.normal_z[i]);
+    }
 """)
-def write_hit(out: Out, ray: int, staged: wp.array[PacketOut], k: int, i: int):  # type: ignore[no-untyped-def]
-    """That of ray i of packet k."""
+def write_one_by_one(out: Out, first_ray: int, numbers: int_lanes, staged: wp.array[PacketOut], k: int):  # type: ignore[no-untyped-def]
+    """The hits of packet k, of the rays by these numbers, -1 for none. Native: Warp asks of every index where it begins
+    to count."""
 
 
 @wp.func
@@ -120,6 +125,4 @@ def write_part(out: Out, rays: wp.array[TileRays], staged: wp.array[PacketOut], 
         write_row(out, rays[0].first_ray + rays[0].tile.rows[k], staged, at, 4 * across, is_streamed)
     else:
         numbers = rays[0].packets[rays[0].first_packet + k].ray
-        for i in range(LANES):
-            if numbers[i] >= 0:
-                write_hit(out, rays[0].first_ray + numbers[i], staged, k, i)
+        write_one_by_one(out, rays[0].first_ray, numbers, staged, k)

@@ -18,6 +18,8 @@ from .sorting import SLACK, SPARSE, WIDEST, Packets
 
 _TILES_PER_SLICE = 256
 """Fewer are packed sooner than another thread begins."""
+_LINES = 4
+"""Most of which a packet has rays: as many as of each line."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -114,10 +116,9 @@ class Packing:
     is_dense: wp.array[wp.bool]
 
 
-@wp.kernel
-def pack_tiles(first: int, these: Packing) -> None:
-    """One tile per thread; one whose rays are far apart is not dense."""
-    t = first + wp.tid()
+@wp.func
+def pack_tile(these: Packing, t: int) -> None:
+    """Make tile t, which is not dense where its rays are far apart."""
     order = these.order
     packets = these.packets
     begin = these.starts[t]
@@ -164,6 +165,11 @@ def pack_tiles(first: int, these: Packing) -> None:
     these.is_dense[t] = apart == 0 and area < SPARSE * float(end - begin)
 
 
+@wp.kernel
+def pack_tiles(first: int, these: Packing) -> None:
+    pack_tile(these, first + wp.tid())
+
+
 def pack_in_order(
     directions: wp.array, group: npt.NDArray[np.int32] | None = None, order: npt.NDArray[np.int32] | None = None
 ) -> Packets:
@@ -171,31 +177,50 @@ def pack_in_order(
 
     order: all rays, (n,), as they follow each other; None where they do so by number.
     """
-    count = directions.size
+    these = Packing()
     if group is None and order is None:
-        listed, starts = _by_number(count)
+        these.order, these.starts = by_number(directions.size)
     else:
-        listed, starts = _by_group(np.arange(count, dtype=np.int32) if order is None else order, group)
-    these, count = Packing(), starts.size - 1
-    these.directions, these.order, these.starts = directions, listed, starts
-    these.tiles = tiles = wp.empty(count, dtype=Tile, device="cpu")
-    these.packets = packets = wp.empty(PACKETS * count, dtype=Packet, device="cpu")
+        these.order, these.starts = _by_group(
+            np.arange(directions.size, dtype=np.int32) if order is None else order, group
+        )
+    begin_packing(these, directions)
+    launch_over_rays(pack_tiles, these.tiles.size, [these], [], "cpu", slice_size=_TILES_PER_SLICE)
+    return end_packing(these)
+
+
+def begin_packing(these: Packing, directions: wp.array) -> None:
+    """Make room for the tiles of these rays, (n,) vec3d, whose order is there already."""
+    count = these.starts.size - 1
+    these.directions = directions
+    these.tiles = wp.empty(count, dtype=Tile, device="cpu")
+    these.packets = wp.empty(PACKETS * count, dtype=Packet, device="cpu")
     these.is_dense = wp.empty(count, dtype=wp.bool, device="cpu")
-    launch_over_rays(pack_tiles, count, [these], [], "cpu", slice_size=_TILES_PER_SLICE)
+
+
+def end_packing(these: Packing) -> Packets:
+    """The tiles that were packed, but for those that are not dense, whose rays go alone."""
     is_dense = these.is_dense.numpy()
     if is_dense.all():
-        return Packets(tiles, packets, wp.empty(0, dtype=int, device="cpu"))
+        return Packets(these.tiles, these.packets, wp.empty(0, dtype=int, device="cpu"))
+    alone = np.repeat(~is_dense, np.diff(these.starts.numpy()))
     return Packets(
-        wp.array(tiles.numpy()[is_dense], dtype=Tile, device="cpu"),
-        wp.array(packets.numpy()[np.repeat(is_dense, PACKETS)], dtype=Packet, device="cpu"),
-        wp.array(listed.numpy()[np.repeat(~is_dense, np.diff(starts.numpy()))], dtype=int, device="cpu"),
+        wp.array(these.tiles.numpy()[is_dense], dtype=Tile, device="cpu"),
+        wp.array(these.packets.numpy()[np.repeat(is_dense, PACKETS)], dtype=Packet, device="cpu"),
+        wp.array(these.order.numpy()[alone], dtype=int, device="cpu"),
     )
 
 
 @lru_cache(maxsize=8)  # patterns of so many sizes
-def _by_number(count: int) -> tuple[wp.array, wp.array]:
-    """So many rays as they follow each other, and where each of their tiles starts, and the end of the last."""
-    return _by_group(np.arange(count, dtype=np.int32), None)
+def by_number(count: int, lines: int = 1) -> tuple[wp.array, wp.array]:
+    """So many rays as they follow each other, and where each of their tiles starts, and the end of the last.
+
+    lines: that take turns, neighbours by number. Where there are many, a packet of a tile has only some of them: one of
+    all has few rays of each, and is long across the path.
+    """
+    number = np.arange(count, dtype=np.int32)
+    some = number % lines * -(-lines // _LINES) // lines
+    return _by_group(number[np.lexsort([some, number // TILE])], None)
 
 
 def _by_group(order: npt.NDArray[np.int32], group: npt.NDArray[np.int32] | None) -> tuple[wp.array, wp.array]:

@@ -6,6 +6,7 @@ with, and the fraction within a centimetre of it, for casters that cut round sha
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -112,12 +113,15 @@ def in_turns(what: Mapping[str, Callable[[], Any]], rounds: int) -> dict[str, Fl
 
 
 def _turn(run: Callable[[], Any]) -> tuple[float, float]:
-    """The seconds of a run, as many in a row as take TURN, after one that finds the caches as others left them."""
+    """The seconds of a run, as many in a row as take TURN, after one that finds the caches as others left them.
+
+    What a run gives is dropped once the next one has given its own, as by a loop that steps a simulation.
+    """
     first = _seconds(run)
     if first[0] >= TURN:
         return first
     runs = math.ceil(TURN / first[0])
-    clock, cpu = _seconds(lambda: [run() for _ in range(runs)])
+    clock, cpu = _seconds(lambda: deque((run() for _ in range(runs)), maxlen=1))
     return clock / runs, cpu / runs
 
 

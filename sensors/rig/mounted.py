@@ -279,7 +279,7 @@ def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
 def _packed(pattern: Pattern, rays: Rays, scene: Scene) -> Rays:
     """The rays of a pattern as they are cast together: in packets, or in bundles where enough run in one direction."""
     if _in_packets(pattern, scene):
-        return replace(rays, packets=_packets(pattern, rays))
+        return replace(rays, packets=pattern.packets or _packets(pattern, rays))
     if not scene.device.is_cpu or pattern.later is not None:
         return rays
     group = same_rows(rays.directions.numpy())

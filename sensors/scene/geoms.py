@@ -5,7 +5,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels.geometry import FARTHEST, Shapes, TriangleTree
-from rigcast.kernels.taking import TakenPoses, Watched
+from rigcast.kernels.taking import TakenPoses
+from rigcast.kernels.watching import Watched
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.specs.filter import Filter

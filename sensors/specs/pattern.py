@@ -2,11 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .lens import Lens
+
+if TYPE_CHECKING:  # cards of devices are drawn without Warp
+    from rigcast.kernels.packing.sorting import Packets
 
 MOST_RAYS = 2**26  # of one reading; more is a slip, and their directions alone fill 1.6 GB
 
@@ -25,6 +29,7 @@ class Pattern:
     subrays: (*shape, k, 3) unit, the rays that are cast in place of each of `directions`; None: these themselves.
     later: for a pattern that is another one in each reading, the one of a reading that begins at a time [s];
         these are the rays of a reading at time 0, and the shape and the origins are always the same.
+    packets: the same rays on the CPU as they are cast together, where they were packed as they were worked out.
     """
 
     directions: NDArray[np.float64]
@@ -36,6 +41,7 @@ class Pattern:
     lens: Lens | None = None
     subrays: NDArray[np.float64] | None = None
     later: "Callable[[float], Pattern] | None" = None
+    packets: "Packets | None" = None
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -13,6 +13,7 @@ Lidar Sensor, Sensors 21(14):4722, 2021.
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cache, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,13 @@ from pydantic import Field, model_validator
 from .pattern import Pattern, directions_at
 from .spec import Spec
 
+if TYPE_CHECKING:  # cards of devices are drawn without Warp
+    from rigcast.kernels.packing.sorting import Packets
+
 Coordinate = float | NDArray[np.float64]
-Aim = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Aim = Callable[[float], "tuple[NDArray[np.float64], Packets | None]"]
+"""Where each line looks (samples, lines, 3) in a reading that begins so far along the path [s], and these rays in
+packets, where they are there already."""
 
 
 class Steered(Spec):
@@ -46,11 +52,12 @@ class Steered(Spec):
         fired = np.repeat(sampled, lines)
         make_aim = cache(partial(self.aim, samples))  # only for those who want later readings
 
-        def pattern_of(directions: NDArray[np.float64]) -> Pattern:
-            return Pattern(directions.reshape(-1, 3), firing_times=fired, ring=ring, column=column, later=at)
+        def pattern_of(directions: NDArray[np.float64], packets: "Packets | None" = None) -> Pattern:
+            rays = directions.reshape(-1, 3)
+            return Pattern(rays, firing_times=fired, ring=ring, column=column, later=at, packets=packets)
 
         def at(time: float) -> Pattern:
-            return pattern_of(make_aim()(self.start + time + sampled))
+            return pattern_of(*make_aim()(self.start + time))
 
         return pattern_of(self.directions(self.start + sampled))
 
@@ -59,9 +66,9 @@ class Steered(Spec):
         """(n, lines, 3) unit: where each line looks at times (n,) [s] along the path."""
 
     def aim(self, samples: int) -> Aim:
-        """`directions`, to be asked for again and again, of so many times."""
-        del samples  # numpy takes any number
-        return self.directions
+        """For readings of so many samples, one after the other."""
+        sampled = np.arange(samples) / self.sample_rate_hz
+        return lambda begin: (self.directions(begin + sampled), None)
 
 
 class Wedge(Spec):
@@ -72,14 +79,15 @@ class Wedge(Spec):
     index: float = Field(ge=1, description="refractive index of the glass")
     tilted_first: bool = Field(description="whether the light meets the tilted face before the other one")
 
-    def leaning(self, time: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-        """x, y (n,) and z (n,) of the tilted face's normal, along the light, at times (n,) [s]."""
-        turned, tilt = 2 * np.pi * self.rpm / 60 * time, np.deg2rad(self.tilt_deg)
-        return float(np.cos(tilt)), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)
+    @property
+    def speed(self) -> float:
+        """Counter-clockwise [rad/s]."""
+        return 2 * np.pi * self.rpm / 60
 
     def bend(self, beam: NDArray[np.float64], time: NDArray[np.float64]) -> None:
         """Make unit directions (3, lines, n) before the wedge those behind it, at times (n,) [s]."""
-        leaning = self.leaning(time)
+        tilt, turned = np.deg2rad(self.tilt_deg), self.speed * time
+        leaning = np.cos(tilt), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)
         if self.tilted_first:
             refract(beam, leaning, 1.0, self.index)
             refract_at_x(beam, self.index, 1.0)
@@ -120,11 +128,14 @@ class Rosette(Steered):
         return np.ascontiguousarray(beam.T)
 
     def aim(self, samples: int) -> Aim:
-        from rigcast.kernels.wedges import Bending  # here, as cards of devices are drawn without Warp
+        from rigcast.kernels.wedges import Bending, TurningWedge  # here, as cards of devices are drawn without Warp
 
-        index = np.array([wedge.index for wedge in self.wedges])
-        bending = Bending(self._lines(), index, np.array([wedge.tilted_first for wedge in self.wedges]), samples)
-        return lambda time: bending.directions([wedge.leaning(time) for wedge in self.wedges])
+        wedges = [
+            TurningWedge(np.deg2rad(w.tilt_deg), w.index, w.tilted_first, w.speed / self.sample_rate_hz)
+            for w in self.wedges
+        ]
+        bending = Bending(self._lines(), wedges, samples)
+        return lambda begin: bending.reading([w.speed * begin for w in self.wedges])
 
     def _lines(self) -> NDArray[np.float64]:
         """(lines, 3) unit, before the wedges."""

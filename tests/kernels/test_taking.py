@@ -6,7 +6,7 @@ import warp as wp
 from made_worlds import random_rotations
 
 from rigcast.kernels.geometry import FARTHEST
-from rigcast.kernels.taking import PlacedFrame, TakenPoses, Watched
+from rigcast.kernels.taking import PlacedFrame, TakenPoses
 from rigcast.sensors.specs.height_scan import yaw_only
 from rigcast.sensors.specs.mount import placed
 
@@ -65,18 +65,3 @@ def check(frame: PlacedFrame, pose: np.ndarray, expected: np.ndarray, seed: int)
     np.testing.assert_array_equal(pose, expected, err_msg=f"seed {seed}")
     np.testing.assert_array_equal(frame.position.numpy()[0], expected[:3, 3])
     np.testing.assert_array_equal(frame.rotation.numpy()[0], expected[:3, :3])
-
-
-@pytest.mark.parametrize("value", [np.nan, -0.0, 1e-45, 7.0], ids=str)
-@pytest.mark.parametrize(("array", "place"), [(0, 0), (0, 2), (1, 0), (1, 1000), (2, 516)])
-def test_whatever_is_written_to_is_seen_until_it_is_taken(array: int, place: int, value: float) -> None:
-    arrays = [np.zeros(count, np.float32) for count in (3, 1001, 517)]
-    watched = Watched(arrays)
-    assert not watched.have_changed()
-    arrays[array][place] = value
-    assert watched.have_changed()
-    assert watched.have_changed()
-    watched.taken()
-    assert not watched.have_changed()
-    arrays[array][place] = 0.0
-    assert watched.have_changed()

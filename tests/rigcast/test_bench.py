@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from weakref import WeakSet
 
 import mujoco
 import numpy as np
@@ -14,7 +15,7 @@ from rigcast.bench import of_casting, of_rest, workloads
 from rigcast.bench.casters import CASTERS, Floats, load_casters
 from rigcast.bench.casters.tessellation import merged_triangles
 from rigcast.bench.charts import draw_results
-from rigcast.bench.race import Result, race
+from rigcast.bench.race import Result, in_turns, race
 from rigcast.bench.scaling import scaling
 from rigcast.bench.workloads import View, Workload
 from rigcast.cli import app
@@ -47,6 +48,23 @@ def small_race() -> list[Result]:
     casters, missing = load_casters(MUJOCO_ONLY)
     assert not missing
     return race(small_workload(), casters, rounds=2, sample=50)
+
+
+def test_an_answer_is_dropped_once_the_next_is_there() -> None:
+    class Answer: ...
+
+    held: WeakSet[Answer] = WeakSet()
+    most = 0
+
+    def run() -> Answer:
+        nonlocal most
+        answer = Answer()
+        held.add(answer)
+        most = max(most, len(held))
+        return answer
+
+    in_turns({"answers": run}, rounds=2)
+    assert most == 2
 
 
 def width_of(picture: Path) -> int:

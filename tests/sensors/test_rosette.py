@@ -5,7 +5,10 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+import warp as wp
 
+from rigcast.kernels.packets.packet import TILE
+from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
@@ -57,19 +60,50 @@ def test_one_wedge_deviates_as_a_prism_does(tilt: float, index: float) -> None:
     np.testing.assert_allclose(angle[1], [0, -expected], atol=1e-12)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("samples", [1, 15, 16, 17, 1000])
 @pytest.mark.parametrize("preset", [name for name in LIVOX if name != "livox_mid360"])
-def test_later_readings_have_the_same_bits_as_the_formula(
-    preset: str, samples: int, threads: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("RIGCAST_THREADS", str(threads))
+def test_later_readings_are_those_of_the_formula(preset: str, samples: int) -> None:
+    """But for rounding, which grows with how far the wedges have turned [rad]: it is that of an angle."""
     rosette = livox(preset, rate_hz=10).rosette
     assert rosette is not None
     aim, sampled = rosette.aim(samples), np.arange(samples) / rosette.sample_rate_hz
-    readings = {time: aim(time + sampled) for time in (0.0, 0.1, 1e4)}
+    readings = {time: aim(time)[0] for time in (0.0, 0.1, 1e4)}
     for time, directions in readings.items():  # a reading does not change those before it
-        np.testing.assert_array_equal(directions, rosette.directions(time + sampled), err_msg=f"at {time} s")
+        turned = sum(abs(wedge.speed) for wedge in rosette.wedges) * (time + sampled[-1])
+        bound = 2 * np.finfo(np.float64).eps * (2 + turned)
+        np.testing.assert_allclose(
+            directions, rosette.directions(time + sampled), rtol=0, atol=bound, err_msg=f"at {time} s"
+        )
+
+
+@pytest.mark.parametrize("lines", [1, 4, 5, 6, 9])
+@pytest.mark.parametrize("samples", [1, 17, 1000])
+def test_later_readings_come_in_packets_of_neighbouring_lines(
+    lines: int, samples: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same ones in any number of threads, and each as rays in this order are packed."""
+    elevation = np.linspace(-2, 2, lines).tolist()
+    wedges = [wedge(rpm=7000), wedge(rpm=-3000)]
+    aim = Rosette(wedges=wedges, sample_rate_hz=40_000, line_elevation_deg=elevation).aim(samples)
+    readings = []
+    for threads in ("1", "3"):
+        monkeypatch.setenv("RIGCAST_THREADS", threads)
+        readings.append((threads, *aim(0.1)))
+    for threads, directions, packets in readings:
+        assert packets is not None
+        rays = wp.array(directions.reshape(-1, 3), dtype=wp.vec3d, device="cpu")
+        expected = pack_in_order(rays, order=packets.order)
+        for got, want in (
+            (packets.tiles.numpy(), expected.tiles.numpy()),
+            (packets.packets.numpy(), expected.packets.numpy()),
+        ):
+            for name in got.dtype.names:
+                np.testing.assert_array_equal(got[name], want[name], err_msg=f"{name}, {threads} threads")
+        np.testing.assert_array_equal(np.sort(packets.order), np.arange(samples * lines))
+        tiles = packets.order[: samples * lines // TILE * TILE].reshape(-1, TILE)
+        np.testing.assert_array_equal(np.sort(tiles, axis=1).ravel(), np.arange(tiles.size), err_msg="rays of a tile")
+        some = tiles % lines * -(-lines // 4) // lines  # lines at once, 4 at most, in the order of their numbers
+        assert (np.diff(some, axis=1) >= 0).all()
 
 
 def test_a_thin_wedge_bends_the_other_way_when_its_tilted_face_is_met_first() -> None:
