@@ -82,9 +82,9 @@ def take_place(places: wp.array[Places], k: int, i: int, distance: float, face: 
     take(own.normal_z, bits(normal.z));
 #endif
 """)
-def take_places(
+def take_places(  # type: ignore[no-untyped-def]
     places: wp.array[Places], k: int, shapes: int_lanes, shape: int, distance: lanes, normals: wp.array[Vectors]
-):  # type: ignore[no-untyped-def]
+):
     """Those of the rays of packet k that hit this closed form, of what was worked out for all of them."""
 
 

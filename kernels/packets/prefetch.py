@@ -19,8 +19,10 @@ CACHE_LINE = 64
 #endif
 """)
 def align_stack():  # type: ignore[no-untyped-def]
-    """Let what a kernel keeps on the stack begin on a cache line: Warp's vectors are aligned as their numbers are, and half
-    of them would lie across two lines in every second process."""
+    """Let what a kernel keeps on the stack begin on a cache line.
+
+    Warp's vectors are aligned as their numbers are: in every second process half of them would lie across two lines.
+    """
 
 
 def _prefetch(array: str) -> str:
