@@ -13,6 +13,7 @@ from .poses import is_within_reach, scope_of
 from .ray import cast_ray
 from .rays import RayArrays, direction_of, firing_of, origin_of, span_of
 from .turns import turn_of
+from .unit import make_unit
 
 RAYS_PER_RUN = 32
 RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
@@ -91,7 +92,10 @@ def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: 
     alone.copies[thread, 0] = g
     begin = turn_of(turns) * RAYS_PER_TURN
     while begin < alone.count:
-        cast_run(begin, wp.min(begin + RAYS_PER_TURN, alone.count), alone.copies[thread], job, alone.which)
+        end = wp.min(begin + RAYS_PER_TURN, alone.count)
+        if job.rays.vectors.shape[0] > 0:
+            make_unit(begin, end, job.rays.vectors, job.rays.directions)
+        cast_run(begin, end, alone.copies[thread], job, alone.which)
         begin = turn_of(turns) * RAYS_PER_TURN
 
 

@@ -9,7 +9,7 @@ import warp as wp
 
 from .alone import RAYS_PER_RUN, Alone, Job, cast_rays, cast_turns, hold, is_castable
 from .geometry import Geometry, TriangleBlock
-from .launch import TURN, prepare_over_rays, prepare_over_tiles
+from .launch import prepare_over_rays, prepare_over_tiles
 from .moving import at_firings
 from .out import Out
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
@@ -23,7 +23,7 @@ from .poses import scope_of
 from .rays import Rays, firing_of, origin_of, span_of
 from .recorded import recorded
 from .shapes.triangle import CULL_NONE
-from .turns import turn_of
+from .turns import end_of_run, take_run
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -69,14 +69,6 @@ class HitArrays:
         )
 
 
-@wp.func
-def tile_after(index: int, turns: wp.array[int]) -> int:
-    """The next tile of a thread. A turn is a run of neighbouring tiles, whose hits share cache lines."""
-    if (index + 1) % TURN == 0:
-        return turn_of(turns) * TURN
-    return index + 1
-
-
 @wp.struct
 class InPackets:
     """Tiles of packets, those of every world, and scratch of each thread."""
@@ -97,8 +89,8 @@ class InPackets:
 
 
 @wp.kernel
-def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these: InPackets) -> None:
-    """Tiles that no other thread takes, one after the other, of all worlds. turns: how many were taken."""
+def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these: InPackets) -> None:
+    """Tiles that no other thread takes, one after the other, of all worlds. taken: how many were."""
     align_stack()
     g.visible = job.visible
     these.copies[thread, 0] = g
@@ -119,8 +111,11 @@ def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
     places = these.places[thread]
     staged = these.hits[thread]
     rays[0].composed = these.composed[thread]
-    at = turn_of(turns) * TURN
-    while at < these.worlds * tiles.shape[0]:
+    count = these.worlds * tiles.shape[0]
+    threads = these.copies.shape[0]
+    at = take_run(taken, count, threads)
+    end = end_of_run(at, count, threads)
+    while at < count:
         world = at / tiles.shape[0]
         index = at % tiles.shape[0]
         rays[0].tile = tiles[index]
@@ -154,7 +149,10 @@ def cast_packets(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
             if tiles[following].across == 0:
                 prefetch_out(out, packets, following * PACKETS + k, rays[0].first_ray)
             write_part(out, rays, staged, k, these.is_streamed)
-        at = tile_after(at, turns)
+        at += 1
+        if at == end:
+            at = take_run(taken, count, threads)
+            end = end_of_run(at, count, threads)
     end_stream()
 
 

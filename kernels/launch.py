@@ -12,7 +12,7 @@ from .recorded import recorded
 
 RAYS_PER_SLICE = 8192
 TURN = wp.constant(16)
-"""Tiles that a thread casts before it takes others."""
+"""Tiles that a thread takes at once, where it takes as many each time."""
 RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 128
 """To wake a thread takes as long as to read tens of thousands of rays."""
 _launched: set[wp.Kernel] = set()
@@ -48,10 +48,7 @@ def launch_over_rays(
             launch(first, min(slice_size, count - first))
 
     threads = min(thread_count(), -(-count // slice_size))
-    others = [_threads(thread_count()).submit(take_slices) for _ in range(threads - 1)]
-    take_slices()
-    for other in others:
-        other.result()
+    _at_once([take_slices] * threads, thread_count())
 
 
 def launch_over_runs(
@@ -60,16 +57,15 @@ def launch_over_runs(
     inputs: Sequence[Any],
     outputs: Sequence[Any],
     device: wp.DeviceLike,
-    runs_per_slice: int = RUNS_PER_SLICE,
 ) -> None:
     """Launch a kernel for which there is so little to do that a thread takes a run of rays, but on CUDA one.
 
     Its first arguments are the index of the run of thread 0, and how many rays a run has; the last may have fewer.
-    A thread of the CPU takes at least so many runs.
+    A thread of the CPU takes at least RUNS_PER_SLICE runs.
     """
     run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
     runs = -(-count // run)
-    slice_size = max(runs_per_slice, -(-runs // thread_count()))
+    slice_size = max(RUNS_PER_SLICE, -(-runs // thread_count()))
     launch_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
 
 
@@ -91,11 +87,11 @@ def prepare_over_rays(
 
 
 def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Sequence[Any]]) -> Callable[[], object]:
-    """A launch of a CPU kernel over tiles 0..count-1, as `prepare_over_rays`: once in each thread, to take turns at
-    TURN tiles, each when it is done with its last.
+    """A launch of a CPU kernel over tiles 0..count-1, as `prepare_over_rays`: once in each thread, to take tiles until
+    none are left, each some when it is done with its last, as rigcast.kernels.turns says.
 
-    Its first arguments are the number of a thread, and the number of turns that were taken, in an array; then those
-    for so many threads.
+    Its first arguments are the number of a thread, and an array of one number that is 0 at first, how many turns or
+    tiles were taken; then those for so many threads.
     """
     most = max(1, -(-count // TURN))
     turns = wp.zeros(1, dtype=int, device="cpu")
@@ -111,11 +107,8 @@ def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Se
         taken[0] = 0
         if threads == 1:
             of_threads[0]()
-            return
-        others = [_threads(available).submit(own) for own in of_threads[1:]]
-        of_threads[0]()
-        for other in others:
-            other.result()
+        else:
+            _at_once(of_threads, available)
 
     return launch
 
@@ -126,6 +119,16 @@ def thread_count() -> int:
     if wanted:
         return int(wanted)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _at_once(takers: Sequence[Callable[[], object]], threads: int) -> None:
+    """Run these, each of which takes what is left until nothing is: the first here, the others in other threads, of so
+    many. One that has not begun when the first is done would find nothing, and is not waited for."""
+    others = [_threads(threads).submit(taker) for taker in takers[1:]]
+    takers[0]()
+    for other in others:
+        if not other.cancel():
+            other.result()
 
 
 @cache

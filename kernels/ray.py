@@ -122,20 +122,20 @@ class Spans:
     possible: int
 
 
-@wp.func
-def triage_block(block: TriangleBlock, ray: Ray) -> Spans:
-    x0 = block.x0
-    y0 = block.y0
-    z0 = block.z0
-    x1 = block.x1
-    y1 = block.y1
-    z1 = block.z1
-    x2 = block.x2
-    y2 = block.y2
-    z2 = block.z2
-    normal_x = block.normal_x
-    normal_y = block.normal_y
-    normal_z = block.normal_z
+@noinline
+def triage_block(blocks: wp.array[TriangleBlock], k: int, ray: Ray) -> Spans:
+    x0 = blocks[k].x0
+    y0 = blocks[k].y0
+    z0 = blocks[k].z0
+    x1 = blocks[k].x1
+    y1 = blocks[k].y1
+    z1 = blocks[k].z1
+    x2 = blocks[k].x2
+    y2 = blocks[k].y2
+    z2 = blocks[k].z2
+    normal_x = blocks[k].normal_x
+    normal_y = blocks[k].normal_y
+    normal_z = blocks[k].normal_z
     origin = ray.origin
     rest = ray.origin_rest
     direction = ray.direction
@@ -179,14 +179,14 @@ def triage_block(block: TriangleBlock, ray: Ray) -> Spans:
 def triage_patch(patches: wp.array[Patch], k: int, ray: Ray) -> Spans:
     composed = wp.zeros(shape=1, dtype=TriangleBlock)
     compose(patches, k, composed)
-    return triage_block(composed[0], ray)
+    return triage_block(composed, 0, ray)
 
 
 @wp.func
 def triage_leaf(g: wp.array[Geometry], index: int, ray: Ray) -> Spans:
     if index >= FIRST_PATCH:
         return triage_patch(g[0].patches, index - FIRST_PATCH, ray)
-    return triage_block(g[0].blocks[index], ray)
+    return triage_block(g[0].blocks, index, ray)
 
 
 @wp.func

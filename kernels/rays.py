@@ -17,6 +17,7 @@ class RayArrays:
 
     count: int  # of the rays of one world
     directions: wp.array[wp.vec3d]
+    vectors: wp.array[wp.vec3d]
     origins: wp.array[wp.vec3d]
     firing: wp.array[int]
     # of every firing of every world:
@@ -42,6 +43,8 @@ class Rays:
     firing: (N,) int32, which of the F firings each ray belongs to; None where there is one.
     span: (W F,) int32, in which span of the geometry each firing is; None for world w in span w.
     fraction: (W F,) float64, how far from the first instant of its span to the second, 0 to 1; None for 0.
+    vectors: (W N,) vec3d, of any length, of which a cast one by one on the CPU makes the directions on its way, over
+    what is there; None where these are directions already.
     """
 
     directions: wp.array
@@ -53,6 +56,7 @@ class Rays:
     firing: wp.array | None = None
     span: wp.array | None = None
     fraction: wp.array | None = None
+    vectors: wp.array | None = None
 
     @property
     def total(self) -> int:
@@ -82,7 +86,7 @@ class Rays:
         arrays.directions, arrays.origins = _flat(self.directions), _flat(self.origins)
         arrays.firings = self.position.size // self.worlds
         arrays.position, arrays.rotation = self.position, self.rotation
-        for name in ("firing", "span", "fraction"):
+        for name in ("firing", "span", "fraction", "vectors"):
             if getattr(self, name) is not None:  # a struct begins with empty arrays
                 setattr(arrays, name, getattr(self, name))
         return arrays

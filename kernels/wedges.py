@@ -15,7 +15,7 @@ import warp as wp
 
 from .launch import TURN, prepare_over_tiles
 from .packets.packet import LANES, TILE, double_lanes
-from .packing.in_order import Packing, begin_packing, by_number, end_packing, pack_tile
+from .packing.in_order import Packing, PackingInOrder, by_number, pack_tile
 from .packing.sorting import Packets
 from .turns import turn_of
 
@@ -133,7 +133,7 @@ class Bending:
     """Beams of several lines through wedges, at so many samples. lines: (lines, 3) unit, before the wedges."""
 
     def __init__(self, lines: Doubles, wedges: Sequence[TurningWedge], samples: int) -> None:
-        self._shape = samples, len(lines)
+        self._shape = samples, len(lines), 3
         tilt, index, step = (
             np.array(values) for values in zip(*((w.tilt, w.index, w.step) for w in wedges), strict=True)
         )
@@ -149,9 +149,8 @@ class Bending:
         )
         these.y, these.z = (wp.empty((len(wedges), blocks), dtype=double_lanes, device="cpu") for _ in range(2))
         self._turned = these.turned.numpy()
-        self._packing = Packing()
-        self._packing.order, self._packing.starts = by_number(samples * len(lines), len(lines))
-        self._launch = prepare_over_tiles(bend_and_pack, blocks, lambda _: [these, self._packing])
+        self._packing = PackingInOrder(*by_number(samples * len(lines), len(lines)))
+        self._launch = prepare_over_tiles(bend_and_pack, blocks, lambda _: [these, self._packing.these])
 
     def reading(self, turned: Sequence[float]) -> tuple[Doubles, Packets]:
         """(samples, lines, 3) unit: where the light goes on, and the same in packets.
@@ -159,10 +158,10 @@ class Bending:
         turned: of each wedge at the first sample [rad]; at 0 its tilted face leans to +y.
         """
         self._turned[:] = turned
-        directions = wp.empty(self._shape, dtype=wp.vec3d, device="cpu")
-        begin_packing(self._packing, directions.flatten())
+        directions = np.empty(self._shape)
+        self._packing.begin(wp.array(directions.reshape(-1, 3), dtype=wp.vec3d, device="cpu", copy=False))
         self._launch()
-        return directions.numpy(), end_packing(self._packing)
+        return directions, self._packing.end()
 
 
 def _doubles(values: Doubles) -> wp.array:

@@ -61,11 +61,13 @@ def faults_of(error: ValidationError, spec: type[BaseModel]) -> list[Fault]:
 
 
 def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
-    where, owner, annotation = _resolve(spec, detail["loc"])
+    where, owner, annotation, kin = _resolve(spec, detail["loc"])
     kind, given = detail["type"], detail["input"]
     if kind == "extra_forbidden" and owner is not None:
         key = str(where[-1])
-        return Fault(where, f"unknown key {key!r}, {expected_one_of(key, list(owner.model_fields))}", True)
+        others = [tag for tag, model in kin.items() if key in model.model_fields]
+        theirs = f", which {listing(others)} {'has' if len(others) == 1 else 'have'}" if others else ""
+        return Fault(where, f"unknown key {key!r}{theirs}, {expected_one_of(key, list(owner.model_fields))}", True)
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return _tag_fault(where, given, list(_union_members(annotation)))
     if kind in ("too_long", "too_short"):
@@ -80,28 +82,34 @@ def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
     return Fault(where, f"{_sentence(detail)}{keys}, got {_shown(given)}{_meaning(kind, where, owner)}")
 
 
-def _resolve(spec: type[BaseModel], loc: Where) -> tuple[Where, type[BaseModel] | None, Any]:
+def _resolve(
+    spec: type[BaseModel], loc: Where
+) -> tuple[Where, type[BaseModel] | None, Any, dict[str, type[BaseModel]]]:
     """Follow pydantic's `loc` through the annotations of `spec`.
 
     pydantic puts the tag of a discriminated union into `loc` although no such key is in the data. It is told
     from a key by its position, right below the union, because a key may well have the same name. Returns the
-    place without tags, the model that has its last key, and the annotation found there.
+    place without tags, the model that has its last key, the annotation found there, and tag -> model of the union
+    that this model belongs to, if it does.
     """
     where: list[str | int] = []
     owner: type[BaseModel] | None = None
     annotation: Any = spec
+    union: dict[str, type[BaseModel]] = {}
+    kin: dict[str, type[BaseModel]] = {}
     for step in loc:
         members = _union_members(annotation)
         if members:
-            annotation = members.get(str(step))
+            annotation, union = members.get(str(step)), members
             continue
         where.append(step)
+        kin, union = union, {}
         if isinstance(annotation, type) and issubclass(annotation, BaseModel):
             owner, field = annotation, annotation.model_fields.get(str(step))
             annotation = _without_none(field.annotation) if field else None
         else:
             annotation = next(iter(get_args(annotation)), None)
-    return tuple(where), owner, annotation
+    return tuple(where), owner, annotation, kin
 
 
 def _without_none(annotation: Any) -> Any:

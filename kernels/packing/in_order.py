@@ -24,26 +24,38 @@ _LINES = 4
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
+@wp.struct
+class Packing:
+    """Rays in the order in which they are packed, and the tiles that they become. Arrays in a struct, for Warp compiles
+    a kernel twice that is given any by itself."""
+
+    directions: wp.array[wp.vec3d]
+    order: wp.array[int]
+    starts: wp.array[int]  # of the tiles, and the end of the last
+    # out:
+    tiles: wp.array[Tile]
+    packets: wp.array[Packet]
+    is_dense: wp.array[wp.bool]
+
+
 @wp.func
-def gathered(directions: wp.array[wp.vec3d], order: wp.array[int], begin: int, end: int) -> Packet:
-    """Rays begin to end - 1, fewer than LANES of which repeat the last one, as no ray; without their places."""
+def gather(these: Packing, at: int, begin: int, end: int) -> None:
+    """Write rays begin to end - 1, fewer than LANES of which repeat the last one, as no ray, without their places."""
     ray = int_lanes()
     x = double_lanes()
     y = double_lanes()
     z = double_lanes()
     for i in range(LANES):
-        at = order[wp.min(begin + i, end - 1)]
-        d = directions[at]
-        ray[i] = wp.where(begin + i < end, at, -1)
+        number = these.order[wp.min(begin + i, end - 1)]
+        d = these.directions[number]
+        ray[i] = wp.where(begin + i < end, number, -1)
         x[i] = d[0]
         y[i] = d[1]
         z[i] = d[2]
-    packet = Packet()
-    packet.ray = ray
-    packet.x = x
-    packet.y = y
-    packet.z = z
-    return packet
+    these.packets[at].ray = ray
+    these.packets[at].x = x
+    these.packets[at].y = y
+    these.packets[at].z = z
 
 
 @wp.func
@@ -102,24 +114,9 @@ def place_packet(packets: wp.array[Packet], at: int, tile: Tile) -> int:
     return apart
 
 
-@wp.struct
-class Packing:
-    """Rays in the order in which they are packed, and the tiles that they become. Arrays in a struct, for Warp compiles
-    a kernel twice that is given any by itself."""
-
-    directions: wp.array[wp.vec3d]
-    order: wp.array[int]
-    starts: wp.array[int]  # of the tiles, and the end of the last
-    # out:
-    tiles: wp.array[Tile]
-    packets: wp.array[Packet]
-    is_dense: wp.array[wp.bool]
-
-
 @wp.func
 def pack_tile(these: Packing, t: int) -> None:
     """Make tile t, which is not dense where its rays are far apart."""
-    order = these.order
     packets = these.packets
     begin = these.starts[t]
     end = these.starts[t + 1]
@@ -132,17 +129,16 @@ def pack_tile(these: Packing, t: int) -> None:
             packets[at] = Packet()
             packets[at].ray = int_lanes(-1)
         else:
-            packet = gathered(these.directions, order, begin + k * LANES, end)
-            packets[at] = packet
-            x = packet.x
-            y = packet.y
-            z = packet.z
+            gather(these, at, begin + k * LANES, end)
+            x = packets[at].x
+            y = packets[at].y
+            z = packets[at].z
             for i in range(LANES):
                 sum_x[i] = sum_x[i] + x[i]
                 sum_y[i] = sum_y[i] + y[i]
                 sum_z[i] = sum_z[i] + z[i]
     tile = tile_along(wp.normalize(wp.vec3d(sum_of(sum_x), sum_of(sum_y), sum_of(sum_z))))
-    tile.ray = order[begin]
+    tile.ray = these.order[begin]
     tile.across = 1
     apart = int(0)
     area = float(0.0)
@@ -156,11 +152,15 @@ def pack_tile(these: Packing, t: int) -> None:
             apart = apart | place_packet(packets, at, tile)
             p = packets[at].p
             q = packets[at].q
-            tile.p_low[k] = -farthest(-p) - SLACK
-            tile.p_high[k] = farthest(p) + SLACK
-            tile.q_low[k] = -farthest(-q) - SLACK
-            tile.q_high[k] = farthest(q) + SLACK
-            area += (tile.p_high[k] - tile.p_low[k]) * (tile.q_high[k] - tile.q_low[k])
+            p_low = -farthest(-p) - SLACK
+            p_high = farthest(p) + SLACK
+            q_low = -farthest(-q) - SLACK
+            q_high = farthest(q) + SLACK
+            area += (p_high - p_low) * (q_high - q_low)
+            tile.p_low[k] = p_low
+            tile.p_high[k] = p_high
+            tile.q_low[k] = q_low
+            tile.q_high[k] = q_high
     these.tiles[t] = tile
     these.is_dense[t] = apart == 0 and area < SPARSE * float(end - begin)
 
@@ -177,38 +177,47 @@ def pack_in_order(
 
     order: all rays, (n,), as they follow each other; None where they do so by number.
     """
-    these = Packing()
     if group is None and order is None:
-        these.order, these.starts = by_number(directions.size)
+        packing = PackingInOrder(*by_number(directions.size))
     else:
-        these.order, these.starts = _by_group(
-            np.arange(directions.size, dtype=np.int32) if order is None else order, group
+        packing = PackingInOrder(
+            *_by_group(np.arange(directions.size, dtype=np.int32) if order is None else order, group)
         )
-    begin_packing(these, directions)
-    launch_over_rays(pack_tiles, these.tiles.size, [these], [], "cpu", slice_size=_TILES_PER_SLICE)
-    return end_packing(these)
+    packing.begin(directions)
+    launch_over_rays(pack_tiles, packing.tiles, [packing.these], [], "cpu", slice_size=_TILES_PER_SLICE)
+    return packing.end()
 
 
-def begin_packing(these: Packing, directions: wp.array) -> None:
-    """Make room for the tiles of these rays, (n,) vec3d, whose order is there already."""
-    count = these.starts.size - 1
-    these.directions = directions
-    these.tiles = wp.empty(count, dtype=Tile, device="cpu")
-    these.packets = wp.empty(PACKETS * count, dtype=Packet, device="cpu")
-    these.is_dense = wp.empty(count, dtype=wp.bool, device="cpu")
+class PackingInOrder:
+    """Packs rays in one order, (n,), reading after reading. starts: of the tiles, and the end of the last.
 
+    Between `begin` and `end` a kernel calls `pack_tile` for each of so many `tiles` of `these`.
+    """
 
-def end_packing(these: Packing) -> Packets:
-    """The tiles that were packed, but for those that are not dense, whose rays go alone."""
-    is_dense = these.is_dense.numpy()
-    if is_dense.all():
-        return Packets(these.tiles, these.packets, wp.empty(0, dtype=int, device="cpu"))
-    alone = np.repeat(~is_dense, np.diff(these.starts.numpy()))
-    return Packets(
-        wp.array(these.tiles.numpy()[is_dense], dtype=Tile, device="cpu"),
-        wp.array(these.packets.numpy()[np.repeat(is_dense, PACKETS)], dtype=Packet, device="cpu"),
-        wp.array(these.order.numpy()[alone], dtype=int, device="cpu"),
-    )
+    def __init__(self, order: wp.array, starts: wp.array) -> None:
+        self.tiles = starts.size - 1
+        self.these = these = Packing()
+        these.order, these.starts = order, starts
+        these.is_dense = wp.empty(self.tiles, dtype=wp.bool, device="cpu")
+        self._is_dense, self._no_singles = these.is_dense.numpy(), wp.empty(0, dtype=int, device="cpu")
+
+    def begin(self, directions: wp.array) -> None:
+        """Make room for the tiles of rays with unit directions (n,) vec3d."""
+        self.these.directions = directions
+        self.these.tiles = wp.empty(self.tiles, dtype=Tile, device="cpu")
+        self.these.packets = wp.empty(PACKETS * self.tiles, dtype=Packet, device="cpu")
+
+    def end(self) -> Packets:
+        """The tiles, but for those that are not dense, whose rays go alone."""
+        these, is_dense = self.these, self._is_dense
+        if is_dense.all():
+            return Packets(these.tiles, these.packets, self._no_singles)
+        alone = np.repeat(~is_dense, np.diff(these.starts.numpy()))
+        return Packets(
+            wp.array(these.tiles.numpy()[is_dense], dtype=Tile, device="cpu"),
+            wp.array(these.packets.numpy()[np.repeat(is_dense, PACKETS)], dtype=Packet, device="cpu"),
+            wp.array(these.order.numpy()[alone], dtype=int, device="cpu"),
+        )
 
 
 @lru_cache(maxsize=8)  # patterns of so many sizes

@@ -1,5 +1,6 @@
 """`rigcast view`: look at a rig, at what a run has written, or at a bag."""
 
+import math
 import webbrowser
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,12 +17,13 @@ from rigcast.cli.run import progress, step_count
 from rigcast.export.files import make_writable, replacing
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.simulation import initial_data
 from rigcast.view.bag import is_bag, read_bag
 from rigcast.view.in_rerun import Moment, show_in_rerun
-from rigcast.view.page import MOST_POINTS, MOST_SHOTS, write_page
+from rigcast.view.page import MOST_POINTS, MOST_SHOTS, WIDEST, write_page
 from rigcast.view.run_folder import read_run
-from rigcast.view.shots import Shot, shot_of
+from rigcast.view.shots import Share, Shot, shot_of
 
 
 class _Seen(NamedTuple):
@@ -69,16 +71,21 @@ def _suffix(save: Path | None) -> str:
 
 
 def _recorded(target: Path, suffix: str) -> _Seen:
-    most = MOST_SHOTS if suffix == ".html" else None
+    most = _most(suffix)
     shots = [_kept(shot, suffix) for shot in (read_bag(target, most) if is_bag(target) else read_run(target, most))]
     if not shots:
         raise InputError(f"{target}: no frame to show")
     return _Seen(shots, None, [])
 
 
+def _most(suffix: str) -> int | None:
+    """Shots that are shown; None is all."""
+    return MOST_SHOTS if suffix == ".html" else None
+
+
 def _kept(shot: Shot, suffix: str) -> Shot:
     """As much of a shot as is shown, so that no more of a long recording is in memory."""
-    return shot.thinned(MOST_POINTS if suffix == ".html" else None)
+    return shot.thinned(MOST_POINTS, WIDEST) if suffix == ".html" else shot
 
 
 def _simulated(
@@ -93,11 +100,12 @@ def _simulated(
     config, compiled = open_rig(rig, model, overrides)
     steps, data = step_count(compiled, duration), initial_data(compiled, config.keyframe)
     loaded = ready_rig(console, config, compiled, data, device)
-    seen = _Seen([], compiled, [])
+    most = [_most_readings(sensor, steps * compiled.opt.timestep, steps) for sensor in loaded.sensors]
+    seen, share = _Seen([], compiled, []), Share(most, _most(suffix))
     with progress(console, steps * compiled.opt.timestep) as report:
         for step in range(1, steps + 1):
             mujoco.mj_step(compiled, data)
-            new = [_kept(shot_of(frame), suffix) for frame in loaded.step(data)]
+            new = [_kept(shot_of(frame), suffix) for frame in loaded.step(data) if share.takes(frame.sensor)]
             seen.shots.extend(new)
             if new:
                 mujoco.mj_kinematics(compiled, data)  # the poses of now, as the frames have them
@@ -106,6 +114,11 @@ def _simulated(
     if not seen.shots:
         raise InputError(f"{rig}: no frame fell due in {duration:g} s")
     return seen
+
+
+def _most_readings(sensor: SensorSpec, duration: float, steps: int) -> int:
+    """As many readings as a sensor may have in so many seconds, or steps."""
+    return steps if sensor.rate_hz is None else math.ceil(duration * sensor.rate_hz) + 1
 
 
 def _show_in_rerun(console: Console, title: str, seen: _Seen, save: Path | None) -> None:

@@ -4,7 +4,6 @@ Of its topics PointCloud2, LaserScan and depth images (32FC1, 16UC1) that have a
 where /tf has its frame when the message comes; a frame that /tf does not know is taken for the world.
 """
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
@@ -19,7 +18,7 @@ from rigcast.ros.messages import DATATYPES, typestore
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
-from rigcast.view.shots import VALUES, Shot, arrays_of_image, every
+from rigcast.view.shots import VALUES, Share, Shot, arrays_of_image
 
 _FILES = (".mcap", ".db3")
 _ENDINGS = ("/points", "/scan", "/depth/image")  # of our topics, after the sensor's name
@@ -50,14 +49,12 @@ def read_bag(path: Path, most: int | None = None) -> Iterator[Shot]:
     load_extra("Looking at a bag", "rosbags", "ros")
     with _opened(path) as reader:
         bag = _Bag(reader)
-        step = every([connection.msgcount for connection in bag.shown], most)
-        seen = Counter[str]()
+        share = Share([connection.msgcount for connection in bag.shown], most)
         for connection, message in bag.messages([*bag.shown, *bag.of("tf2_msgs/msg/TFMessage")]):
             if connection.topic.endswith(("/tf", "/tf_static")):
                 bag.tree.learn(message)
                 continue
-            arrays = bag.arrays(connection, message) if seen[connection.topic] % step == 0 else None
-            seen[connection.topic] += 1
+            arrays = bag.arrays(connection, message) if share.takes(connection.topic) else None
             if arrays is not None:
                 pose = bag.tree.pose(message.header.frame_id)
                 yield Shot.of(_sensor(connection.topic), _seconds(message.header.stamp), pose, arrays)

@@ -19,7 +19,7 @@ from rigcast.view.shots import VALUES, Shot, every
 
 MOST_SHOTS = 200  # in a page; of more, every second, third, ... of each sensor
 MOST_POINTS = 20_000  # of a shot
-_WIDEST = 320  # pixels of an image
+WIDEST = 320  # pixels of a row of an image, and less than twice as many
 _FARTHEST = 5.0
 _STEPS = 65535  # of an unsigned 16-bit coordinate
 
@@ -33,7 +33,7 @@ def write_page(path: Path, title: str, shots: Sequence[Shot]) -> None:
     """
     if not shots:
         raise InputError(f"{title}: no frame to show")
-    shown = [shot.thinned(MOST_POINTS) for shot in _thinned(shots)]
+    shown = [shot.thinned(MOST_POINTS, WIDEST) for shot in _thinned(shots)]
     template = (files("rigcast.view") / "page.html").read_text(encoding="utf-8")
     # "</" would end the script that the data are in
     data = json.dumps(_document(title, shown), allow_nan=False).replace("</", "<\\/")
@@ -55,7 +55,7 @@ def _document(title: str, shots: Sequence[Shot]) -> dict[str, Any]:
     box = _Box.of([shot.points_world for shot in shots])
     names = [name for name in VALUES if any(name in shot.values for shot in shots)]
     scales = {name: _scale(name, shots) for name in names}
-    depths = [_small(shot.depth).ravel() for shot in shots if shot.depth is not None]
+    depths = [shot.depth.ravel() for shot in shots if shot.depth is not None]
     depth = Scale.of(np.concatenate([np.empty(0), *depths]), reverse=True)
     return {
         "title": title,
@@ -119,7 +119,7 @@ def _entry(shot: Shot, box: _Box, scales: dict[str, list[float] | None], depth: 
     }
     if shot.depth is not None:
         entry["image"] = _picture(shot.depth, depth)
-        entry["size"] = list(shot.depth.shape[::-1])
+        entry["size"] = shot.size
     return entry
 
 
@@ -130,13 +130,8 @@ def _bytes(values: NDArray[Any], scale: list[float] | None) -> NDArray[np.uint8]
     return np.clip((values - scale[0]) / (scale[1] - scale[0]) * 255, 0, 255).astype(np.uint8)
 
 
-def _small(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    step = max(1, depth.shape[1] // _WIDEST)
-    return depth[::step, ::step]
-
-
 def _picture(depth: NDArray[np.float32], scale: Scale) -> str:
-    rgb = scale.colours(_small(depth))
+    rgb = scale.colours(depth)
     png = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(rgb)).save(png, format="png")
     return "data:image/png;base64," + base64.b64encode(png.getvalue()).decode()

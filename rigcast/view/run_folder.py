@@ -15,7 +15,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import listing
 from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.view.bag import is_bag, read_bag
-from rigcast.view.shots import VALUES, Shot, arrays_of_image, every
+from rigcast.view.shots import VALUES, Share, Shot, arrays_of_image
 
 _READABLE = ("npz", "exr", "ply")
 
@@ -34,13 +34,11 @@ def read_run(folder: Path, most: int | None = None) -> Iterator[Shot]:
         yield from read_bag(_bag_in(folder), most)
         return
     rows = [i for i in np.argsort(index["time"], kind="stable") if files[i]]
-    step = every(list(Counter(index["sensor"][rows]).values()), most)
-    seen = Counter[str]()
+    share = Share(list(Counter(index["sensor"][rows]).values()), most)
     for i in rows:
         sensor = str(index["sensor"][i])
-        if seen[sensor] % step == 0:
+        if share.takes(sensor):
             yield Shot.of(sensor, float(index["time"][i]), index["pose"][i], _read(folder / files[i]))
-        seen[sensor] += 1
 
 
 def _read_index(folder: Path) -> dict[str, NDArray[Any]]:

@@ -1,5 +1,6 @@
 """What a view shows of a reading, be it just taken or read from what a run has left."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
@@ -21,7 +22,8 @@ class Shot:
 
     pose: (4, 4) float64, sensor in world. points: (n, 3) float32 [m] in the sensor's frame, of the n rays with a
     finite range. values: (n,) each, by name, some of VALUES. depth: (height, width) float32 [m] of a camera, else None,
-    as is intrinsics, (3, 3) float64 [pixels].
+    as are intrinsics, (3, 3) float64 [pixels], and size, the camera's (width, height), which has more pixels than depth
+    where that is `thinned`.
     """
 
     sensor: str
@@ -31,6 +33,7 @@ class Shot:
     values: Mapping[str, NDArray[Any]]
     depth: NDArray[np.float32] | None = None
     intrinsics: NDArray[np.float64] | None = None
+    size: tuple[int, int] | None = None
 
     @classmethod
     def of(cls, sensor: str, time: float, pose: NDArray[np.float64], arrays: Mapping[str, Any]) -> "Shot":
@@ -38,15 +41,20 @@ class Shot:
         points = arrays["points"].reshape(-1, 3)
         hit = np.isfinite(points).all(axis=1)
         values = {name: arrays[name].reshape(-1)[hit] for name in VALUES if name in arrays}
-        return cls(sensor, time, pose, points[hit], values, arrays.get("depth"), arrays.get("intrinsics"))
+        depth = arrays.get("depth")
+        size = None if depth is None else (depth.shape[1], depth.shape[0])
+        return cls(sensor, time, pose, points[hit], values, depth, arrays.get("intrinsics"), size)
 
-    def thinned(self, most: int | None) -> "Shot":
-        """The same with every second, third, ... of its points, so that they are no more than `most`; None is all."""
-        step = 1 if most is None else max(1, -(-len(self.points) // most))
-        if step == 1:
+    def thinned(self, most: int, widest: int) -> "Shot":
+        """The same with every second, third, ... of its points, so that they are no more than `most`, and likewise of
+        its pixels, in rows of `widest` to less than twice as many."""
+        step = max(1, -(-len(self.points) // most))
+        pixel = 1 if self.depth is None else max(1, self.depth.shape[1] // widest)
+        if step == pixel == 1:
             return self
         values = {name: own[::step].copy() for name, own in self.values.items()}
-        return replace(self, points=self.points[::step].copy(), values=values)
+        depth = None if self.depth is None else self.depth[::pixel, ::pixel].copy()
+        return replace(self, points=self.points[::step].copy(), values=values, depth=depth)
 
     @property
     def points_world(self) -> NDArray[np.float64]:
@@ -80,3 +88,15 @@ def every(counts: Sequence[int], most: int | None) -> int:
     if most is None:
         return 1
     return next(step for step in count(1) if sum(-(-n // step) for n in counts) <= max(most, len(counts)))
+
+
+class Share:
+    """One in `every` so many of each sensor's shots, the first among them, of sensors with so many shots each."""
+
+    def __init__(self, counts: Sequence[int], most: int | None) -> None:
+        self._step, self._seen = every(counts, most), Counter[str]()
+
+    def takes(self, sensor: str) -> bool:
+        """Whether the next shot of a sensor is one of them."""
+        self._seen[sensor] += 1
+        return (self._seen[sensor] - 1) % self._step == 0

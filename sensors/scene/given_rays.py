@@ -15,12 +15,14 @@ from rigcast.sensors.errors import InputError
 class GivenRays(NamedTuple):
     """n rays of this shape on the device: unit directions (n,) vec3d, and origins likewise or (1,) [m].
 
+    vectors: (n,) vec3d, of any length, of which the cast is yet to make the directions; see Rays.
     unseen: those of the user on the host, origins and directions, where nobody has yet looked whether they can be cast.
     """
 
     directions: wp.array
     origins: wp.array
     shape: tuple[int, ...]
+    vectors: wp.array | None
     unseen: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def refuse_lost(self, distance: wp.array) -> None:
@@ -43,7 +45,7 @@ def take_rays(origins: ArrayLike | wp.array, directions: ArrayLike | wp.array, d
         _require_castable(*given)
     o, d = given
     unseen = given if device.is_cpu else None
-    return GivenRays(unit_directions(lend(d, device)), lend(o, device), d.shape[:-1], unseen)
+    return _of_any_length(lend(d, device), lend(o, device), d.shape[:-1])._replace(unseen=unseen)
 
 
 def upload(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
@@ -66,8 +68,13 @@ def _device_rays(origins: ArrayLike | wp.array, directions: wp.array, device: wp
         _require_vectors(name, array, device)
     if origins.size not in (1, directions.size):
         raise InputError(f"Scene.cast: origins: got {origins.size}, expected 1 or {directions.size}")
-    unit, double = unit_directions(directions.flatten()), as_double(origins.flatten())
-    return GivenRays(unit, double, tuple(directions.shape))
+    return _of_any_length(as_double(directions.flatten()), as_double(origins.flatten()), tuple(directions.shape))
+
+
+def _of_any_length(vectors: wp.array, origins: wp.array, shape: tuple[int, ...]) -> GivenRays:
+    if vectors.device.is_cpu:
+        return GivenRays(wp.empty_like(vectors), origins, shape, vectors)
+    return GivenRays(unit_directions(vectors), origins, shape, None)
 
 
 def _require_vectors(name: str, array: wp.array, device: wp.Device) -> None:

@@ -31,7 +31,8 @@ def in_pose(rays: Rays, pose: NDArray[np.float64]) -> Rays:
 
 
 def in_world(given: GivenRays) -> Rays:
-    return replace(_pose_of_world(given.directions.device.alias), directions=given.directions, origins=given.origins)
+    world = _pose_of_world(given.directions.device.alias)
+    return replace(world, directions=given.directions, origins=given.origins, vectors=given.vectors)
 
 
 @cache
@@ -52,4 +53,5 @@ def in_worlds(given: GivenRays, worlds: int) -> Rays:
         position=wp.zeros(worlds, dtype=wp.vec3d, device=device),
         rotation=wp.full(worlds, wp.mat33d(np.eye(3)), dtype=wp.mat33d, device=device),
         worlds=worlds,
+        vectors=given.vectors,
     )

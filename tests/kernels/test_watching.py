@@ -41,7 +41,9 @@ def test_one_number_that_is_written_is_seen_until_it_is_taken(
     ("name", "places"), {"two": 2, "a row": 64, "every 16th, of one number of a digest": slice(None, None, 16)}.items()
 )
 @pytest.mark.parametrize("change", [np.negative, np.sqrt, lambda a: a + np.float32(1)], ids=["-a", "sqrt a", "a + 1"])
-def test_many_numbers_that_are_written_do_not_cancel_each_other(name: str, places: object, change: np.ufunc) -> None:
+def test_many_numbers_that_are_written_do_not_cancel_each_other(
+    name: str, places: int | slice, change: np.ufunc
+) -> None:
     for seed in range(20):
         arrays = arrays_of(seed)
         watched = Watched(arrays)

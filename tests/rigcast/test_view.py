@@ -105,6 +105,33 @@ def test_a_page_of_many_readings_is_thinned_out(folder: Path) -> None:
     assert {len(base64.b64decode(entry["values"]["geom_id"])) for entry in entries} == {15_000}
 
 
+def test_of_a_long_run_only_what_a_page_shows_is_kept(
+    folder: Path, frames: list[rigcast.Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked_at, written = list[str](), list[Shot]()
+
+    def look_at(frame: rigcast.Frame) -> Shot:
+        looked_at.append(frame.sensor)
+        return shot_of(frame)
+
+    def write(path: Path, _title: str, shots: list[Shot]) -> None:
+        written.extend(shots)
+        path.touch()
+
+    for name, own in {"MOST_SHOTS": 10, "WIDEST": 16, "shot_of": look_at, "write_page": write}.items():
+        monkeypatch.setattr(f"rigcast.cli.view.{name}", own)
+    page = folder / "long.html"
+    code, output = call("view", folder / "cart.yaml", "--duration", "0.4", "--save", page, "--device", "cpu")
+    assert code == 0, output
+    assert looked_at == ["top", "front"] * 4, "every other one of eight"
+    assert [shot.sensor for shot in written] == looked_at
+    assert [shot.time for shot in written[:2]] == [frame.time for frame in frames[:2]]
+    for shot in written[1::2]:
+        assert shot.depth is not None
+        assert (shot.depth.shape, shot.size) == ((12, 16), (32, 24))
+        assert shot.depth.base is None, "the whole image is in memory"
+
+
 @pytest.mark.parametrize("cloud", [np.zeros((0, 3), np.float32), np.ones((1, 3), np.float32)])
 def test_a_page_of_hardly_a_point_is_one_too(folder: Path, cloud: Any) -> None:
     values = {"range": np.ones(len(cloud), np.float32)}

@@ -79,6 +79,25 @@ def test_a_long_or_short_slanted_direction_is_the_same_ray(row: Scene) -> None:
         assert got.geom_id == expected.geom_id
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("as_warp", [False, True])
+def test_rays_of_any_length_that_are_cast_together_are_each_as_alone(row: Scene, seed: int, as_warp: bool) -> None:
+    rng = np.random.default_rng(seed)
+    count = 1300  # more than a thread takes at a time
+    origins: Any = rng.normal(0.0, 2.0, (count, 3))
+    aims = rng.choice([1.0, 3.0, 5.0], (count, 1)) * [1, 0, 0] + rng.normal(0.0, 0.07, (count, 3))
+    directions: Any = (aims - origins) * 10.0 ** rng.uniform(-100, 100, (count, 1))
+    some = rng.choice(count, 40)
+    alone = [row.cast(origins[i], directions[i]).numpy() for i in some]
+    if as_warp:
+        origins, directions = (wp.array(a, dtype=wp.vec3d, device="cpu") for a in (origins, directions))
+    hits = row.cast(origins, directions).numpy()
+    assert set(hits.geom_id[some]) == {-1, 0, 1, 2}, seed
+    for name in ("distance", "geom_id", "normal"):
+        got, expected = getattr(hits, name)[some], [getattr(each, name) for each in alone]
+        np.testing.assert_array_equal(got, expected, err_msg=f"{name}, seed {seed}")
+
+
 @pytest.mark.parametrize("as_warp", [False, True])
 def test_origins_far_away_keep_float64(as_warp: bool) -> None:
     scene = ready(model_of('<geom size="0.1" pos="1000001 -1000000 1000000"/>'))

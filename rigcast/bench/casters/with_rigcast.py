@@ -45,14 +45,14 @@ class RigcastCaster:
     def _of_sensor(self, origin: Floats, directions: Floats) -> Frame:
         rays = rays_in_frame(directions, origin, np.eye(4), self.scene.device)
         rays = replace(rays, packets=sort_into_packets(directions))
-        shape, pool = directions.shape[:-1], Pool()
+        shape, pool, are_geoms = directions.shape[:-1], Pool(), self.scene.shape_ids.are_shapes("geom")
 
         def frame() -> Answer:
             self.scene.update(self._data)
             kept = pool.take(shape, self.scene.device)
             kept.read(self.scene, rays, self.scene.visible(self._filter), (0.0, np.inf))
-            numbers = self._numbers(self.scene.hits(kept.hits, shape))
-            return Answer(np.asarray(kept.range), numbers, np.asarray(kept.normal))
+            numbers = kept.shape_hit if are_geoms else self._numbers(self.scene.hits(kept.hits, shape))
+            return Answer(np.asarray(kept.range), np.asarray(numbers), np.asarray(kept.normal))
 
         return frame
 
