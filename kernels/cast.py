@@ -13,9 +13,9 @@ from .launch import prepare_over_rays, prepare_over_tiles
 from .moving import at_firings
 from .out import Out
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
-from .packets.places import read_packet, write_packet
-from .packets.prefetch import prefetch_out, prefetch_packet, prefetch_tile
-from .packets.staging import FLOATS_PER_TILE, end_stream, stage_misses, staged_in, write_part
+from .packets.places import Places, place_packet, stage_packet
+from .packets.prefetch import align_stack, prefetch_out, prefetch_packet, prefetch_tile
+from .packets.staging import PacketOut, end_stream, stage_misses, write_part
 from .packets.tile import cast_tile
 from .packing.bundling import Bundles
 from .packing.sorting import Packets
@@ -83,13 +83,15 @@ class InPackets:
     best: wp.array[PacketHits]
     world_directions: wp.array[Directions]
     local_directions: wp.array2d[Vectors]  # (threads, 1)
-    hits: wp.array2d[float]  # (threads, FLOATS_PER_TILE)
+    places: wp.array2d[Places]  # (threads, PACKETS)
+    hits: wp.array2d[PacketOut]  # (threads, PACKETS)
     composed: wp.array2d[TriangleBlock]  # (threads, 1)
 
 
 @wp.kernel
 def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these: InPackets) -> None:
     """Tiles that no other thread takes, one after the other, of all worlds. taken: how many were."""
+    align_stack()
     g.visible = job.visible
     these.copies[thread, 0] = g
     held = these.copies[thread]
@@ -106,8 +108,8 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
     rays[0].best = these.best
     rays[0].directions = these.world_directions
     rays[0].local = these.local_directions[thread]
-    staged = staged_in(these.hits[thread])
-    staged.min_range = out.min_range
+    places = these.places[thread]
+    staged = these.hits[thread]
     rays[0].composed = these.composed[thread]
     count = these.worlds * tiles.shape[0]
     threads = these.copies.shape[0]
@@ -137,9 +139,10 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
                 if rays[0].met != 0:  # where no shape is met, the next tile is not likely to meet any
                     prefetch_packet(packets, following * PACKETS + k)
                 if rays[0].met & (1 << k) != 0:
-                    write_packet(g, staged, rays, k)
-                    if out.is_read:
-                        read_packet(staged, rays, k)
+                    place_packet(g, rays, places, k)
+            for k in range(PACKETS):
+                if rays[0].met & (1 << k) != 0:
+                    stage_packet(staged, rays, places, k, out)
         else:
             stage_misses(staged, wp.nan)
         for k in range(PACKETS):
@@ -220,7 +223,8 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     these.best = wp.empty(threads * PACKETS, dtype=PacketHits, device="cpu")
     these.world_directions = wp.empty(threads * PACKETS, dtype=Directions, device="cpu")
     these.local_directions = wp.empty((threads, 1), dtype=Vectors, device="cpu")
-    these.hits = wp.empty((threads, FLOATS_PER_TILE), dtype=float, device="cpu")
+    these.places = wp.empty((threads, PACKETS), dtype=Places, device="cpu")
+    these.hits = wp.empty((threads, PACKETS), dtype=PacketOut, device="cpu")
     these.composed = wp.empty((threads, 1), dtype=TriangleBlock, device="cpu")
     return [geometry, job, these]
 

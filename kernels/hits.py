@@ -203,6 +203,7 @@ def normal_of_closed_form(
 ) -> wp.vec3:
     """In the world, where a ray hits a closed form; offset as in height_above."""
     to_local = wp.transpose(rotation)
-    point = to_float(to_local * (offset + wp.float64(distance) * direction))
-    normal = closed_form_normal(kind, size, point, to_float(to_local * direction), distance)
+    local = to_local * direction
+    point = to_float(to_local * offset + wp.float64(distance) * local)
+    normal = closed_form_normal(kind, size, point, to_float(local), distance)
     return to_float(rotation * to_double(normal))

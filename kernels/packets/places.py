@@ -1,26 +1,97 @@
 """Where the rays of a packet hit, as rigcast.kernels.hits.place_of has it, for one shape at a time.
 
-It is written at once to where the tile's hits are staged: to hand it on would be to copy a dozen arrays of lanes.
+What is worked out for all rays at once goes to those that hit a shape by `or`, which begins with 0: of a choice between
+what was there and what is new LLVM makes a masked store, which takes longer than all else here.
 """
 
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits import NO_SHAPE, distance_of, height_above, middle, outward
-from rigcast.kernels.out import Out, read_hit, write_place
+from rigcast.kernels.out import Out
 from rigcast.kernels.poses import pose_of
 from rigcast.kernels.shapes.facets import facet_at
-from rigcast.kernels.shapes.solids import has_triangles
+from rigcast.kernels.shapes.solids import LARGEST, PLANE, has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
-from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
+from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double
 
 from .lanes import lane_bits
-from .packet import ALL_LANES, LANES, TileRays, Vectors, int_lanes, lanes, world_ray
+from .packet import (
+    ALL_LANES,
+    LANES,
+    TileRays,
+    Vectors,
+    double_lanes,
+    int_lanes,
+    lanes,
+    round_vectors,
+    world_ray,
+)
 from .solids import closed_form_normals
+from .staging import PacketOut
+
+
+@wp.struct
+class Places:
+    """Where the rays of a packet hit; 0 where they hit nothing. Normals are in the world."""
+
+    distance: lanes
+    face: int_lanes
+    normal_x: lanes
+    normal_y: lanes
+    normal_z: lanes
+
+
+# these have no return type, which Warp 1.12 would take for that of a value
+@wp.func_native("""
+    auto& own = *wp::address(places, k);
+    own.distance[i] = distance;
+    own.face[i] = face;
+    own.normal_x[i] = normal[0];
+    own.normal_y[i] = normal[1];
+    own.normal_z[i] = normal[2];
+""")
+def take_place(places: wp.array[Places], k: int, i: int, distance: float, face: int, normal: wp.vec3):  # type: ignore[no-untyped-def]
+    """That of ray i of packet k, alone, where Warp would copy all sixteen."""
+
+
+@wp.func_native("""
+    auto& own = *wp::address(places, k);
+    const auto& normal = *wp::address(normals, 0);
+#if defined(__CUDA_ARCH__)
+    for (int i = 0; i < 16; ++i)
+        if (shapes[i] == shape) {
+            own.distance[i] = distance[i];
+            own.face[i] = -1;
+            own.normal_x[i] = normal.x[i];
+            own.normal_y[i] = normal.y[i];
+            own.normal_z[i] = normal.z[i];
+        }
+#else
+    typedef int ints __attribute__((ext_vector_type(16)));
+    const auto bits = [](const auto& of) { ints all; __builtin_memcpy(&all, &of, sizeof(all)); return all; };
+    const ints is_own = bits(shapes) == shape;
+    const auto take = [&](auto& to, const ints from) {
+        const ints all = bits(to) | (is_own & from);
+        __builtin_memcpy(&to, &all, sizeof(all));
+    };
+    take(own.distance, bits(distance));
+    take(own.face, is_own);
+    take(own.normal_x, bits(normal.x));
+    take(own.normal_y, bits(normal.y));
+    take(own.normal_z, bits(normal.z));
+#endif
+""")
+def take_places(  # type: ignore[no-untyped-def]
+    places: wp.array[Places], k: int, shapes: int_lanes, shape: int, distance: lanes, normals: wp.array[Vectors]
+):
+    """Those of the rays of packet k that hit this closed form, of what was worked out for all of them."""
 
 
 @wp.func
-def write_triangles(g: Geometry, staged: Out, rays: wp.array[TileRays], k: int, which: int, shape: int) -> None:
+def place_triangles(
+    g: Geometry, rays: wp.array[TileRays], places: wp.array[Places], k: int, which: int, shape: int
+) -> None:
     """Where those rays of a packet hit which hit triangles of one shape."""
     slot = rays[0].first_slot + k
     x = rays[0].directions[slot].x
@@ -48,69 +119,77 @@ def write_triangles(g: Geometry, staged: Out, rays: wp.array[TileRays], k: int, 
             if wp.abs(slope) * facet.scale <= wp.float64(GRAZING):
                 distance = float(distance_of(rays[0].geometry, shape, triangle, world_ray(rays, slot, i)))
             facing = outward(kind, unit_normal, slope)
-            write_place(staged, k * LANES + i, shape, distance, facet.face, facing, rays[0].limit)
+            take_place(places, k, i, distance, facet.face, facing)
 
 
 @wp.func
-def write_closed_form(g: Geometry, staged: Out, rays: wp.array[TileRays], k: int, which: int, shape: int) -> None:
-    """Where those rays of a packet hit which hit one closed form; normals are worked out for all rays at once."""
+def place_closed_form(g: Geometry, rays: wp.array[TileRays], places: wp.array[Places], k: int, shape: int) -> None:
+    """Where those rays of a packet hit which hit one closed form, worked out for all of them at once."""
     slot = rays[0].first_slot + k
+    near = rays[0].best[slot].near
+    far = rays[0].best[slot].far
+    distance = lanes()
+    for i in range(LANES):
+        distance[i] = middle(near[i], far[i])
+    rotation = pose_of(rays[0].geometry, shape, rays[0].scope).rotation
+    x = lanes()
+    y = lanes()
+    z = lanes()
+    if g.kind[shape] != PLANE:
+        local = local_normals(g, rays, slot, shape, distance)
+        x = local.x
+        y = local.y
+        z = local.z
+    else:
+        for i in range(LANES):
+            z[i] = 1.0
+    turn(rays[0].local, rotation, x, y, z)
+    take_places(places, k, rays[0].best[slot].shape, shape, distance, rays[0].local)
+
+
+@wp.func
+def local_normals(g: Geometry, rays: wp.array[TileRays], slot: int, shape: int, distance: lanes) -> Vectors:
+    """Those of a closed form, in its own frame, at these distances along the rays of a packet."""
     x = rays[0].directions[slot].x
     y = rays[0].directions[slot].y
     z = rays[0].directions[slot].z
-    near = rays[0].best[slot].near
-    far = rays[0].best[slot].far
     pose = pose_of(rays[0].geometry, shape, rays[0].scope)
-    rotation = pose.rotation
-    to_local = wp.transpose(rotation)
-    offset = rays[0].origin - pose.position
-    distance = lanes()
-    point_x = lanes()
-    point_y = lanes()
-    point_z = lanes()
-    direction_x = lanes()
-    direction_y = lanes()
-    direction_z = lanes()
+    to_local = wp.transpose(pose.rotation)
+    origin = to_local * (rays[0].origin - pose.position)
+    point_x = double_lanes()
+    point_y = double_lanes()
+    point_z = double_lanes()
+    direction_x = double_lanes()
+    direction_y = double_lanes()
+    direction_z = double_lanes()
     for i in range(LANES):
-        d = wp.vec3d(x[i], y[i], z[i])
-        distance[i] = middle(near[i], far[i])
-        point = to_float(to_local * (offset + wp.float64(distance[i]) * d))
-        direction = to_float(to_local * d)
+        direction = to_local * wp.vec3d(x[i], y[i], z[i])
+        point = origin + wp.float64(distance[i]) * direction
         point_x[i] = point[0]
         point_y[i] = point[1]
         point_z[i] = point[2]
         direction_x[i] = direction[0]
         direction_y[i] = direction[1]
         direction_z[i] = direction[2]
-    points = vectors(point_x, point_y, point_z)
-    directions = vectors(direction_x, direction_y, direction_z)
-    local = closed_form_normals(g.kind[shape], g.size[rays[0].scope.first_shape + shape], points, directions, distance)
-    local_x = local.x
-    local_y = local.y
-    local_z = local.z
-    normal_x = lanes()
-    normal_y = lanes()
-    normal_z = lanes()
-    for i in range(LANES):
-        normal = to_float(rotation * to_double(wp.vec3(local_x[i], local_y[i], local_z[i])))
-        normal_x[i] = normal[0]
-        normal_y[i] = normal[1]
-        normal_z[i] = normal[2]
-    todo = int(which)
-    while todo != 0:
-        i = lowest_bit(todo)
-        todo = todo & (todo - 1)
-        facing = wp.vec3(normal_x[i], normal_y[i], normal_z[i])
-        write_place(staged, k * LANES + i, shape, distance[i], -1, facing, rays[0].limit)
+    round_vectors(rays[0].local, direction_x, direction_y, direction_z)
+    directions = rays[0].local[0]
+    round_vectors(rays[0].local, point_x, point_y, point_z)
+    size = g.size[rays[0].scope.first_shape + shape]
+    return closed_form_normals(g.kind[shape], size, rays[0].local[0], directions, distance)
 
 
 @wp.func
-def vectors(x: lanes, y: lanes, z: lanes) -> Vectors:
-    made = Vectors()
-    made.x = x
-    made.y = y
-    made.z = z
-    return made
+def turn(turned: wp.array[Vectors], rotation: wp.mat33d, x: lanes, y: lanes, z: lanes) -> None:
+    """Turn the vectors of a packet, in float64, and round them."""
+    turned_x = double_lanes()
+    turned_y = double_lanes()
+    turned_z = double_lanes()
+    for i in range(LANES):
+        vector = rotation * to_double(wp.vec3(x[i], y[i], z[i]))
+        turned_x[i] = vector[0]
+        turned_y[i] = vector[1]
+        turned_z[i] = vector[2]
+    round_vectors(turned, turned_x, turned_y, turned_z)
 
 
 @wp.func
@@ -123,22 +202,52 @@ def lanes_at(numbers: int_lanes, number: int) -> int:
 
 
 @wp.func
-def write_packet(g: Geometry, staged: Out, rays: wp.array[TileRays], k: int) -> None:
-    """Write what the rays of a packet hit, shape by shape, where their misses are."""
-    slot = rays[0].first_slot + k
-    shapes = rays[0].best[slot].shape
+def place_packet(g: Geometry, rays: wp.array[TileRays], places: wp.array[Places], k: int) -> None:
+    """Find where the rays of a packet hit, shape by shape."""
+    places[k] = Places()
+    shapes = rays[0].best[rays[0].first_slot + k].shape
     todo = ALL_LANES & ~lanes_at(shapes, NO_SHAPE)
     while todo != 0:
         shape = shapes[lowest_bit(todo)]
         same = todo & lanes_at(shapes, shape)
         todo = todo & ~same
         if has_triangles(g.kind[shape]):
-            write_triangles(g, staged, rays, k, same, shape)
+            place_triangles(g, rays, places, k, same, shape)
         else:
-            write_closed_form(g, staged, rays, k, same, shape)
+            place_closed_form(g, rays, places, k, shape)
 
 
 @wp.func
-def read_packet(staged: Out, rays: wp.array[TileRays], k: int) -> None:
-    for lane in range(LANES):
-        read_hit(staged, k * LANES + lane, rays[0].rotation)
+def stage_packet(
+    staged: wp.array[PacketOut], rays: wp.array[TileRays], places: wp.array[Places], k: int, out: Out
+) -> None:
+    """Stage what the rays of a packet hit, or read, as rigcast.kernels.out has it."""
+    x = places[k].normal_x
+    y = places[k].normal_y
+    z = places[k].normal_z
+    if out.is_read:
+        turn(rays[0].local, wp.transpose(rays[0].rotation), x, y, z)
+        x = rays[0].local[0].x
+        y = rays[0].local[0].y
+        z = rays[0].local[0].z
+    distance = places[k].distance
+    face = places[k].face
+    shape = rays[0].best[rays[0].first_slot + k].shape
+    farthest = smaller(rays[0].limit, LARGEST)
+    nearest = wp.where(out.is_read, out.min_range, 0.0)
+    for i in range(LANES):
+        t = wp.where(shape[i] == NO_SHAPE, wp.inf, distance[i])
+        is_hit = t <= farthest
+        is_near = t < nearest
+        distance[i] = wp.where(is_hit, wp.where(is_near, -wp.inf, t), wp.inf)
+        face[i] = wp.where(is_hit, face[i], -1)
+        shape[i] = wp.where(is_hit, wp.where(is_near, -1, shape[i]), -1)
+        x[i] = wp.where(shape[i] < 0, 0.0, x[i])
+        y[i] = wp.where(shape[i] < 0, 0.0, y[i])
+        z[i] = wp.where(shape[i] < 0, 0.0, z[i])
+    staged[k].distance = distance
+    staged[k].shape = shape
+    staged[k].face = face
+    staged[k].normal_x = x
+    staged[k].normal_y = y
+    staged[k].normal_z = z

@@ -27,6 +27,7 @@ from .crossings import (
     capsule_crossing,
     cylinder_crossing,
     ellipsoid_crossing,
+    least,
     most,
     sphere_crossing,
 )
@@ -43,6 +44,8 @@ SHEET = wp.constant(7)  # triangles with two outer sides: the normal is that of 
 
 EPS = wp.constant(2.0**-23)
 EXACT = wp.constant(wp.float64(0.0))
+LARGEST = wp.constant(3.4028234663852886e38)
+"""The largest float32 that is finite."""
 WIDE = wp.constant(1024.0)  # in eps (|o| + t): a span so wide, of a ray that grazes, is left to float64
 
 
@@ -61,29 +64,32 @@ def span(near: Any, far: Any) -> Any:
 
 
 @wp.func
-def hit_of_crossing(t_in: Any, t_out: Any, cull: int) -> Any:
+def hit_of_crossing(t_in: Any, t_out: Any, first_in: Any, first_out: Any) -> Any:
     """Where a ray first meets a solid that it enters and leaves there: entry, else exit, else +inf."""
     infinity = type(t_in)(wp.inf)
-    zero = type(t_in)(0.0)
-    exit = wp.where(t_out >= zero, wp.where(cull == CULL_BACK, infinity, t_out), infinity)
-    return wp.where(t_in >= zero, wp.where(cull == CULL_FRONT, exit, t_in), exit)
+    return wp.where(t_in >= first_in, t_in, wp.where(t_out >= first_out, t_out, infinity))
 
 
 @wp.func
 def first_hit(c: Any, cull: int, o: Any, eps: Any) -> Any:
-    """The span of the distance to where a ray first meets a solid that it crosses so."""
+    """The span of the distance to where a ray first meets a solid that it crosses so.
+
+    What is open is as wide as can be: choices between numbers are instructions on vectors, `and` and `or` are not.
+    """
     infinity = type(eps)(wp.inf)
     zero = type(eps)(0.0)
-    near = hit_of_crossing(c[0], c[2], cull)
-    far = hit_of_crossing(c[1], c[3], cull)
-    is_missed = c[0] > c[3] or c[3] < zero
-    is_sure = c[1] <= c[2] and (c[0] >= zero or c[1] < zero) and (c[2] >= zero or c[3] < zero)
-    is_wide = far - near > type(eps)(WIDE) * eps * (wp.abs(o[0]) + wp.abs(o[1]) + wp.abs(o[2]) + near)
-    is_open = is_wide or not is_sure
-    return span(
-        wp.where(is_missed, infinity, wp.where(is_open, zero, near)),
-        wp.where(is_missed, infinity, wp.where(is_open, infinity, far)),
-    )
+    first_in = wp.where(cull == CULL_FRONT, infinity, zero)
+    first_out = wp.where(cull == CULL_BACK, infinity, zero)
+    near = hit_of_crossing(c[0], c[2], first_in, first_out)
+    far = hit_of_crossing(c[1], c[3], first_in, first_out)
+    width = wp.where(c[1] <= c[2], far - near, infinity)
+    width = wp.where(c[0] >= zero, width, wp.where(c[1] < zero, width, infinity))
+    width = wp.where(c[2] >= zero, width, wp.where(c[3] < zero, width, infinity))
+    widest = least(type(eps)(WIDE) * eps * (wp.abs(o[0]) + wp.abs(o[1]) + wp.abs(o[2]) + near), type(eps)(LARGEST))
+    low = wp.where(width > widest, zero, near)
+    high = wp.where(width > widest, infinity, far)
+    end = wp.where(c[0] > c[3], -infinity, c[3])  # behind the ray, of one that is missed
+    return span(wp.where(end < zero, infinity, low), wp.where(end < zero, infinity, high))
 
 
 @wp.func
