@@ -1,6 +1,7 @@
 """A scene casts the rays it is given against the poses it was last given."""
 
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -96,6 +97,22 @@ def test_rays_of_any_length_that_are_cast_together_are_each_as_alone(row: Scene,
     for name in ("distance", "geom_id", "normal"):
         got, expected = getattr(hits, name)[some], [getattr(each, name) for each in alone]
         np.testing.assert_array_equal(got, expected, err_msg=f"{name}, seed {seed}")
+
+
+@pytest.mark.parametrize("dtype", [wp.vec3, wp.vec3d])
+@pytest.mark.parametrize(
+    "view", [lambda a: a[::2], lambda a: a[:, 1], lambda a: a.transpose((1, 0))], ids=["rows", "column", "transposed"]
+)
+def test_warp_arrays_with_gaps_are_the_rays_that_they_hold(row: Scene, dtype: type, view: Callable[[Any], Any]) -> None:
+    aims = [(1, 0, 0), (0, 0, 1), (2, 0.1, 0), (-1, 0, 0)]
+    directions, origins = (
+        view(wp.array([[v, np.negative(v)] for v in vectors], dtype=dtype, device="cpu"))
+        for vectors in (aims, [(0, 0.01 * k, 0) for k in range(4)])
+    )
+    hits, expected = row.cast(origins, directions).numpy(), row.cast(origins.numpy(), directions.numpy()).numpy()
+    assert hits.distance.shape == directions.shape
+    assert set(expected.geom_id.ravel()) > {-1}
+    np.testing.assert_array_equal(hits.distance, expected.distance)
 
 
 @pytest.mark.parametrize("as_warp", [False, True])
