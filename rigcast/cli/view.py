@@ -20,7 +20,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.simulation import initial_data
 from rigcast.view.bag import is_bag, read_bag
-from rigcast.view.in_rerun import Moment, show_in_rerun
+from rigcast.view.in_rerun import Moment, load_rerun, show_in_rerun
 from rigcast.view.page import MOST_POINTS, MOST_SHOTS, WIDEST, write_page
 from rigcast.view.run_folder import read_run
 from rigcast.view.shots import Share, Shot, shot_of
@@ -49,6 +49,8 @@ def view(
     """
     console = Console(highlight=False)
     suffix = _suffix(save)
+    if suffix == ".rrd":
+        load_rerun()  # before what may take long
     if save is not None:
         make_writable(save.parent)
     if target.is_dir() or is_bag(target):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
@@ -28,6 +29,11 @@ class Moment(NamedTuple):
     xquat: NDArray[np.float64]
 
 
+def load_rerun() -> ModuleType:
+    """Raises InputError where it is not installed."""
+    return load_extra("Looking at sensors in rerun", "rerun", "view")
+
+
 def show_in_rerun(
     title: str,
     shots: Sequence[Shot],
@@ -42,7 +48,7 @@ def show_in_rerun(
 
     Raises InputError where rerun is not installed.
     """
-    rr = load_extra("Looking at sensors in rerun", "rerun", "view")
+    rr = load_rerun()
     recording = rr.RecordingStream(title)
     blueprint = _blueprint(shots)
     if save is None:

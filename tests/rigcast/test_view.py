@@ -244,4 +244,5 @@ def test_without_rerun_a_recording_is_refused(folder: Path, monkeypatch: pytest.
     )
     assert code == 2
     assert "Looking at sensors in rerun needs rerun, which is not installed; pip install 'rigcast[view]'" in output
+    assert "simulated" not in output, "it is refused at once"
     assert not (folder / "n.rrd").exists()
