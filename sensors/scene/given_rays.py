@@ -68,7 +68,8 @@ def _device_rays(origins: ArrayLike | wp.array, directions: wp.array, device: wp
         _require_vectors(name, array, device)
     if origins.size not in (1, directions.size):
         raise InputError(f"Scene.cast: origins: got {origins.size}, expected 1 or {directions.size}")
-    return _of_any_length(as_double(directions.flatten()), as_double(origins.flatten()), tuple(directions.shape))
+    d, o = (as_double(array.contiguous().flatten()) for array in (directions, origins))
+    return _of_any_length(d, o, tuple(directions.shape))
 
 
 def _of_any_length(vectors: wp.array, origins: wp.array, shape: tuple[int, ...]) -> GivenRays:
