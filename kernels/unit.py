@@ -29,7 +29,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
     }
 """)
 def make_unit(begin: int, end: int, vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]):  # type: ignore[no-untyped-def]
-    """Vectors begin to end - 1 with length 1, NaN where they have none: a loop of which a CPU does four at once.
+    """Vectors begin to end - 1 of arrays without gaps with length 1, NaN where they have none: a loop of which a CPU
+    does four at once.
 
     Both arrays are without gaps. The vectors are scaled by the largest component first: squares of 1e-200 would vanish,
     those of 1e200 overflow.

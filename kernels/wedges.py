@@ -14,7 +14,7 @@ import numpy.typing as npt
 import warp as wp
 
 from .launch import TURN, prepare_over_tiles
-from .packets.packet import LANES, TILE, double_lanes
+from .packets.packet import LANES, TILE, Tile, double_lanes
 from .packing.in_order import Packing, PackingInOrder, by_number, pack_tile
 from .packing.sorting import Packets
 from .turns import turn_of
@@ -150,18 +150,23 @@ class Bending:
         these.y, these.z = (wp.empty((len(wedges), blocks), dtype=double_lanes, device="cpu") for _ in range(2))
         self._turned = these.turned.numpy()
         self._packing = PackingInOrder(*by_number(samples * len(lines), len(lines)))
+        self._no_tiles = wp.empty(0, dtype=Tile, device="cpu")
         self._launch = prepare_over_tiles(bend_and_pack, blocks, lambda _: [these, self._packing.these])
 
-    def reading(self, turned: Sequence[float]) -> tuple[Doubles, Packets]:
-        """(samples, lines, 3) unit: where the light goes on, and the same in packets.
+    def reading(self, turned: Sequence[float], in_packets: bool) -> tuple[Doubles, Packets | None]:
+        """(samples, lines, 3) unit: where the light goes on, and the same in packets, if these are of use.
 
         turned: of each wedge at the first sample [rad]; at 0 its tilted face leans to +y.
         """
         self._turned[:] = turned
         directions = np.empty(self._shape)
-        self._packing.begin(wp.array(directions.reshape(-1, 3), dtype=wp.vec3d, device="cpu", copy=False))
+        rays = wp.array(directions.reshape(-1, 3), dtype=wp.vec3d, device="cpu", copy=False)
+        if in_packets:
+            self._packing.begin(rays)
+        else:
+            self._packing.these.directions, self._packing.these.tiles = rays, self._no_tiles
         self._launch()
-        return directions, self._packing.end()
+        return directions, self._packing.end() if in_packets else None
 
 
 def _doubles(values: Doubles) -> wp.array:

@@ -119,7 +119,8 @@ class Mounted:
         """With the rays of a reading that begins at `time` [s], where a pattern is another one in each reading."""
         if self.pattern.later is None:
             return self
-        pattern, scene, spec = self.pattern.at(time), self.scene, self.spec
+        scene, spec = self.scene, self.spec
+        pattern = self.pattern.at(time, in_packets=scene.device.is_cpu)
         if is_captured(scene.device):
             what = "got a pattern that is another one in each reading while a CUDA graph is captured"
             raise InputError(f"sensor {spec.name!r}: {what}, expected one that stays")

@@ -27,8 +27,9 @@ class Pattern:
         *corner* of the image, pixel centres at +0.5; None for other sensors than cameras.
     lens: of a camera, None where it is a pinhole.
     subrays: (*shape, k, 3) unit, the rays that are cast in place of each of `directions`; None: these themselves.
-    later: for a pattern that is another one in each reading, the one of a reading that begins at a time [s];
-        these are the rays of a reading at time 0, and the shape and the origins are always the same.
+    later: for a pattern that is another one in each reading, the one of a reading that begins at a time [s], and
+        whether packets are of use; these are the rays of a reading at time 0, and the shape and the origins are always
+        the same.
     packets: the same rays on the CPU as they are cast together, where they were packed as they were worked out.
     """
 
@@ -40,7 +41,7 @@ class Pattern:
     intrinsics: NDArray[np.float64] | None = None
     lens: Lens | None = None
     subrays: NDArray[np.float64] | None = None
-    later: "Callable[[float], Pattern] | None" = None
+    later: "Callable[[float, bool], Pattern] | None" = None
     packets: "Packets | None" = None
 
     @property
@@ -53,9 +54,9 @@ class Pattern:
         """From the first ray to the last [s]."""
         return 0.0 if self.firing_times is None else float(self.firing_times.max())
 
-    def at(self, time: float) -> "Pattern":
-        """The rays of a reading that begins at `time` [s]."""
-        return self if self.later is None else self.later(time)
+    def at(self, time: float, in_packets: bool = False) -> "Pattern":
+        """The rays of a reading that begins at `time` [s]. in_packets: whether `packets` are of use."""
+        return self if self.later is None else self.later(time, in_packets)
 
 
 def directions_at(azimuth: NDArray[np.float64], elevation: NDArray[np.float64]) -> NDArray[np.float64]:

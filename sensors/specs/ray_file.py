@@ -61,7 +61,7 @@ class RayFile(Spec):
         directions = directions_at(np.deg2rad(table.azimuth_deg), np.deg2rad(table.elevation_deg))
         column = np.arange(rays, dtype=np.int32)
 
-        def at(time: float) -> Pattern:
+        def at(time: float, _: bool = False) -> Pattern:
             reading = 0 if rate_hz is None else round((time - phase) * rate_hz) % readings
             rows = slice(reading * rays, (reading + 1) * rays)
             fired = times[rows] - times[rows][0]

@@ -26,9 +26,9 @@ if TYPE_CHECKING:  # cards of devices are drawn without Warp
     from rigcast.kernels.packing.sorting import Packets
 
 Coordinate = float | NDArray[np.float64]
-Aim = Callable[[float], "tuple[NDArray[np.float64], Packets | None]"]
-"""Where each line looks (samples, lines, 3) in a reading that begins so far along the path [s], and these rays in
-packets, where they are there already."""
+Aim = Callable[[float, bool], "tuple[NDArray[np.float64], Packets | None]"]
+"""Where each line looks (samples, lines, 3) in a reading that begins so far along the path [s]; and these rays in
+packets, where they are of use and there already."""
 
 
 class Steered(Spec):
@@ -56,8 +56,8 @@ class Steered(Spec):
             rays = directions.reshape(-1, 3)
             return Pattern(rays, firing_times=fired, ring=ring, column=column, later=at, packets=packets)
 
-        def at(time: float) -> Pattern:
-            return pattern_of(*make_aim()(self.start + time))
+        def at(time: float, in_packets: bool) -> Pattern:
+            return pattern_of(*make_aim()(self.start + time, in_packets))
 
         return pattern_of(self.directions(self.start + sampled))
 
@@ -68,7 +68,7 @@ class Steered(Spec):
     def aim(self, samples: int) -> Aim:
         """For readings of so many samples, one after the other."""
         sampled = np.arange(samples) / self.sample_rate_hz
-        return lambda begin: (self.directions(begin + sampled), None)
+        return lambda begin, _: (self.directions(begin + sampled), None)
 
 
 class Wedge(Spec):
@@ -135,7 +135,7 @@ class Rosette(Steered):
             for w in self.wedges
         ]
         bending = Bending(self._lines(), wedges, samples)
-        return lambda begin: bending.reading([w.speed * begin for w in self.wedges])
+        return lambda begin, in_packets: bending.reading([w.speed * begin for w in self.wedges], in_packets)
 
     def _lines(self) -> NDArray[np.float64]:
         """(lines, 3) unit, before the wedges."""

@@ -67,7 +67,7 @@ def test_later_readings_are_those_of_the_formula(preset: str, samples: int) -> N
     rosette = livox(preset, rate_hz=10).rosette
     assert rosette is not None
     aim, sampled = rosette.aim(samples), np.arange(samples) / rosette.sample_rate_hz
-    readings = {time: aim(time)[0] for time in (0.0, 0.1, 1e4)}
+    readings = {time: aim(time, False)[0] for time in (0.0, 0.1, 1e4)}
     for time, directions in readings.items():  # a reading does not change those before it
         turned = sum(abs(wedge.speed) for wedge in rosette.wedges) * (time + sampled[-1])
         bound = 2 * np.finfo(np.float64).eps * (2 + turned)
@@ -88,7 +88,10 @@ def test_later_readings_come_in_packets_of_neighbouring_lines(
     readings = []
     for threads in ("1", "3"):
         monkeypatch.setenv("RIGCAST_THREADS", threads)
-        readings.append((threads, *aim(0.1)))
+        readings.append((threads, *aim(0.1, True)))
+        directions, packets = aim(0.1, False)  # as a GPU casts them
+        assert packets is None
+        np.testing.assert_array_equal(directions, readings[-1][1])
     for threads, directions, packets in readings:
         assert packets is not None
         rays = wp.array(directions.reshape(-1, 3), dtype=wp.vec3d, device="cpu")

@@ -60,6 +60,23 @@ def test_a_view_with_strides_is_read_as_it_stands(row: Scene) -> None:
     np.testing.assert_allclose(row.cast((0, 0, 0), rays).numpy().distance, [0.9, 0.9, np.inf, 0.9], atol=1e-6)
 
 
+@pytest.mark.parametrize("dtype", [wp.vec3, wp.vec3d])
+@pytest.mark.parametrize("part", [np.s_[::3], np.s_[1:5, ::2]], ids=str)
+def test_a_view_with_strides_of_a_warp_array_is_read_as_it_stands(row: Scene, part: Any, dtype: type) -> None:
+    rng = np.random.default_rng(0)
+    origins, directions = rng.normal(0.0, 0.03, (6, 4, 3)), rng.choice([-1.0, 1.0], (6, 4, 1)) * (1, 0.03, 0.03)
+    whole = [
+        wp.array(a if type(part) is tuple else a.reshape(-1, 3), dtype=dtype, device="cpu")
+        for a in (origins, directions)
+    ]
+    views = [a[part] for a in whole]
+    expected = row.cast(*(view.numpy() for view in views)).numpy()
+    got = row.cast(*views).numpy()
+    assert np.isfinite(expected.distance).any()
+    for name in ("distance", "geom_id", "normal"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(expected, name), err_msg=name)
+
+
 @pytest.mark.parametrize("length", [1e-200, 1e-30, 1e-3, 0.1, 1.0, 7.0, 1e3, 1e30, 1e200, 5e-324])
 def test_distances_are_in_metres_whatever_the_length_of_the_direction(length: float) -> None:
     scene = ready(model_of(" ".join(f"<geom {xml.format(y=10 * k)}/>" for k, xml in enumerate(KINDS.values()) if k)))
