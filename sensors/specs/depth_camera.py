@@ -1,6 +1,5 @@
 """Depth cameras: one ray through the centre of each pixel, through a lens or a pinhole."""
 
-from decimal import Decimal
 from typing import Annotated, ClassVar, Literal
 
 import mujoco
@@ -12,7 +11,7 @@ from rigcast.sensors.faults import Fault, refuse
 
 from .lens import AnyLens, BrownConrady, Lens
 from .mount import BoundMount
-from .pattern import MOST_RAYS, Pattern
+from .pattern import Pattern, refuse_too_many
 from .ranging import Stereo, TimeOfFlight
 from .sensor_spec import SensorSpec
 
@@ -82,8 +81,8 @@ class DepthCamera(SensorSpec):
     @field_validator("resolution")
     @classmethod
     def _not_too_many(cls, resolution: tuple[int, int] | None) -> tuple[int, int] | None:
-        if resolution is not None and (rays := resolution[0] * resolution[1]) > MOST_RAYS:
-            raise ValueError(f"makes {Decimal(rays):.2e} rays, expected at most {MOST_RAYS}")
+        if resolution is not None:
+            refuse_too_many(resolution[0] * resolution[1])
         return resolution
 
     @model_validator(mode="after")

@@ -12,7 +12,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault
 
 from .lidar_effects import Beam, Detection, Noise, Weather
-from .pattern import Pattern, directions_at
+from .pattern import Pattern, directions_at, refuse_too_many
 from .ray_file import RayFile
 from .rosette import Nodding, Rosette
 from .sensor_spec import SensorSpec, no_default
@@ -148,7 +148,8 @@ class Lidar(SensorSpec):
         columns = bool(self.columns) + (self.column_period_us is not None)
         missing = ["elevation_deg"] * (not self.elevation_deg) + ["columns"] * (not columns)
         if missing:
-            raise ValueError(f"{' and '.join(missing)}: required where no preset is given")
+            which = "them" if len(missing) > 1 else "it"
+            raise ValueError(f"{' and '.join(missing)}: required where no preset gives {which}")
         if columns > 1:
             raise ValueError("give columns or column_period_us, got both")
         return self._table_fits()
@@ -157,8 +158,11 @@ class Lidar(SensorSpec):
         steered = self.rosette or self.nodding
         if steered is not None and self.rate_hz is None:
             raise ValueError("rosette and nodding need rate_hz, got none")
-        if steered is not None and self.rate_hz is not None and not steered.samples(self.rate_hz):
-            raise ValueError(f"sample_rate_hz: must be at least rate_hz, {self.rate_hz:g} Hz")
+        if steered is not None and self.rate_hz is not None:
+            samples = steered.samples(self.rate_hz)
+            if not samples:
+                raise ValueError(f"sample_rate_hz: must be at least rate_hz, {self.rate_hz:g} Hz")
+            refuse_too_many(samples * len(steered.line_elevation_deg))
         return self
 
     def _table_fits(self) -> "Lidar":
@@ -167,6 +171,7 @@ class Lidar(SensorSpec):
             raise ValueError("column_period_us is for full turns at rate_hz, expected columns in place of it")
         if self._column_count() < 1:
             raise ValueError(f"column_period_us: must be at most 1 / rate_hz, got {self.column_period_us:g} us")
+        refuse_too_many(self._column_count() * len(self.elevation_deg))
         duration = self._last_column_time() + max(self.firing_time_us or (0.0,)) * 1e-6
         if self.rate_hz is not None and duration * self.rate_hz > 1 + 1e-9:
             raise ValueError(

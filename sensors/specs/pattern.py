@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,12 @@ if TYPE_CHECKING:  # cards of devices are drawn without Warp
     from rigcast.kernels.packing.sorting import Packets
 
 MOST_RAYS = 2**26  # of one reading; more is a slip, and their directions alone fill 1.6 GB
+
+
+def refuse_too_many(rays: int) -> None:
+    """Raise ValueError for more rays of one reading than MOST_RAYS."""
+    if rays > MOST_RAYS:
+        raise ValueError(f"makes {Decimal(rays):.2e} rays, expected at most {MOST_RAYS}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -178,4 +178,4 @@ def test_a_preset_need_not_be_whole(folder: Path) -> None:
     )
     spec = sensor(folder, RIG.replace("mount", "columns: 7, elevation_deg: [5], mount"))
     assert (spec.max_range, spec.rate_hz, spec.columns) == (5, 4, 7)
-    assert "elevation_deg and columns: required where no preset is given" in error(folder)
+    assert "elevation_deg and columns: required where no preset gives them" in error(folder)

@@ -1,5 +1,6 @@
 """A lidar's rays point where its table of beams says."""
 
+import re
 from typing import Any
 
 import mujoco
@@ -217,9 +218,31 @@ def test_a_copy_takes_other_values_and_drops_those_that_they_replace() -> None:
     assert Mount(body="a").model_copy(update={"pos": (1, 2, 3)}) == Mount(body="a", pos=(1, 2, 3))
 
 
-def test_optics_are_required() -> None:
-    with pytest.raises(InputError, match="elevation_deg and columns: required where no preset is given"):
-        Lidar(name="top", mount=Mount())
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "elevation_deg and columns: required where no preset gives them"),
+        ({"preset": "livox_avia", "columns": 100}, "elevation_deg: required where no preset gives it"),
+    ],
+)
+def test_optics_are_required(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Lidar(name="top", mount=Mount(), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "rays"),
+    [
+        ({"elevation_deg": [0.0] * 1000, "columns": 100_000}, "1.00e+8"),
+        ({"elevation_deg": [0, 1], "column_period_us": 1e-4, "rate_hz": 10}, "2.00e+9"),
+        ({"preset": "velodyne_vlp16", "rate_hz": 1e-5}, "2.89e+10"),
+        ({"preset": "livox_avia", "rate_hz": 1e-4}, "2.40e+9"),
+        ({"preset": "livox_mid360", "rate_hz": 1e-4}, "2.00e+9"),
+    ],
+)
+def test_a_reading_has_no_more_rays_than_memory_may_hold(arguments: dict[str, Any], rays: str) -> None:
+    with pytest.raises(InputError, match=rf"makes {re.escape(rays)} rays, expected at most 67108864"):
+        Lidar(name="top", mount=Mount(), **arguments)
 
 
 @pytest.mark.parametrize(
