@@ -14,7 +14,7 @@ from rigcast.bench.casters.with_rigcast import RigcastCaster
 from rigcast.bench.figure import Spread
 from rigcast.bench.race import in_turns
 from rigcast.bench.workloads import View, Workload, hills, warehouse
-from rigcast.kernels.launch import thread_count
+from rigcast.kernels.launching.slices import thread_count
 from rigcast.kernels.trees import tree
 
 ROUNDS = 5

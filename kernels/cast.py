@@ -7,11 +7,11 @@ from typing import Any
 
 import warp as wp
 
-from .alone import RAYS_PER_RUN, Alone, Job, cast_rays, cast_turns, hold, is_castable
 from .geometry import Geometry, TriangleBlock
-from .launch import prepare_over_rays, prepare_over_tiles
-from .moving import at_firings
-from .out import Out
+from .hits.out import Out
+from .launching.recorded import recorded
+from .launching.slices import prepare_over_rays, prepare_over_tiles
+from .launching.turns import end_of_run, take_run
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
 from .packets.places import Places, place_packet, stage_packet
 from .packets.prefetch import align_stack, prefetch_out, prefetch_packet, prefetch_tile
@@ -19,11 +19,11 @@ from .packets.staging import PacketOut, end_stream, stage_misses, write_part
 from .packets.tile import cast_tile
 from .packing.bundling import Bundles
 from .packing.sorting import Packets
-from .poses import scope_of
-from .rays import Rays, firing_of, origin_of, span_of
-from .recorded import recorded
+from .poses.moving import at_firings
+from .poses.scope import scope_of
+from .rays.arrays import Rays, firing_of, origin_of, span_of
 from .shapes.triangle import CULL_NONE
-from .turns import end_of_run, take_run
+from .single.cast import RAYS_PER_RUN, Alone, Job, cast_rays, cast_turns, hold, is_castable
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

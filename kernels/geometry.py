@@ -82,7 +82,8 @@ class Geometry:
     center: wp.array[wp.vec3]  # of the shape's box in its own frame, and the half size
     half: wp.array[wp.vec3]
     reach: wp.array[float]  # largest |coordinate| of the shape in its own frame
-    # poses (W I n,), in float64 or in float32, the others are empty; for the cast as rigcast.kernels.moving has them:
+    # poses (W I n,), in float64 or in float32, the others are empty; for the cast as
+    # rigcast.kernels.poses.moving has them:
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]  # columns: the shape's axes in the world
     position_float: wp.array[wp.vec3]

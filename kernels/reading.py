@@ -9,9 +9,9 @@ import warp as wp
 from rigcast.kernels.effects.echoes import SurfaceArrays
 
 from .cast import HitArrays
-from .launch import launch_over_runs
-from .out import Out, read_hit
-from .rays import RayArrays, Rays, direction_of, firing_of, origin_of
+from .hits.out import Out, read_hit
+from .launching.slices import launch_over_runs
+from .rays.arrays import RayArrays, Rays, direction_of, firing_of, origin_of
 from .vectors import to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})

@@ -1,7 +1,8 @@
 """Beams behind rotating wedges, reading after reading, and their packets.
 
-The formula is that of rigcast.sensors.specs.rosette. Samples of a line go together, LANES at once, which the compiler
-turns into vector instructions. Wedges turn evenly, so that sines and cosines of all samples come from those of a few:
+The formula is that of rigcast.sensors.specs.lidars.rosette. Samples of a line go together, LANES at once, which the
+compiler turns into vector instructions. Wedges turn evenly, so that sines and cosines of all samples come from those of
+a few:
 
     cos(a + b) = cos a cos b - sin a sin b      sin(a + b) = sin a cos b + cos a sin b
 """
@@ -13,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .launch import TURN, prepare_over_tiles
+from .launching.slices import TURN, prepare_over_tiles
+from .launching.turns import turn_of
 from .packets.packet import LANES, TILE, Tile, double_lanes
 from .packing.in_order import Packing, PackingInOrder, by_number, pack_tile
 from .packing.sorting import Packets
-from .turns import turn_of
 
 Doubles = npt.NDArray[np.float64]
 

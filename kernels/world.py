@@ -13,10 +13,10 @@ import numpy.typing as npt
 import warp as wp
 
 from .geometry import Geometry, Patch, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
+from .host.upload import Upload
 from .packets.prefetch import CACHE_LINE
 from .trees.nodes import Node, moved_nodes
 from .trees.top_trees import TopTrees
-from .upload import Upload
 
 _SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
 
@@ -145,7 +145,8 @@ class World:
         self._fit(position, rotation, math.prod(_leading(position)), 1, part)
 
     def sweep(self, position: Poses, rotation: Poses) -> None:
-        """Take the poses of the shapes at following instants, between which they move as rigcast.kernels.poses says.
+        """Take the poses of the shapes at following instants, between which they move as
+        rigcast.kernels.poses.scope says.
 
         Args:
             position: (instants, n, 3) or (worlds, instants, n, 3), else as for `update`. With S = instants - 1, what

@@ -29,52 +29,52 @@ if TYPE_CHECKING:
     from .sensors.scene.batch.worlds import Worlds as Worlds
     from .sensors.scene.hits import Hits as Hits
     from .sensors.scene.scene import Scene as Scene
-    from .sensors.specs.depth_camera import DepthCamera as DepthCamera
+    from .sensors.specs.cameras.depth_camera import DepthCamera as DepthCamera
+    from .sensors.specs.cameras.lens import BrownConrady as BrownConrady
+    from .sensors.specs.cameras.lens import KannalaBrandt as KannalaBrandt
+    from .sensors.specs.cameras.ranging import Stereo as Stereo
+    from .sensors.specs.cameras.ranging import TimeOfFlight as TimeOfFlight
     from .sensors.specs.filter import Filter as Filter
     from .sensors.specs.height_scan import HeightScan as HeightScan
     from .sensors.specs.imported import from_model as from_model
-    from .sensors.specs.lens import BrownConrady as BrownConrady
-    from .sensors.specs.lens import KannalaBrandt as KannalaBrandt
-    from .sensors.specs.lidar import Lidar as Lidar
-    from .sensors.specs.lidar_effects import Beam as Beam
-    from .sensors.specs.lidar_effects import Detection as Detection
-    from .sensors.specs.lidar_effects import Noise as Noise
-    from .sensors.specs.lidar_effects import Weather as Weather
+    from .sensors.specs.lidars.effects import Beam as Beam
+    from .sensors.specs.lidars.effects import Detection as Detection
+    from .sensors.specs.lidars.effects import Noise as Noise
+    from .sensors.specs.lidars.effects import Weather as Weather
+    from .sensors.specs.lidars.lidar import Lidar as Lidar
     from .sensors.specs.mount import Mount as Mount
     from .sensors.specs.prop import Prop as Prop
-    from .sensors.specs.ranging import Stereo as Stereo
-    from .sensors.specs.ranging import TimeOfFlight as TimeOfFlight
     from .sensors.specs.surface import Surface as Surface
     from .sensors.threads import set_threads as set_threads
 
     __version__: str
 
 _HOME = {
-    "Beam": "sensors.specs.lidar_effects",
-    "BrownConrady": "sensors.specs.lens",
+    "Beam": "sensors.specs.lidars.effects",
+    "BrownConrady": "sensors.specs.cameras.lens",
     "CameraFrame": "sensors.rig.frame",
-    "DepthCamera": "sensors.specs.depth_camera",
-    "Detection": "sensors.specs.lidar_effects",
+    "DepthCamera": "sensors.specs.cameras.depth_camera",
+    "Detection": "sensors.specs.lidars.effects",
     "Export": "export.options",
     "Filter": "sensors.specs.filter",
     "Frame": "sensors.rig.frame",
     "HeightScan": "sensors.specs.height_scan",
     "Hits": "sensors.scene.hits",
     "InputError": "sensors.errors",
-    "KannalaBrandt": "sensors.specs.lens",
-    "Lidar": "sensors.specs.lidar",
+    "KannalaBrandt": "sensors.specs.cameras.lens",
+    "Lidar": "sensors.specs.lidars.lidar",
     "LidarFrame": "sensors.rig.frame",
     "Mount": "sensors.specs.mount",
-    "Noise": "sensors.specs.lidar_effects",
+    "Noise": "sensors.specs.lidars.effects",
     "Prop": "sensors.specs.prop",
     "Recorder": "export.recorder",
     "Rig": "sensors.rig.rig",
     "RosNode": "ros.node",
     "Scene": "sensors.scene.scene",
-    "Stereo": "sensors.specs.ranging",
+    "Stereo": "sensors.specs.cameras.ranging",
     "Surface": "sensors.specs.surface",
-    "TimeOfFlight": "sensors.specs.ranging",
-    "Weather": "sensors.specs.lidar_effects",
+    "TimeOfFlight": "sensors.specs.cameras.ranging",
+    "Weather": "sensors.specs.lidars.effects",
     "Worlds": "sensors.scene.batch.worlds",
     "from_model": "sensors.specs.imported",
     "load_rig": "rig_file",

@@ -12,7 +12,8 @@ from rigcast import oracle
 from rigcast.oracle import Comparison, RayHits, Things, Verdict, deformable
 from rigcast.oracle.things import TYPES
 from rigcast.sensors.rig.rig import Rig
-from rigcast.sensors.scene.part import Owner
+
+from .sensors.scene.parts.part import Owner
 
 WRONG_SHOWN = 5
 

@@ -3,13 +3,13 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
-from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure
-from rigcast.kernels.poses import pose_of
-from rigcast.kernels.ray import Ray, enter_boxes, in_frame_of_tree, in_world
+from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure
+from rigcast.kernels.poses.scope import pose_of
 from rigcast.kernels.shapes.patches import compose
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
-from rigcast.kernels.traverse import Entered, traversal
+from rigcast.kernels.single.ray import Ray, enter_boxes, in_frame_of_tree, in_world
+from rigcast.kernels.single.traverse import Entered, traversal
 from rigcast.kernels.trees.nodes import FIRST_PATCH, OUTWARDS, WIDTH, Node
 from rigcast.kernels.vectors import larger, lowest_bit, to_float
 

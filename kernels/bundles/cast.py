@@ -5,15 +5,15 @@ from typing import Any
 
 import warp as wp
 
-from rigcast.kernels.alone import Job, is_castable, write_hit
 from rigcast.kernels.geometry import Geometry, TriangleBlock
-from rigcast.kernels.hits import WorldRay, no_hit
-from rigcast.kernels.launch import TURN, prepare_over_tiles
-from rigcast.kernels.out import read_hit, write_miss
+from rigcast.kernels.hits.hit import WorldRay, no_hit
+from rigcast.kernels.hits.out import read_hit, write_miss
+from rigcast.kernels.launching.slices import TURN, prepare_over_tiles
+from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.packing.bundling import MOST, Bundles
-from rigcast.kernels.poses import scope_of
-from rigcast.kernels.rays import direction_of, firing_of, origin_of, span_of
-from rigcast.kernels.turns import turn_of
+from rigcast.kernels.poses.scope import scope_of
+from rigcast.kernels.rays.arrays import direction_of, firing_of, origin_of, span_of
+from rigcast.kernels.single.cast import Job, is_castable, write_hit
 
 from .bundle import Bundle, Member, cast_bundle, world_ray_of
 

@@ -6,15 +6,15 @@ each of e, the products and their difference; the offset x has one, and its prod
 are allowed for. Of the height, n . a has 5u |a|, n . x 4u |x|, and the difference one of each: 6u |a| + 5u |x|, in
 place of 5u |a - x| of a single ray. With what triage_triangle has besides, and one more where it is multiplied with
 1 / (d . n), these are 10u |a| + 9u |x| + 10u t over |cos|, where 16u (|a| + 2 |x| + t) / |cos| are allowed for. What is
-too near to call goes to float64, by rigcast.kernels.hits.
+too near to call goes to float64, by rigcast.kernels.hits.hit.
 """
 
 import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
-from rigcast.kernels.ray import Ray, Spans
 from rigcast.kernels.shapes.triangle import DISTANCE_ROUNDING, GRAZING, ROUNDING, edge_side, inside_edges, is_culled
-from rigcast.kernels.traverse import sign_bits
+from rigcast.kernels.single.ray import Ray, Spans
+from rigcast.kernels.single.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
 from rigcast.kernels.vectors import larger, norm1
 

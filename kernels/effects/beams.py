@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.launch import launch_over_rays
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.launching.slices import launch_over_rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.vectors import of_ray
 
 from .random import RandomSource, random_normal

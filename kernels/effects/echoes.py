@@ -23,9 +23,9 @@ from dataclasses import dataclass
 import warp as wp
 
 from rigcast.kernels.cast import HitArrays
-from rigcast.kernels.launch import launch_over_rays
-from rigcast.kernels.out import Out
-from rigcast.kernels.rays import RayArrays, Rays, firing_of
+from rigcast.kernels.hits.out import Out
+from rigcast.kernels.launching.slices import launch_over_rays
+from rigcast.kernels.rays.arrays import RayArrays, Rays, firing_of
 from rigcast.kernels.vectors import of_ray, to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -10,7 +10,7 @@ with reflectivity rho, normal n, direction d and range R [m]: 1 for a white surf
 import warp as wp
 
 from rigcast.kernels.cast import HitArrays
-from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.vectors import of_ray, to_double
 
 from .random import RandomSource, random_uniform

@@ -17,7 +17,7 @@ A shift of a pixel is made by casting its ray anew.
 
 import warp as wp
 
-from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.vectors import of_ray
 
 from .infrared import cos_incidence

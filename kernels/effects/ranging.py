@@ -15,7 +15,7 @@ reflect instead, 1 for that surface itself in clear air.
 
 import warp as wp
 
-from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_rays
 
 from .echoes import Echoes
 from .random import RandomSource, as_uniform, box_muller, random_bits

@@ -7,7 +7,7 @@ groups whose power reaches the least that is detected, the first, the last, the 
 
 import warp as wp
 
-from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_rays
 
 from .echoes import Echoes, new_echoes
 

@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 import warp as wp
 
 from rigcast.kernels.cast import HitArrays
-from rigcast.kernels.launch import launch_over_rays
-from rigcast.kernels.out import Out
+from rigcast.kernels.hits.out import Out
+from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.packing.firings import groups_of
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.vectors import of_ray, to_double, to_float
 
 from .infrared import cos_incidence

@@ -8,7 +8,7 @@ frequency; farther ones wrap.
 import warp as wp
 
 from rigcast.kernels.cast import HitArrays
-from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.vectors import of_ray
 
 from .infrared import cos_incidence, returned

@@ -33,7 +33,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_rays
 
 from .echoes import Echoes, spread_power
 from .random import RandomSource, as_uniform, random_bits

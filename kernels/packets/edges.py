@@ -14,15 +14,15 @@ length and 3u t of the dot product; n is off by 4u at most (rigcast.kernels.shap
 |cos|; 10u |V0| + 24u t are allowed for. As a vector, a + p u + q v is off by u of a, 3u |p| and 3u |q|, as a, u and v
 are unit vectors, and by two u of its length: over the length at most (2 + sqrt(19)) u < 7u.
 
-What is too near to call goes to float64, by rigcast.kernels.hits.
+What is too near to call goes to float64, by rigcast.kernels.hits.hit.
 """
 
 import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
-from rigcast.kernels.ray import Spans
 from rigcast.kernels.shapes.triangle import GRAZING, ROUNDING, inside_edges
-from rigcast.kernels.traverse import sign_bits
+from rigcast.kernels.single.ray import Spans
+from rigcast.kernels.single.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
 from rigcast.kernels.vectors import Interval, interval, larger, norm1, smaller
 

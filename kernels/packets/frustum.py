@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from rigcast.kernels.ray import MARGIN
-from rigcast.kernels.traverse import Entered
+from rigcast.kernels.single.ray import MARGIN
+from rigcast.kernels.single.traverse import Entered
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8
 from rigcast.kernels.vectors import Interval, interval, larger, smaller
 

@@ -3,10 +3,10 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
-from rigcast.kernels.hits import APART, Hit, WorldRay, decided, hit_within
+from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within
 from rigcast.kernels.inline import noinline
-from rigcast.kernels.poses import Scope
-from rigcast.kernels.ray import box_margin
+from rigcast.kernels.poses.scope import Scope
+from rigcast.kernels.single.ray import box_margin
 from rigcast.kernels.trees.nodes import vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
 

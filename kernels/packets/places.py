@@ -1,4 +1,4 @@
-"""Where the rays of a packet hit, as rigcast.kernels.hits.place_of has it, for one shape at a time.
+"""Where the rays of a packet hit, as rigcast.kernels.hits.hit.place_of has it, for one shape at a time.
 
 What is worked out for all rays at once goes to those that hit a shape by `or`, which begins with 0: of a choice between
 what was there and what is new LLVM makes a masked store, which takes longer than all else here.
@@ -7,9 +7,9 @@ what was there and what is new LLVM makes a masked store, which takes longer tha
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits import NO_SHAPE, distance_of, height_above, middle, outward
-from rigcast.kernels.out import Out
-from rigcast.kernels.poses import pose_of
+from rigcast.kernels.hits.hit import NO_SHAPE, distance_of, height_above, middle, outward
+from rigcast.kernels.hits.out import Out
+from rigcast.kernels.poses.scope import pose_of
 from rigcast.kernels.shapes.facets import facet_at
 from rigcast.kernels.shapes.solids import LARGEST, PLANE, has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
@@ -221,7 +221,7 @@ def place_packet(g: Geometry, rays: wp.array[TileRays], places: wp.array[Places]
 def stage_packet(
     staged: wp.array[PacketOut], rays: wp.array[TileRays], places: wp.array[Places], k: int, out: Out
 ) -> None:
-    """Stage what the rays of a packet hit, or read, as rigcast.kernels.out has it."""
+    """Stage what the rays of a packet hit, or read, as rigcast.kernels.hits.out has it."""
     x = places[k].normal_x
     y = places[k].normal_y
     z = places[k].normal_z

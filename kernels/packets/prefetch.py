@@ -3,7 +3,7 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Patch, TriangleBlock
-from rigcast.kernels.out import Out
+from rigcast.kernels.hits.out import Out
 from rigcast.kernels.trees.nodes import Node
 
 from .packet import LANES, Packet, Tile

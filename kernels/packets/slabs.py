@@ -8,9 +8,9 @@ which few rays enter that do not enter the box, as they all run close to the mir
 
 import warp as wp
 
-from rigcast.kernels.hits import APART
-from rigcast.kernels.ray import MARGIN, inverse_of
-from rigcast.kernels.traverse import sign_bits
+from rigcast.kernels.hits.hit import APART
+from rigcast.kernels.single.ray import MARGIN, inverse_of
+from rigcast.kernels.single.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 

@@ -7,7 +7,7 @@ without being read, past the cache: streamed.
 
 import warp as wp
 
-from rigcast.kernels.out import Out
+from rigcast.kernels.hits.out import Out
 
 from .packet import LANES, PACKETS, TileRays, int_lanes, lanes
 

@@ -3,11 +3,11 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits import NO_SHAPE
-from rigcast.kernels.poses import is_doubled, pose_of
+from rigcast.kernels.hits.hit import NO_SHAPE
+from rigcast.kernels.poses.scope import is_doubled, pose_of
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
-from rigcast.kernels.traverse import Entered, traversal
+from rigcast.kernels.single.traverse import Entered, traversal
 from rigcast.kernels.trees.nodes import Node, vec8
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 

@@ -7,9 +7,9 @@ after the other; a few are taken one by one, each against all boxes of a node or
 import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
-from rigcast.kernels.hits import APART
+from rigcast.kernels.hits.hit import APART
 from rigcast.kernels.shapes.patches import compose
-from rigcast.kernels.traverse import child_of, stack_of_distances, stack_of_ints
+from rigcast.kernels.single.traverse import child_of, stack_of_distances, stack_of_ints
 from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, WIDTH
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
@@ -121,8 +121,8 @@ def prefetch_child(sought: Sought, child: int) -> None:
 def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> float:
     """A packet through the tree of a shape; returns how far its rays still reach.
 
-    As rigcast.kernels.traverse, but that of every box is known which rays enter it. What belongs to a box is read and
-    written one by one: vectors that are written so and then read as a whole wait for each other in memory.
+    As rigcast.kernels.single.traverse, but that of every box is known which rays enter it. What belongs to a box is
+    read and written one by one: vectors that are written so and then read as a whole wait for each other in memory.
     """
     packet = sought.packet
     stack = stack_of_ints()

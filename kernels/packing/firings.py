@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 
 
 def groups_of(rays: Rays) -> npt.NDArray[np.int32] | None:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.packets.packet import LANES, PACKETS, TILE, Packet, Tile, double_lanes, farthest, int_lanes, lanes
 
 from .sorting import SLACK, SPARSE, WIDEST, Packets

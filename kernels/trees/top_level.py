@@ -12,8 +12,8 @@ whose second derivative is a^2 r. What runs on chords stays within the box of bo
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.moving import turn_between
-from rigcast.kernels.poses import Pose, first_instant_of, first_of_world, is_within_reach, pose_at, world_of
+from rigcast.kernels.poses.moving import turn_between
+from rigcast.kernels.poses.scope import Pose, first_instant_of, first_of_world, is_within_reach, pose_at, world_of
 from rigcast.kernels.vectors import to_float
 
 from .boxes import Box, empty_box, farthest_finite, join

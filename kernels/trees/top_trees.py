@@ -7,7 +7,7 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.launch import launch_over_rays, prepare_over_rays
+from rigcast.kernels.launching.slices import launch_over_rays, prepare_over_rays
 
 from .fit import REBUILD_RATIO, Fit
 from .nodes import NO_CHILD, WIDTH, Node, empty_nodes, join_trees

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_rays
 
 from .boxes import half_area
 from .nodes import NO_CHILD, WIDTH, Node, empty_node, empty_nodes, moved_nodes, set_child, struct_zeros, vec8, vec8i

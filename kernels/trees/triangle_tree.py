@@ -10,7 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.geometry import FARTHEST, NO_FACE, TriangleBlock, TriangleTree
-from rigcast.kernels.launch import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.shapes.facets import Triangle, area_normal, unit_normal
 
 from .boxes import empty_box, join

@@ -8,9 +8,9 @@ import numpy as np
 
 from rigcast.rig_file import open_rig
 from rigcast.sensors.rig.rig import Rig
-from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.filter import Filter
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 
 from .casters import Floats, load_casters

@@ -17,10 +17,10 @@ import numpy as np
 
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.rig.rig import Rig
-from rigcast.sensors.scene.height_fields import hfield_data, hfield_tree, hfield_triangles
+from rigcast.sensors.scene.cache.trees import cached_triangle_tree
+from rigcast.sensors.scene.parts.height_fields import hfield_data, hfield_tree, hfield_triangles
 from rigcast.sensors.scene.scene import Scene
-from rigcast.sensors.scene.tree_cache import cached_triangle_tree
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 
 from .figure import Figure, Spread

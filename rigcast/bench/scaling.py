@@ -8,9 +8,9 @@ from unittest.mock import patch
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.launch import thread_count
+from rigcast.kernels.launching.slices import thread_count
 from rigcast.kernels.packing.sorting import sort_into_packets
-from rigcast.sensors.scene.placed_rays import rays_in_frame
+from rigcast.sensors.scene.rays.placed import rays_in_frame
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
 

@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 
 from rigcast.sensors.scene.freed_memory import give_back_freed_memory
-from rigcast.sensors.scene.height_fields import hfield_data, hfield_triangles
+from rigcast.sensors.scene.parts.height_fields import hfield_data, hfield_triangles
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.prop import Prop

@@ -21,8 +21,8 @@ import warp as wp
 
 from rigcast.rig_file import open_rig
 from rigcast.sensors.rig.rig import Rig
-from rigcast.sensors.specs.depth_camera import DepthCamera
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 
 from .casters.caster import EVERY_GROUP, Floats

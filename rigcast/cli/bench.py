@@ -24,7 +24,7 @@ from rigcast.bench.race import Result, race
 from rigcast.bench.scaling import Series, scaling
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
 from rigcast.cli.options import JsonFile, console_beside, write_json
-from rigcast.kernels.launch import thread_count
+from rigcast.kernels.launching.slices import thread_count
 from rigcast.quiet import quiet_warp
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of

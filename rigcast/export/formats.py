@@ -7,7 +7,7 @@ from typing import Literal
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import did_you_mean
-from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 Kind = Literal["frame", "cameras", "run"]

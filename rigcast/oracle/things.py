@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigcast.oracle.ray import Ints
-from rigcast.sensors.scene.part import OWNERS, Owner
+from rigcast.sensors.scene.parts.part import OWNERS, Owner
 from rigcast.sensors.specs.prop import Prop
 
 NOTHING = "none"  # the type of what a ray that misses has hit

@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator
 
 from rigcast.export.options import Export
-from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.spec import Spec

@@ -22,7 +22,7 @@ from rigcast.export.ids import IdTable
 from rigcast.export.options import Export
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame
-from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 

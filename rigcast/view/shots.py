@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.sensors.rig.frame import CameraFrame, Frame
-from rigcast.sensors.specs.depth_camera import pixel_rays
-from rigcast.sensors.specs.lens import Lens
+from rigcast.sensors.specs.cameras.depth_camera import pixel_rays
+from rigcast.sensors.specs.cameras.lens import Lens
 
 VALUES = ("range", "intensity", "ring", "geom_id")  # by which points can be coloured
 

@@ -9,13 +9,13 @@ from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.effects.infrared import Losses, lose
 from rigcast.kernels.effects.random import RandomSource
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import bound, read
-from rigcast.sensors.scene.given_rays import upload
+from rigcast.sensors.scene.rays.given import upload
 from rigcast.sensors.scene.scene import Scene
-from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.ranging import Ranging, Stereo, TimeOfFlight
 from rigcast.sensors.specs.pattern import Pattern
-from rigcast.sensors.specs.ranging import Ranging, Stereo, TimeOfFlight
 
 from .sub_rays import SubRays
 

@@ -9,12 +9,12 @@ import warp as wp
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.random import RandomSource
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
 from rigcast.sensors.scene.scene import Scene
-from rigcast.sensors.specs.lidar import Lidar
-from rigcast.sensors.specs.lidar_effects import Noise, Weather
+from rigcast.sensors.specs.lidars.effects import Noise, Weather
+from rigcast.sensors.specs.lidars.lidar import Lidar
 
 from .sub_rays import SubRays
 

@@ -8,8 +8,8 @@ import warp as wp
 from rigcast.kernels.effects.beams import repeated
 from rigcast.kernels.packing.firings import groups_of, repeat_firing
 from rigcast.kernels.packing.sorting import Packets
-from rigcast.kernels.rays import Rays
-from rigcast.sensors.scene.packet_cache import cached_packets
+from rigcast.kernels.rays.arrays import Rays
+from rigcast.sensors.scene.cache.packets import cached_packets
 
 
 class SubRays:

@@ -11,11 +11,11 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels import reading
-from rigcast.kernels.stamps import stamps
+from rigcast.kernels.rays.stamps import stamps
 from rigcast.sensors.errors import InputError, require_type
-from rigcast.sensors.scene.part import Owner
+from rigcast.sensors.scene.parts.part import Owner
 from rigcast.sensors.scene.shape_ids import ShapeIds
-from rigcast.sensors.specs.lens import Lens
+from rigcast.sensors.specs.cameras.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 
 from .kept import Kept

@@ -16,9 +16,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
-from rigcast.kernels.mounts import Frames
-from rigcast.kernels.rays import Rays
-from rigcast.kernels.taking import PlacedFrame
+from rigcast.kernels.host.taking import PlacedFrame
+from rigcast.kernels.poses.mounts import Frames
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.mount import BoundMount
 

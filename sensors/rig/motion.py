@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels.packing.firings import same_rows
-from rigcast.sensors.scene.part import ShapePoses
+from rigcast.sensors.scene.parts.part import ShapePoses
 
 SLOT, PACKED_SLOT = 2e-5, 1e-4
 """[s] Rays fired within SLOT of each other leave from one pose, a sensor at 10 m/s goes 0.2 mm meanwhile; where packets

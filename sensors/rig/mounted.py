@@ -13,26 +13,26 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT
-from rigcast.kernels.mounts import BYTES_PER_FRAME
 from rigcast.kernels.packing.bundling import sort_into_bundles
 from rigcast.kernels.packing.firings import groups_of, same_rows
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.captured import is_captured
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.scene.batch.attached import Attached
 from rigcast.sensors.scene.batch.per_world import PerWorld
 from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import Worlds
-from rigcast.sensors.scene.given_rays import lend
-from rigcast.sensors.scene.packet_cache import cached_packets
-from rigcast.sensors.scene.placed_rays import in_pose, rays_in_frame
+from rigcast.sensors.scene.cache.packets import cached_packets
+from rigcast.sensors.scene.rays.given import lend
+from rigcast.sensors.scene.rays.placed import in_pose, rays_in_frame
 from rigcast.sensors.scene.scene import Scene
-from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 

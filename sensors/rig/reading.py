@@ -7,10 +7,10 @@ import warp as wp
 
 from rigcast.kernels.effects.infrared import infrared
 from rigcast.kernels.effects.random import RandomSource, random_source
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import intensity
-from rigcast.sensors.specs.depth_camera import DepthCamera
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
+from rigcast.sensors.specs.lidars.lidar import Lidar
 
 from .frame import CameraFrame, Frame, LidarFrame
 from .kept import Kept

@@ -14,11 +14,11 @@ from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
 from rigcast.sensors.scene.batch.worlds import Worlds, as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
-from rigcast.sensors.scene.props import as_props
+from rigcast.sensors.scene.parts.props import as_props
 from rigcast.sensors.scene.scene import Scene
-from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface

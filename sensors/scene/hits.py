@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigcast.kernels.cast import HitArrays
 from rigcast.sensors.errors import InputError
 
-from .part import OWNERS, Owner
+from .parts.part import OWNERS, Owner
 from .shape_ids import ShapeIds
 
 

@@ -11,9 +11,9 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import HitArrays, cast, prepare_readings
-from rigcast.kernels.gather import Gathered
-from rigcast.kernels.mounts import BYTES_PER_FRAME
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.host.gather import Gathered
+from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 from rigcast.sensors.captured import require_on_device
@@ -30,20 +30,20 @@ from .batch.per_world import PerWorld
 from .batch.sources import Batch
 from .batch.standing import Standing
 from .batch.worlds import Worlds, as_worlds, is_batch
-from .flexes import Flexes
 from .freed_memory import give_back_freed_memory
-from .geoms import Geoms, are_within_reach, has_finite_pose
-from .given_rays import take_rays
 from .hits import Hits
 from .looks import Looks, LooksTable
-from .lost import Lost
-from .model_geometry import refuse_unsupported
-from .part import Part, ShapePoses, Snapshot, joined_poses, joined_shapes, owners_and_ids
-from .placed_rays import in_world, in_worlds
-from .props import Props
+from .parts.flexes import Flexes
+from .parts.geoms import Geoms, are_within_reach, has_finite_pose
+from .parts.lost import Lost
+from .parts.model_geometry import refuse_unsupported
+from .parts.part import Part, ShapePoses, Snapshot, joined_poses, joined_shapes, owners_and_ids
+from .parts.props import Props
+from .parts.skins import Skins
+from .rays.given import take_rays
+from .rays.placed import in_world, in_worlds
 from .shape_ids import ShapeIds
 from .sight import Sight
-from .skins import Skins
 
 Cull = Literal["none", "back", "front"]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.reading import take
 
-from .part import OWNERS, Owner
+from .parts.part import OWNERS, Owner
 
 
 @dataclass(frozen=True, eq=False)

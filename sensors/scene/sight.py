@@ -11,7 +11,7 @@ from rigcast.sensors.specs.filter import Filter
 
 from .batch.per_world import PerWorld
 from .looks import Looks, LooksTable
-from .part import Part
+from .parts.part import Part
 
 # What filters and surfaces ask of a model, besides the tree of its bodies.
 _LOOKS = (

@@ -8,9 +8,9 @@ import numpy as np
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import usable_name
 
-from .depth_camera import DepthCamera
+from .cameras.depth_camera import DepthCamera
 from .filter import Filter
-from .lidar import Lidar
+from .lidars.lidar import Lidar
 from .mount import Mount
 
 _ALONG_Z = (0.0, -90.0, 0.0)  # roll, pitch, yaw [deg] that turn the mount's x axis to where z was

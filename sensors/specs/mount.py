@@ -147,7 +147,7 @@ def placed(
 ) -> NDArray[np.float64]:
     """(4, 4) a frame at `offset` (4, 4) in one with this pose.
 
-    Summed in the order of `rigcast.kernels.mounts`, and not by BLAS, so that both have the same bits.
+    Summed in the order of `rigcast.kernels.poses.mounts`, and not by BLAS, so that both have the same bits.
     """
     pose = np.eye(4)
     with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import cast
 from rigcast.kernels.geometry import Shapes, TriangleTree
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.trees.height_field import build_height_field

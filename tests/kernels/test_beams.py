@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.effects.beams import aim, hexagonal_rings, repeated
 from rigcast.kernels.effects.random import random_source
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 
 COUNT = 100_000
 SOURCE = random_source(7, "top", frame=3)

@@ -20,11 +20,11 @@ from made_worlds import (
 )
 from numpy.typing import ArrayLike
 
-from rigcast.kernels import launch
 from rigcast.kernels.cast import cast
+from rigcast.kernels.launching import slices
 from rigcast.kernels.packing.bundling import MOST, sort_into_bundles
 from rigcast.kernels.packing.firings import same_rows
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 
@@ -149,7 +149,7 @@ def test_rays_along_faces_hit_what_they_hit_alone() -> None:
 @pytest.mark.parametrize("threads", [1, 3])
 def test_in_many_worlds_each_ray_hits_what_it_hits_alone(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where some of the poses are not finite, or so far away that only some of the rays can be cast."""
-    monkeypatch.setattr(launch, "thread_count", lambda: threads)
+    monkeypatch.setattr(slices, "thread_count", lambda: threads)
     rng, worlds = np.random.default_rng(2), 40
     plan = random_plan(2)
     position, rotation = plan.poses()

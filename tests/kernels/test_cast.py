@@ -22,11 +22,11 @@ from made_worlds import (
 )
 from moeller_trumbore import dot, moeller_trumbore, norm
 
-from rigcast.kernels import launch
 from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.launching import slices
+from rigcast.kernels.rays.unit import unit_directions
 from rigcast.kernels.shapes.solids import BOX, CAPSULE, CYLINDER, ELLIPSOID, PLANE, SPHERE
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
-from rigcast.kernels.unit import unit_directions
 
 INF = np.inf
 
@@ -264,16 +264,16 @@ def test_unit_directions(dtype: type) -> None:
 # ---- slices and threads
 
 
-@pytest.mark.parametrize("count", [1, launch.RAYS_PER_SLICE, launch.RAYS_PER_SLICE + 1, 5 * launch.RAYS_PER_SLICE - 7])
+@pytest.mark.parametrize("count", [1, slices.RAYS_PER_SLICE, slices.RAYS_PER_SLICE + 1, 5 * slices.RAYS_PER_SLICE - 7])
 def test_threads_do_not_show(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     world = random_plan(1).world()
     rays = random_rays(1, count)
     hits = []
     for threads in ("1", "2", "7"):
         monkeypatch.setenv("RIGCAST_THREADS", threads)
-        launch._threads.cache_clear()
+        slices._threads.cache_clear()
         hits.append(cast_through(world, *rays))
-    launch._threads.cache_clear()
+    slices._threads.cache_clear()
     for got in hits[1:]:
         assert_same(got, hits[0])
 

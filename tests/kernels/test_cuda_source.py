@@ -13,10 +13,10 @@ from cuda_source import CudaSource
 from made_worlds import Hits, assert_same, cast_through, random_plan, random_rays, rays_of, unit
 
 from rigcast.kernels import cast
-from rigcast.kernels.alone import cast_rays
 from rigcast.kernels.packing.sorting import sort_into_packets
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.single.cast import cast_rays
 from rigcast.kernels.world import World
 
 pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="no g++ to compile CUDA's source with")

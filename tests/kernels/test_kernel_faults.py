@@ -9,8 +9,8 @@ import pytest
 import warp as wp
 from numpy.typing import ArrayLike
 
+from rigcast.kernels.rays.unit import unit_directions
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
-from rigcast.kernels.unit import unit_directions
 
 SQUARE = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 NAN, INF = np.nan, np.inf

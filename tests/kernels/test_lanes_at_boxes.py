@@ -11,7 +11,7 @@ import warp as wp
 from made_worlds import random_rotations
 from numpy.typing import NDArray
 
-from rigcast.kernels.hits import APART
+from rigcast.kernels.hits.hit import APART
 from rigcast.kernels.packets.frustum import LANE_ROUNDING, boxes_from, enter_frustum, frustum_of, packets_at_box
 from rigcast.kernels.packets.packet import ALL_LANES, LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, lanes
 from rigcast.kernels.packets.slabs import (
@@ -22,7 +22,7 @@ from rigcast.kernels.packets.slabs import (
     slabs_of,
     way_of,
 )
-from rigcast.kernels.ray import box_margin
+from rigcast.kernels.single.ray import box_margin
 from rigcast.kernels.trees.nodes import Node, empty_node, vec8
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})

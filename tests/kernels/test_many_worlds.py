@@ -8,11 +8,11 @@ import warp as wp
 from made_worlds import Doubles, Hits, Plan, assert_same, random_plan, random_rotations, unit
 from numpy.typing import ArrayLike
 
-from rigcast.kernels import launch
 from rigcast.kernels.cast import cast
 from rigcast.kernels.geometry import Shapes
+from rigcast.kernels.launching import slices
 from rigcast.kernels.packing.sorting import sort_into_packets
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
@@ -220,7 +220,7 @@ def test_threads_do_not_show(threads: int, monkeypatch: pytest.MonkeyPatch) -> N
     plan = random_plan(6, count=120)
     position, rotation = scattered(plan, 6, 100)
     at = sensor_poses(6, 100)
-    monkeypatch.setattr(launch, "thread_count", lambda: threads)
+    monkeypatch.setattr(slices, "thread_count", lambda: threads)
     world = World(plan.trees, plan.shapes, "cpu")
     world.update(position, rotation)
     found = cast_all(world, sensor(*at, True))

@@ -11,7 +11,7 @@ from trimesh import transformations
 
 from rigcast.kernels.cast import cast
 from rigcast.kernels.packing.sorting import sort_into_packets
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.solids import BOX, CAPSULE, PLANE, SPHERE
 from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World

@@ -23,8 +23,8 @@ from made_worlds import (
 )
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels import launch
 from rigcast.kernels.cast import cast
+from rigcast.kernels.launching import slices
 from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.shapes import solids
@@ -264,6 +264,6 @@ def test_empty_world() -> None:
 def test_threads_do_not_show(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     world = random_plan(2).world()
     expected, _ = in_packets_and_alone(world, (0, 0, 0), PATTERNS["64 beams"])
-    monkeypatch.setattr(launch, "thread_count", lambda: threads)
+    monkeypatch.setattr(slices, "thread_count", lambda: threads)
     got, _ = in_packets_and_alone(world, (0, 0, 0), PATTERNS["64 beams"])
     assert_same(got, expected)

@@ -7,10 +7,10 @@ import pytest
 import warp as wp
 from made_worlds import Doubles, random_plan, random_rotations, rays_of, unit
 
-from rigcast.kernels import launch
 from rigcast.kernels.cast import HitArrays, cast, prepare_readings
+from rigcast.kernels.launching import slices
 from rigcast.kernels.packing.sorting import sort_into_packets
-from rigcast.kernels.rays import Rays
+from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import points, read, take, world_points, z_depth
 from rigcast.kernels.shapes.triangle import CULL_NONE
 
@@ -93,11 +93,11 @@ def test_taken_is_what_the_table_holds_and_minus_1_of_minus_1() -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-@pytest.mark.parametrize("count", [1, launch.RAYS_PER_RUN, 200_003])
+@pytest.mark.parametrize("count", [1, slices.RAYS_PER_RUN, 200_003])
 def test_every_ray_is_read_whatever_runs_and_threads_there_are(
     threads: int, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(launch, "thread_count", lambda: threads)
+    monkeypatch.setattr(slices, "thread_count", lambda: threads)
     rng = np.random.default_rng(count)
     table, index = rng.integers(0, 1000, 50).astype(np.int32), rng.integers(0, 50, count).astype(np.int32)
     np.testing.assert_array_equal(take(device(table, wp.int32), device(index, wp.int32)).numpy(), table[index])

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from rigcast.kernels import launch
-from rigcast.kernels.turns import LEAST, end_of_run, take_run
+from rigcast.kernels.launching import slices
+from rigcast.kernels.launching.turns import LEAST, end_of_run, take_run
 
 wp.set_module_options({"enable_backward": False})
 
@@ -33,7 +33,7 @@ class Counted:
 
     def __init__(self, count: int) -> None:
         self.times, self.by = (wp.zeros(count, dtype=int, device="cpu") for _ in range(2))
-        self.launch = launch.prepare_over_tiles(count_taken, count, self._inputs)
+        self.launch = slices.prepare_over_tiles(count_taken, count, self._inputs)
 
     def _inputs(self, threads: int) -> Sequence[Any]:
         return [threads, self.times, self.by]
@@ -54,7 +54,7 @@ def test_all_is_taken_once_however_often_it_is_launched(
 def test_a_thread_that_has_not_begun_when_all_is_taken_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIGCAST_THREADS", "2")
     busy, is_over = ThreadPoolExecutor(1), Event()
-    monkeypatch.setattr(launch, "_threads", lambda _: busy)
+    monkeypatch.setattr(slices, "_threads", lambda _: busy)
     busy.submit(is_over.wait)
     counted = Counted(1000)
     counted.launch()

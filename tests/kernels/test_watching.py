@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rigcast.kernels.watching import PIECE, PIECES_PER_TURN, Watched
+from rigcast.kernels.host.watching import PIECE, PIECES_PER_TURN, Watched
 
 TURN = PIECE * PIECES_PER_TURN // 4
 """Numbers of float32 that a thread takes at once."""

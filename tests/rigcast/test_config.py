@@ -9,10 +9,10 @@ import pytest
 
 from rigcast.rig_file import load_rig, open_rig, read_rig
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.height_scan import HeightScan
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 
 MODEL = """

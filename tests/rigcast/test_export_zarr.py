@@ -13,8 +13,8 @@ from rigcast.export.ids import IdTable
 from rigcast.export.zarr_store import ZarrStore
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, LidarFrame
-from rigcast.sensors.specs.depth_camera import DepthCamera
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 
 IDS = IdTable.of(made_frames.model(), {"ground": ["floor"]})

@@ -19,9 +19,9 @@ from rigcast.sensors.preview.draw import draw_preview
 from rigcast.sensors.preview.lidar import picture_order
 from rigcast.sensors.preview.page import WIDTH, ticks
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
-from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.pattern import Pattern
 

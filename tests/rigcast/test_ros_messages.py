@@ -17,9 +17,9 @@ from rigcast.ros.layouts import choose_layout
 from rigcast.ros.stream import MessageStream, planar_angles
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
-from rigcast.sensors.specs.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 

@@ -9,10 +9,10 @@ import pytest
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame
 from rigcast.sensors.rig.rig import Rig
-from rigcast.sensors.specs.depth_camera import DepthCamera
-from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
+from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
+from rigcast.sensors.specs.cameras.ranging import TimeOfFlight
 from rigcast.sensors.specs.mount import Mount
-from rigcast.sensors.specs.ranging import TimeOfFlight
 
 XML = """
 <mujoco>

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco/>")

@@ -9,9 +9,9 @@ import pytest
 from lidar_scenes import SEED, model_of, wall
 
 from rigcast import Lidar, LidarFrame, Mount, Rig
-from rigcast.sensors.specs.lidar_effects import Beam, Detection, Noise, Weather
-from rigcast.sensors.specs.ray_file import RayFile
-from rigcast.sensors.specs.rosette import Rosette, Wedge
+from rigcast.sensors.specs.lidars.effects import Beam, Detection, Noise, Weather
+from rigcast.sensors.specs.lidars.ray_file import RayFile
+from rigcast.sensors.specs.lidars.rosette import Rosette, Wedge
 
 WEDGE = Wedge(rpm=7294, tilt_deg=-18, index=1.5, tilted_first=False)
 PATTERNS: dict[str, dict[str, Any]] = {

@@ -11,8 +11,8 @@ import rigcast
 from rigcast import InputError
 from rigcast.kernels.geometry import TriangleTree
 from rigcast.kernels.shapes import solids
-from rigcast.sensors.scene.height_fields import hfield_triangles
-from rigcast.sensors.scene.model_geometry import read_model, unsupported_parts
+from rigcast.sensors.scene.parts.height_fields import hfield_triangles
+from rigcast.sensors.scene.parts.model_geometry import read_model, unsupported_parts
 
 Floats = NDArray[np.floating]
 SIZE = np.array([1.5, 0.7, 0.4, 0.25])  # half x, half y, height of 1, depth of the base

@@ -8,8 +8,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.packing.sorting import Packets, sort_into_packets
-from rigcast.sensors.scene import packet_cache
-from rigcast.sensors.scene.packet_cache import cached_packets
+from rigcast.sensors.scene.cache import packets as packet_cache
+from rigcast.sensors.scene.cache.packets import cached_packets
 
 COUNT = 6000
 

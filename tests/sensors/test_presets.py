@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.specs.depth_camera import DepthCamera
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
+from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
 from rigcast.sensors.specs.presets import load_preset, preset_names

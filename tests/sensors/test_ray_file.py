@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
+from rigcast.sensors.specs.lidars.ray_file import RayFile
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
-from rigcast.sensors.specs.ray_file import RayFile
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco/>")
 PLAIN = "0,10,-5\n0.25,20,0\n0.5,-30,5\n"

@@ -10,10 +10,10 @@ import warp as wp
 from rigcast.kernels.packets.packet import TILE
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.specs.lidar import Lidar
+from rigcast.sensors.specs.lidars.lidar import Lidar
+from rigcast.sensors.specs.lidars.rosette import Nodding, Rosette, Wedge, refract
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.pattern import azimuth_elevation
-from rigcast.sensors.specs.rosette import Nodding, Rosette, Wedge, refract
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco/>")
 LIVOX = ("livox_mid40", "livox_mid70", "livox_avia", "livox_tele15", "livox_horizon", "livox_mid360")

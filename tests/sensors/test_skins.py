@@ -7,7 +7,7 @@ import trimesh
 from small_scenes import posed
 
 from rigcast import Filter, Scene
-from rigcast.sensors.scene.skins import Skins
+from rigcast.sensors.scene.parts.skins import Skins
 
 BONE = '<bone body="{}" bindpos="{}" bindquat="{}" vertid="{}" vertweight="{}"/>'
 BODIES = """<body name="upper" pos="0 0 1"><freejoint/><geom size=".01" group="3"/>

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigcast import DepthCamera, InputError, Lidar, Mount, Rig, Scene, set_threads
-from rigcast.kernels.launch import thread_count
+from rigcast.kernels.launching.slices import thread_count
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
   <geom type="sphere" size=".5" pos="2 0 0"/><geom type="box" size=".1 9 9" pos="5 0 0" euler="0 10 20"/>

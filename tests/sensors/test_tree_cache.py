@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from rigcast import InputError, Scene
 from rigcast.kernels.geometry import TriangleTree
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
-from rigcast.sensors.scene import disk_cache, tree_cache
-from rigcast.sensors.scene.height_fields import hfield_triangles
-from rigcast.sensors.scene.model_geometry import Asset, read_model
-from rigcast.sensors.scene.tree_cache import cached_triangle_tree
+from rigcast.sensors.scene.cache import on_disk as disk_cache
+from rigcast.sensors.scene.cache import trees as tree_cache
+from rigcast.sensors.scene.cache.trees import cached_triangle_tree
+from rigcast.sensors.scene.parts.height_fields import hfield_triangles
+from rigcast.sensors.scene.parts.model_geometry import Asset, read_model
 
 HILLS = np.random.default_rng(0).random((30, 30), dtype=np.float32)
 VERTICES, FACES = hfield_triangles(np.array([1.0, 1.0, 0.3, 0.1]), HILLS)

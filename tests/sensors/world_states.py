@@ -23,7 +23,7 @@ from rigcast import (
     Weather,
     Worlds,
 )
-from rigcast.sensors.specs.rosette import Rosette, Wedge
+from rigcast.sensors.specs.lidars.rosette import Rosette, Wedge
 
 XML = f"""
 <mujoco>

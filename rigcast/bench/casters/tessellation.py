@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from rigcast.sensors.scene.height_fields import hfield_data, hfield_triangles
+from rigcast.sensors.scene.parts.height_fields import hfield_data, hfield_triangles
 
 SECTIONS = 32
 """Corners around a round shape: at most (1 - cos(pi / 32)) r = 0.005 r deeper than it."""

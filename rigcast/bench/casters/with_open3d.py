@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import open3d
 
-from rigcast.kernels.launch import thread_count
+from rigcast.kernels.launching.slices import thread_count
 
 from .caster import EVERY_GROUP, Answer, Floats, Frame
 from .tessellation import merged_triangles

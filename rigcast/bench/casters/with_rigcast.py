@@ -13,8 +13,8 @@ from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.oracle import Things
 from rigcast.sensors.rig.kept import Pool
 from rigcast.sensors.scene.hits import Hits
-from rigcast.sensors.scene.part import OWNERS
-from rigcast.sensors.scene.placed_rays import rays_in_frame
+from rigcast.sensors.scene.parts.part import OWNERS
+from rigcast.sensors.scene.rays.placed import rays_in_frame
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop

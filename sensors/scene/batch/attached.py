@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.mounts import Attachment
+from rigcast.kernels.poses.mounts import Attachment
 from rigcast.sensors.specs.mount import BoundMount, Parent
 
 

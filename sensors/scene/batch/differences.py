@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.geometry import FARTHEST, Shapes
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.scene.geoms import Geoms
-from rigcast.sensors.scene.model_geometry import needs_asset
+from rigcast.sensors.scene.parts.geoms import Geoms
+from rigcast.sensors.scene.parts.model_geometry import needs_asset
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.mounts import BYTES_PER_FRAME
+from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
 

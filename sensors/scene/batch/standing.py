@@ -9,8 +9,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.gather import Gathered
-from rigcast.kernels.mounts import Carriers, origin
+from rigcast.kernels.host.gather import Gathered
+from rigcast.kernels.poses.mounts import Carriers, origin
 from rigcast.sensors.captured import require_on_device
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.mount import CARRIERS

@@ -275,7 +275,7 @@ def test_a_portable_data_set_uses_no_kernel_that_was_compiled_for_this_cpu(monke
     flags = getattr(wp.config, "cpu_compiler_flags", None)
     if flags is None:
         pytest.skip("this Warp has no such option")
-    module = wp.get_module("rigcast.kernels.mounts")
+    module = wp.get_module("rigcast.kernels.poses.mounts")
     with monkeypatch.context() as patched:
         patched.setattr(wp.config, "cpu_compiler_flags", flags)
         native = module.get_module_hash()

@@ -1,0 +1,1 @@
+"""What there is to know about a hit, and its way out of a kernel."""

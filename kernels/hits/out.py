@@ -1,0 +1,51 @@
+"""Hits on their way out of a kernel."""
+
+import warp as wp
+
+from rigcast.kernels.vectors import to_double, to_float
+
+
+@wp.struct
+class Out:
+    """HitArrays, where a kernel writes.
+
+    is_read: whether they are readings: what is nearer than min_range [m] is -inf, normals are in the rays' frame.
+    """
+
+    distance: wp.array[float]
+    shape: wp.array[int]
+    face: wp.array[int]
+    normal: wp.array[wp.vec3]
+    is_read: bool
+    min_range: float
+
+
+@wp.func
+def write_miss(out: Out, i: int, distance: float) -> None:
+    out.distance[i] = distance
+    out.shape[i] = -1
+    out.face[i] = -1
+    out.normal[i] = wp.vec3(0.0, 0.0, 0.0)
+
+
+@wp.func
+def write_place(out: Out, i: int, shape: int, distance: float, face: int, normal: wp.vec3, limit: float) -> None:
+    """Write where ray i hits: nothing if that is beyond the limit."""
+    if distance <= limit and distance < wp.inf:
+        out.distance[i] = distance
+        out.shape[i] = shape
+        out.face[i] = face
+        out.normal[i] = normal
+    else:
+        write_miss(out, i, wp.inf)
+
+
+@wp.func
+def read_hit(out: Out, i: int, rotation: wp.mat33d) -> None:
+    """Turn what ray i hits into what it reads, in a frame whose axes are the columns of the rotation."""
+    if out.distance[i] < out.min_range:
+        out.distance[i] = -wp.inf
+        out.shape[i] = -1
+        out.normal[i] = wp.vec3(0.0, 0.0, 0.0)
+    elif out.shape[i] >= 0:
+        out.normal[i] = to_float(wp.transpose(rotation) * to_double(out.normal[i]))

@@ -1,0 +1,113 @@
+"""Arrays on the host that anybody may write to: whether they hold what they held, told by digests of their bytes.
+
+A digest reads half of what a comparison with a copy reads, and asks for it so that it does not drive out of the cache
+what a cast needs from there (a field of 10 M triangles has 20 MB of heights).
+
+Of every 64 bytes each number w of 32 bits goes into two of the 32 numbers a of a digest: a' = b ^ (b >> s), b = (a ^ w)
+m, m odd. A step can be taken back, so that one number alone that differs makes another digest for sure. Where several
+that go into the same two do, they would have to cancel each other out in both, a chance of one in 2^64.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from rigcast.kernels.launching.slices import prepare_over_tiles
+from rigcast.kernels.launching.turns import turn_of
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+PIECE = 2**15
+"""Bytes that have a digest together."""
+PIECES_PER_TURN = 16
+
+digest32 = wp.types.vector(length=32, dtype=wp.uint32)
+
+
+@wp.struct
+class Watch:
+    """Pieces of arrays by their addresses and sizes in bytes, their digests now and before, whether any differs."""
+
+    address: wp.array[wp.uint64]
+    size: wp.array[wp.int64]
+    now: wp.array[digest32]
+    before: wp.array[digest32]
+    differ: wp.array[wp.bool]
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return false;
+#else
+    typedef unsigned words __attribute__((ext_vector_type(8)));
+    const unsigned factor[2] = {0x9E3779B1u, 0x85EBCA77u};  // odd, of xxHash
+    const int shift[2] = {15, 13};
+    words own[4] = {1, 2, 3, 4};
+    const char* bytes = (const char*)address;
+    while (size > 0) {
+        words w[2] = {0, 0};
+        if (size >= (wp::int64)sizeof(w)) {
+            __builtin_memcpy(w, bytes, sizeof(w));
+            __builtin_prefetch(bytes + 512, 0, 0);  // not to stay in the cache
+        } else {
+            __builtin_memcpy(w, bytes, size);
+        }
+        for (int k = 0; k < 4; ++k) {
+            own[k] = (own[k] ^ w[k / 2]) * factor[k % 2];
+            own[k] ^= own[k] >> shift[k % 2];
+        }
+        bytes += sizeof(w);
+        size -= sizeof(w);
+    }
+    __builtin_memcpy(wp::address(now, i), own, sizeof(own));
+    return __builtin_memcmp(wp::address(before, i), own, sizeof(own)) != 0;
+#endif
+""")
+def digest_differs(  # type: ignore[empty-body]
+    address: wp.uint64, size: wp.int64, now: wp.array[digest32], before: wp.array[digest32], i: int
+) -> bool:
+    """Make digest i of so many bytes at an address, and say whether it is another than before."""
+
+
+@wp.kernel
+def compare_pieces(thread: int, turns: wp.array[int], watch: Watch) -> None:  # noqa: ARG001
+    """Pieces that no other thread takes. turns: how many were taken."""
+    count = watch.address.shape[0]
+    first = turn_of(turns) * PIECES_PER_TURN
+    while first < count:
+        for i in range(first, wp.min(first + PIECES_PER_TURN, count)):
+            if digest_differs(watch.address[i], watch.size[i], watch.now, watch.before, i):
+                watch.differ[0] = True
+        first = turn_of(turns) * PIECES_PER_TURN
+
+
+class Watched:
+    """Arrays on the host, without gaps, that anybody may write to."""
+
+    def __init__(self, arrays: Sequence[npt.NDArray[Any]]) -> None:
+        self._arrays = arrays  # the addresses are theirs
+        starts = [np.arange(0, array.nbytes, PIECE) for array in arrays]
+        address = [array.ctypes.data + start for array, start in zip(arrays, starts, strict=True)]
+        size = [np.minimum(array.nbytes - start, PIECE) for array, start in zip(arrays, starts, strict=True)]
+        watch = Watch()
+        watch.address = wp.array(np.concatenate(address), dtype=wp.uint64, device="cpu")
+        watch.size = wp.array(np.concatenate(size), dtype=wp.int64, device="cpu")
+        watch.now, watch.before = (wp.zeros(watch.size.size, dtype=digest32, device="cpu") for _ in range(2))
+        watch.differ = wp.zeros(1, dtype=wp.bool, device="cpu")
+        self._now, self._before, self._differ = watch.now.numpy(), watch.before.numpy(), watch.differ.numpy()
+        self._compare = prepare_over_tiles(compare_pieces, watch.size.size, lambda _: [watch])
+        self.taken()
+
+    def have_changed(self) -> bool:
+        """Whether any holds other bytes than at first, or when they were `taken`."""
+        self._differ[0] = False
+        self._compare()
+        return bool(self._differ[0])
+
+    def taken(self) -> None:
+        """From now on they are compared with what they hold now."""
+        self._compare()
+        self._before[...] = self._now

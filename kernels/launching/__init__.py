@@ -1,0 +1,1 @@
+"""How kernels are launched: in slices over threads, by turns, with arguments packed once."""

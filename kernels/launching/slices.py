@@ -1,0 +1,140 @@
+"""Launching kernels over many rays: on CUDA in one piece, on the CPU in slices over threads."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
+from typing import Any
+
+import warp as wp
+
+from .recorded import recorded
+
+RAYS_PER_SLICE = 8192
+TURN = wp.constant(16)
+"""Tiles that a thread takes at once, where it takes as many each time."""
+RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 128
+"""To wake a thread takes as long as to read tens of thousands of rays."""
+_launched: set[wp.Kernel] = set()
+
+
+def launch_over_rays(
+    kernel: wp.Kernel,
+    count: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    device: wp.DeviceLike,
+    slice_size: int = RAYS_PER_SLICE,
+) -> None:
+    """Launch a kernel over rays 0..count-1, or what else. Its first argument is the index of the ray of thread 0.
+
+    Every ray's result depends on that ray alone, so slices and threads do not show in it.
+    """
+
+    def launch(first: int, size: int) -> None:
+        wp.launch(kernel, size, inputs=[first, *inputs], outputs=outputs, device=device)
+
+    if wp.get_device(device).is_cuda or count <= slice_size or thread_count() == 1:
+        launch(0, count)
+        return
+    slices = iter(range(0, count, slice_size))
+    if kernel not in _launched:
+        # its first slice alone, so that a module that must be compiled is compiled once
+        launch(next(slices), slice_size)
+        _launched.add(kernel)
+
+    def take_slices() -> None:
+        for first in slices:
+            launch(first, min(slice_size, count - first))
+
+    threads = min(thread_count(), -(-count // slice_size))
+    _at_once([take_slices] * threads, thread_count())
+
+
+def launch_over_runs(
+    kernel: wp.Kernel,
+    count: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    device: wp.DeviceLike,
+) -> None:
+    """Launch a kernel for which there is so little to do that a thread takes a run of rays, but on CUDA one.
+
+    Its first arguments are the index of the run of thread 0, and how many rays a run has; the last may have fewer.
+    A thread of the CPU takes at least RUNS_PER_SLICE runs.
+    """
+    run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
+    runs = -(-count // run)
+    slice_size = max(RUNS_PER_SLICE, -(-runs // thread_count()))
+    launch_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
+
+
+def prepare_over_rays(
+    kernel: wp.Kernel,
+    count: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    device: wp.DeviceLike,
+    slice_size: int = RAYS_PER_SLICE,
+) -> Callable[[], object]:
+    """`launch_over_rays`, to be called again and again; it reads what structs among the arguments hold by then.
+
+    Of one slice the arguments are packed only now, which takes longer than a kernel needs for a few rays.
+    """
+    if count and (wp.get_device(device).is_cuda or count <= slice_size):
+        return recorded(kernel, count, [0, *inputs], outputs, device)
+    return partial(launch_over_rays, kernel, count, inputs, outputs, device, slice_size)
+
+
+def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Sequence[Any]]) -> Callable[[], object]:
+    """A launch of a CPU kernel over tiles 0..count-1, as `prepare_over_rays`: once in each thread, to take tiles until
+    none are left, each some when it is done with its last, as rigcast.kernels.launching.turns says.
+
+    Its first arguments are the number of a thread, and an array of one number that is 0 at first, how many turns or
+    tiles were taken; then those for so many threads.
+    """
+    most = max(1, -(-count // TURN))
+    turns = wp.zeros(1, dtype=int, device="cpu")
+    taken = turns.numpy()
+    of_threads: list[Callable[[], None]] = []
+
+    def launch() -> None:
+        available = 1 if most == 1 else thread_count()
+        threads = min(most, available)
+        if threads != len(of_threads):
+            given = inputs(threads)
+            of_threads[:] = [recorded(kernel, 1, [k, turns, *given], [], "cpu") for k in range(threads)]
+        taken[0] = 0
+        if threads == 1:
+            of_threads[0]()
+        else:
+            _at_once(of_threads, available)
+
+    return launch
+
+
+def thread_count() -> int:
+    """CPU threads to build trees and cast with: RIGCAST_THREADS, or as many as this process may use."""
+    wanted = os.environ.get("RIGCAST_THREADS")
+    if wanted:
+        return int(wanted)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _at_once(takers: Sequence[Callable[[], object]], threads: int) -> None:
+    """Run these, each of which takes what is left until nothing is: the first here, the others in other threads, of so
+    many. One that has not begun when the first is done would find nothing, and is not waited for."""
+    others = [_threads(threads).submit(taker) for taker in takers[1:]]
+    takers[0]()
+    for other in others:
+        if not other.cancel():
+            other.result()
+
+
+@cache
+def _threads(count: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(count, thread_name_prefix="rigcast")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_threads.cache_clear)  # threads stay with the parent

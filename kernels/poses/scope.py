@@ -1,0 +1,126 @@
+"""Where the shapes stand for a ray, in the arrays of a geometry."""
+
+import warp as wp
+
+from rigcast.kernels.geometry import FARTHEST, Geometry
+from rigcast.kernels.inline import inlined
+from rigcast.kernels.vectors import to_double
+
+
+@wp.struct
+class Scope:
+    """Of a ray: the span it is cast through, and where in arrays of shapes those that it meets begin."""
+
+    span: int
+    first_pose: int
+    first_still: int  # of the poses of shapes that stand still while others move
+    first_shape: int  # of sizes and boxes
+    first_visible: int
+
+
+@wp.struct
+class Pose:
+    """Position [m], and rotation whose columns are the shape's axes, in the world."""
+
+    position: wp.vec3d
+    rotation: wp.mat33d
+
+
+@wp.func
+def scope_of(g: wp.array[Geometry], span: int, firing: int) -> Scope:
+    shapes = g[0].kind.shape[0]
+    instants = g[0].instants
+    world = world_of(instants, span)
+    scope = Scope()
+    scope.span = span
+    scope.first_pose = span * shapes
+    if instants > 1:
+        scope.first_still = world * shapes
+        scope.first_pose = world_of(instants, g[0].anchor.shape[0]) * shapes + firing * g[0].movers.shape[0]
+    scope.first_shape = first_of_world(g[0].size.shape[0], shapes, world)
+    scope.first_visible = first_of_world(g[0].visible.shape[0], shapes, world)
+    return scope
+
+
+@wp.func
+def world_of(instants: int, span: int) -> int:
+    """The world of a span; of the number of all spans, the number of worlds."""
+    if instants == 1:
+        return span
+    return int(span / (instants - 1))
+
+
+@wp.func
+def first_of_world(size: int, shapes: int, world: int) -> int:
+    """Where the entries of a world begin in an array of one for each shape, or of one for each shape of each world."""
+    return wp.where(size > shapes, world * shapes, 0)
+
+
+@inlined
+def pose_of(g: wp.array[Geometry], shape: int, scope: Scope) -> Pose:
+    """Where a shape stands for a ray."""
+    entry = scope.first_pose + shape
+    if g[0].place.shape[0] > 0:
+        entry = scope.first_still + shape
+        if g[0].place[shape] >= 0:
+            entry = scope.first_pose + g[0].place[shape]
+    return pose_among(g[0].position, g[0].rotation, g[0].position_float, g[0].rotation_float, entry)
+
+
+@wp.func
+def is_doubled(g: wp.array[Geometry], shape: int, scope: Scope) -> bool:
+    """Whether an earlier visible shape has the same triangles in the same place: it is hit as early, and comes first.
+
+    So it is with a mesh that is the visual and the collision geom of a body.
+    """
+    twin = g[0].twin[shape]
+    if twin < 0:
+        return False
+    if not g[0].visible[scope.first_visible + twin]:
+        return False
+    if g[0].root[scope.first_shape + twin] != g[0].root[scope.first_shape + shape]:
+        return False
+    own = pose_of(g, shape, scope)
+    other = pose_of(g, twin, scope)
+    return own.position == other.position and own.rotation == other.rotation
+
+
+@wp.func
+def pose_at(g: Geometry, entry: int) -> Pose:
+    return pose_among(g.position, g.rotation, g.position_float, g.rotation_float, entry)
+
+
+@inlined
+def pose_among(
+    position: wp.array[wp.vec3d],
+    rotation: wp.array[wp.mat33d],
+    position_float: wp.array[wp.vec3],
+    rotation_float: wp.array[wp.mat33],
+    entry: int,
+) -> Pose:
+    pose = Pose()
+    if position.shape[0] > 0:
+        pose.position = position[entry]
+        pose.rotation = rotation[entry]
+    else:
+        pose.position = to_double(position_float[entry])
+        pose.rotation = wp.mat33d(rotation_float[entry])
+    return pose
+
+
+@wp.func
+def first_instant_of(g: Geometry, span: int) -> int:
+    """Entry of the pose of shape 0 at the first instant of a span; n on is that at the second."""
+    shapes = g.kind.shape[0]
+    if g.instants == 1:
+        return span * shapes
+    return (span + world_of(g.instants, span)) * shapes
+
+
+@wp.func
+def is_within_reach(position: wp.vec3d) -> bool:
+    """Whether no coordinate is beyond FARTHEST, or NaN, for what is compared with NaN is false."""
+    x = wp.abs(position[0]) <= wp.float64(FARTHEST)
+    y = wp.abs(position[1]) <= wp.float64(FARTHEST)
+    z = wp.abs(position[2]) <= wp.float64(FARTHEST)
+    return x and y and z

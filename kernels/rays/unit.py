@@ -1,0 +1,65 @@
+"""Directions of any length and precision, as users have them."""
+
+import warp as wp
+
+from rigcast.kernels.vectors import to_double
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
+
+
+# without a return type, which Warp 1.12 would take for that of a value
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const auto root = [](double x) { return ::sqrt(x); };
+#else
+    const auto root = [](double x) { return __builtin_elementwise_sqrt(x); };
+#endif
+    const double* from = vectors.data->c;
+    double* __restrict__ to = unit.data->c;
+    for (int k = 3 * begin; k < 3 * end; k += 3) {
+        const double x = from[k], y = from[k + 1], z = from[k + 2];
+        const double ax = x < 0.0 ? -x : x, ay = y < 0.0 ? -y : y, az = z < 0.0 ? -z : z;
+        const double axy = ax > ay ? ax : ay;
+        const double most = axy > az ? axy : az;
+        const double sx = x / most, sy = y / most, sz = z / most;
+        const double length = root(sx * sx + sy * sy + sz * sz);
+        to[k] = sx / length;
+        to[k + 1] = sy / length;
+        to[k + 2] = sz / length;
+    }
+""")
+def make_unit(begin: int, end: int, vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]):  # type: ignore[no-untyped-def]
+    """Vectors begin to end - 1 of arrays without gaps with length 1, NaN where they have none: a loop of which a CPU
+    does four at once.
+
+    Both arrays are without gaps. The vectors are scaled by the largest component first: squares of 1e-200 would vanish,
+    those of 1e200 overflow.
+    """
+
+
+@wp.kernel
+def widen(narrow: wp.array[wp.vec3], wide: wp.array[wp.vec3d]) -> None:
+    i = wp.tid()
+    wide[i] = to_double(narrow[i])
+
+
+@wp.kernel
+def normalize(vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]) -> None:
+    i = wp.tid()
+    make_unit(i, i + 1, vectors, unit)
+
+
+def as_double(vectors: wp.array) -> wp.array:
+    """(n,) vec3d of (n,) vec3 or vec3d."""
+    if vectors.dtype == wp.vec3d:
+        return vectors
+    wide = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
+    wp.launch(widen, vectors.size, inputs=[vectors], outputs=[wide], device=vectors.device)
+    return wide
+
+
+def unit_directions(vectors: wp.array) -> wp.array:
+    """(n,) vec3d of length 1, NaN where (n,) vec3 or vec3d vectors, without gaps, have none."""
+    unit = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
+    wp.launch(normalize, vectors.size, inputs=[as_double(vectors)], outputs=[unit], device=vectors.device)
+    return unit

@@ -1,0 +1,1 @@
+"""Rays that go through the trees by themselves, each with a stack of its own."""

@@ -1,0 +1,114 @@
+"""Rays cast one by one, whatever they have in common: on CUDA, and those with unrelated origins on the CPU.
+
+Warp compiles a file's kernels together: a rig whose rays are all cast in packets does not wait for these.
+"""
+
+import warp as wp
+
+from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
+from rigcast.kernels.hits.out import Out, read_hit, write_miss, write_place
+from rigcast.kernels.launching.slices import TURN
+from rigcast.kernels.launching.turns import turn_of
+from rigcast.kernels.poses.scope import is_within_reach, scope_of
+from rigcast.kernels.rays.arrays import RayArrays, direction_of, firing_of, origin_of, span_of
+from rigcast.kernels.rays.unit import make_unit
+
+from .ray import cast_ray
+
+RAYS_PER_RUN = 32
+RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
+"""Of rays that a thread of the CPU casts one by one."""
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
+
+
+@wp.struct
+class Job:
+    """What is cast at a geometry, and where its hits go."""
+
+    rays: RayArrays
+    visible: wp.array[wp.bool]
+    limit: float
+    cull: int
+    out: Out
+
+
+@wp.func
+def is_castable(ray: WorldRay) -> bool:
+    """Whether a ray is finite and starts no farther away than FARTHEST."""
+    return is_within_reach(ray.origin) and wp.dot(ray.direction, ray.direction) < wp.float64(wp.inf)
+
+
+@wp.func
+def write_hit(g: wp.array[Geometry], out: Out, i: int, hit: Hit, ray: WorldRay) -> None:
+    if hit.shape == NO_SHAPE:
+        write_miss(out, i, wp.inf)
+        return
+    place = place_of(g, hit, ray)
+    write_place(out, i, hit.shape, place.distance, place.face, place.normal, ray.limit)
+
+
+@wp.func
+def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.array[int]) -> None:
+    """Rays begin to end - 1, of each world those that `which` names, or all if it is empty.
+
+    A loop within a function, for Warp compiles the body of a kernel twice.
+    """
+    rays = job.rays
+    out = job.out
+    for k in range(begin, end):
+        i = int(k)
+        if which.shape[0] > 0:
+            i = k / which.shape[0] * rays.count + which[k % which.shape[0]]
+        firing = firing_of(rays, i)
+        rotation = rays.rotation[firing]
+        ray = WorldRay()
+        ray.origin = rays.position[firing] + rotation * origin_of(rays, i)
+        ray.direction = rotation * direction_of(rays, i)
+        ray.scope = scope_of(g, span_of(rays, firing), firing)
+        ray.limit = job.limit
+        ray.cull = job.cull
+        if is_castable(ray):
+            write_hit(g, out, i, cast_ray(g, ray), ray)
+        else:
+            write_miss(out, i, wp.nan)
+        if out.is_read:
+            read_hit(out, i, rotation)
+
+
+@wp.struct
+class Alone:
+    """Which rays are cast one by one, and scratch of each thread of the CPU."""
+
+    count: int
+    which: wp.array[int]  # of each world; empty for all
+    copies: wp.array2d[Geometry]  # (threads, 1)
+
+
+@wp.kernel
+def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: Alone) -> None:
+    """On the CPU, rays that no other thread takes, RAYS_PER_TURN at a time. turns: how many were taken."""
+    g.visible = job.visible
+    alone.copies[thread, 0] = g
+    begin = turn_of(turns) * RAYS_PER_TURN
+    while begin < alone.count:
+        end = wp.min(begin + RAYS_PER_TURN, alone.count)
+        if job.rays.vectors.shape[0] > 0:
+            make_unit(begin, end, job.rays.vectors, job.rays.directions)
+        cast_run(begin, end, alone.copies[thread], job, alone.which)
+        begin = turn_of(turns) * RAYS_PER_TURN
+
+
+@wp.kernel
+def hold(g: Geometry, job: Job, held: wp.array[Geometry]) -> None:
+    """The geometry, for functions that must not copy it."""
+    g.visible = job.visible
+    held[0] = g
+
+
+@wp.kernel
+def cast_rays(first: int, held: wp.array[Geometry], job: Job, alone: Alone) -> None:
+    """On CUDA, a ray in each thread."""
+    k = first + wp.tid()
+    cast_run(k, wp.min(k + 1, alone.count), held, job, alone.which)

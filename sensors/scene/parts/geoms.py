@@ -1,0 +1,134 @@
+"""The geoms of a model as a part of a scene."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.kernels.geometry import FARTHEST, Shapes, TriangleTree
+from rigcast.kernels.host.taking import TakenPoses
+from rigcast.kernels.host.watching import Watched
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.names import expected_one_of, model_names
+from rigcast.sensors.specs.filter import Filter
+
+from .height_fields import hfield_data
+from .lost import Lost
+from .model_geometry import assets_in_use, needs_asset, read_model, read_shapes
+from .part import Owner, Snapshot
+
+
+class Geoms:
+    """Shape k is geom k; poses are taken as they stand in the data, as `mj_ray` does.
+
+    Sizes and height fields are compared at every update with what they were. Meshes are not: they seldom change,
+    and comparing would cost more than casting. `refresh` says that one has.
+    """
+
+    owner: Owner = "geom"
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self._require_finite_sizes()
+        geometry = read_model(model)
+        self.trees = geometry.trees
+        self.shapes = geometry.shapes
+        self.ids = np.arange(model.ngeom, dtype=np.int32)
+        self.bodies = model.geom_bodyid.astype(np.int32)
+        self._supported = geometry.supported
+        self.poses = TakenPoses(model.ngeom)
+        self._unchanged = Snapshot(self.poses.position.numpy(), self.poses.rotation.numpy().reshape(-1, 9))
+        self._lost = Lost(self.name)
+        self._assets = geometry.assets
+        # views of what the model holds, whoever writes there
+        self._kinds_now = [model.geom_type.data, model.geom_dataid.data]
+        self._now = [*self._kinds_now, model.geom_size.data]
+        self._kinds, self._read = b"".join(self._kinds_now), b"".join(self._now)
+        self._fields = self._watched_fields()
+        self._to_refresh: set[int] = set()
+
+    def update(self, data: mujoco.MjData) -> Snapshot:
+        """Raises InputError for a size or height field that has become unusable, and for a geom of another kind."""
+        trees = self.renew()
+        if self.poses.take(data.geom_xpos, data.geom_xmat) or self._lost.any:
+            self._lost.warn(data.time, np.asarray(np.isfinite(self._unchanged.position).all(axis=1)))
+        return self._unchanged if trees is None else self._unchanged._replace(shapes=self.shapes, trees=trees)
+
+    def name(self, geom: int) -> str:
+        """What a message calls a geom."""
+        return self.model.geom(geom).name or f"geom {geom}"
+
+    def visible(self, filter: Filter) -> NDArray[np.bool_]:
+        return filter.visible(self.model) & self._supported
+
+    def refresh(self, name: str) -> None:
+        """See `Scene.refresh`."""
+        ids = {
+            "mesh": mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_MESH, name),
+            "hfield": mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_HFIELD, name),
+        }
+        if max(ids.values()) < 0:
+            names = model_names(self.model, mujoco.mjtObj.mjOBJ_MESH, self.model.nmesh)
+            names += model_names(self.model, mujoco.mjtObj.mjOBJ_HFIELD, self.model.nhfield)
+            raise InputError(f"Scene.refresh: no mesh or height field {name!r}, {expected_one_of(name, names)}")
+        self._to_refresh |= {k for k, asset in enumerate(self._assets) if ids[asset.kind] == asset.id}
+
+    def renew(self) -> dict[int, TriangleTree] | None:
+        """Read anew what has changed in the model: the changed trees, None if nothing at all has.
+
+        Raises InputError for a size or height field that has become unusable, and for a geom of another kind.
+        """
+        now, stale = b"".join(self._now), self._to_refresh
+        if self._fields:
+            stale = stale | {k for k, field in self._fields.items() if field.have_changed()}
+        if now == self._read and not stale:
+            return None
+        if b"".join(self._kinds_now) != self._kinds:
+            raise InputError("Scene.update: geom_type or geom_dataid has changed; make a new Scene of the model")
+        self._require_finite_sizes()
+        renewed = {k: self._assets[k].tree(self.model) for k in sorted(stale)}
+        self.trees = [renewed.get(k, tree) for k, tree in enumerate(self.trees)]
+        self.shapes = self.shapes_with(self.model.geom_size, self.model.geom_dataid)
+        self._read, self._to_refresh = now, set()
+        for k in stale & self._fields.keys():
+            self._fields[k].taken()
+        return renewed
+
+    def shapes_with(self, size: NDArray[np.float64], dataid: NDArray[np.int32]) -> Shapes:
+        """The geoms with these sizes (..., ngeom, 3) and meshes (..., ngeom); several worlds follow each other."""
+        return read_shapes(self.model, self._assets, self.trees, size, dataid)
+
+    def _require_finite_sizes(self) -> None:
+        bad = np.flatnonzero(~(np.abs(self.model.geom_size) <= FARTHEST).all(axis=1))
+        if bad.size:
+            geom = self.model.geom(bad[0])
+            name = geom.name or f"{bad[0]} (unnamed)"
+            raise InputError(
+                f"geom {name}: size: got {geom.size.tolist()}, expected finite numbers up to {FARTHEST:g} m"
+            )
+
+    def add_assets(self, dataid: NDArray[np.int32]) -> bool:
+        """Whether geoms have meshes or height fields by `dataid` (..., ngeom) that had no tree yet; they have now."""
+        added = [asset for asset in assets_in_use(self.model, dataid) if asset not in self._assets]
+        self.trees = self.trees + [asset.tree(self.model) for asset in added]  # which may raise
+        self._assets = self._assets + added
+        self._fields = self._watched_fields() | self._fields  # of the others there may be edits to see yet
+        return bool(added)
+
+    def is_present(self, dataid: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """(..., ngeom): all but what has a mesh or height field in the model and -1 here."""
+        return ~(needs_asset(self.model) & (dataid < 0))
+
+    def _watched_fields(self) -> dict[int, Watched]:
+        """What the trees of height fields are made of, by the number of the tree."""
+        hfields = {k: asset.id for k, asset in enumerate(self._assets) if asset.kind == "hfield"}
+        return {k: Watched([self.model.hfield_size[id], hfield_data(self.model, id)]) for k, id in hfields.items()}
+
+
+def are_within_reach(values: NDArray[np.floating]) -> bool:
+    """Whether none is NaN or beyond FARTHEST."""
+    return bool(values.min(initial=0) >= -FARTHEST and values.max(initial=0) <= FARTHEST)
+
+
+def has_finite_pose(position: NDArray[np.floating], rotation: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(n,) of positions (n, 3) and rotations (n, 9)."""
+    return np.asarray((np.abs(position) <= FARTHEST).all(axis=1) & np.isfinite(rotation).all(axis=1))

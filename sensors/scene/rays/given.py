@@ -1,0 +1,124 @@
+"""Rays that a user gives, checked and brought to the device."""
+
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.rays.unit import as_double, unit_directions
+from rigcast.sensors.captured import require_on_device
+from rigcast.sensors.errors import InputError
+
+
+class GivenRays(NamedTuple):
+    """n rays of this shape on the device: unit directions (n,) vec3d, and origins likewise or (1,) [m].
+
+    vectors: (n,) vec3d, of any length, of which the cast is yet to make the directions; see Rays.
+    unseen: those of the user on the host, origins and directions, where nobody has yet looked whether they can be cast.
+    """
+
+    directions: wp.array
+    origins: wp.array
+    shape: tuple[int, ...]
+    vectors: wp.array | None
+    unseen: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+
+    def refuse_lost(self, distance: wp.array) -> None:
+        """Raise InputError for the first unseen ray that could not be cast, of which the distance is NaN."""
+        if self.unseen is not None and np.isnan(distance.numpy()).any():
+            _require_castable(*self.unseen)
+
+
+def take_rays(origins: ArrayLike | wp.array, directions: ArrayLike | wp.array, device: wp.Device) -> GivenRays:
+    """See `Scene.cast`.
+
+    Those on the host are looked at before they are copied to another device; on the CPU, where they are used in place,
+    the cast does so.
+    """
+    if isinstance(directions, wp.array):
+        return _device_rays(origins, directions, device)
+    require_on_device("Scene.cast: directions", "an array on the host", device)
+    given = _host_rays(origins, directions)
+    if not device.is_cpu:
+        _require_castable(*given)
+    o, d = given
+    unseen = given if device.is_cpu else None
+    return _of_any_length(lend(d, device), lend(o, device), d.shape[:-1])._replace(unseen=unseen)
+
+
+def upload(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
+    """(n,) vec3d of (..., 3)."""
+    return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=device)
+
+
+def lend(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
+    """As `upload`, but on the CPU without a copy."""
+    return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=device, copy=False)
+
+
+def _device_rays(origins: ArrayLike | wp.array, directions: wp.array, device: wp.Device) -> GivenRays:
+    if not isinstance(origins, wp.array):
+        require_on_device("Scene.cast: origins", "an array on the host", device)
+        host_origins = _vectors("origins", origins)
+        _require_origins(host_origins)
+        origins = upload(host_origins, device)
+    for name, array in (("origins", origins), ("directions", directions)):
+        _require_vectors(name, array, device)
+    if origins.size not in (1, directions.size):
+        raise InputError(f"Scene.cast: origins: got {origins.size}, expected 1 or {directions.size}")
+    d, o = (as_double(array.contiguous().flatten()) for array in (directions, origins))
+    return _of_any_length(d, o, tuple(directions.shape))
+
+
+def _of_any_length(vectors: wp.array, origins: wp.array, shape: tuple[int, ...]) -> GivenRays:
+    if vectors.device.is_cpu:
+        return GivenRays(wp.empty_like(vectors), origins, shape, vectors)
+    return GivenRays(unit_directions(vectors), origins, shape, None)
+
+
+def _require_vectors(name: str, array: wp.array, device: wp.Device) -> None:
+    if array.dtype not in (wp.vec3, wp.vec3d):
+        raise InputError(f"Scene.cast: {name}: got an array of {array.dtype.__name__}, expected vec3 or vec3d")
+    if array.device != device:
+        raise InputError(f"Scene.cast: {name}: got an array on {array.device}, expected {device}")
+
+
+def _host_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Origins and directions, float64."""
+    d, o = _vectors("directions", directions), _vectors("origins", origins)
+    if o.shape not in ((3,), d.shape):
+        raise InputError(f"Scene.cast: origins: got shape {o.shape}, expected (3,) or {d.shape}")
+    return o, d
+
+
+def _require_castable(o: NDArray[np.float64], d: NDArray[np.float64]) -> None:
+    _require_origins(o)
+    _refuse_rays("directions", d, np.isfinite(d), "finite numbers")
+    _refuse_rays("directions", d, (d != 0.0).any(axis=-1, keepdims=True), "a direction of any length but 0")
+
+
+def _require_origins(o: NDArray[np.float64]) -> None:
+    _refuse_rays("origins", o, np.abs(o) <= FARTHEST, f"finite numbers up to {FARTHEST:g} m")
+
+
+def _refuse_rays(name: str, values: NDArray[np.float64], good: NDArray[np.bool_], expected: str) -> None:
+    """Raise InputError for the first of the rays that are not good (..., 3) or (..., 1)."""
+    if not good.all():
+        ray = tuple(int(i) for i in np.argwhere(~good)[0, :-1])
+        index = ray[0] if len(ray) == 1 else ray
+        where = f"ray {index}: " if ray else ""
+        raise InputError(f"Scene.cast: {where}{name}: got {values[ray].tolist()}, expected {expected}")
+
+
+def _vectors(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3): {error}") from None
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3), got {array.dtype} {values!r:.80}")
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise InputError(f"Scene.cast: {name}: got shape {array.shape}, expected (..., 3)")
+    return array.astype(np.float64, copy=False)

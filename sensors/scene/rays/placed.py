@@ -1,0 +1,57 @@
+"""Rays on a device, in the pose of a frame or in many worlds."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels.rays.arrays import Rays
+from rigcast.sensors.errors import InputError
+
+from .given import GivenRays, lend, upload
+
+
+def rays_in_frame(
+    directions: NDArray[np.float64], origins: NDArray[np.float64], pose: NDArray[np.float64], device: wp.Device
+) -> Rays:
+    """Rays on the device: unit directions (..., 3) and origins (..., 3) or (3,) in a frame with this pose (4, 4).
+
+    On the CPU directions and origins are used where they are.
+    """
+    return in_pose(Rays(lend(directions, device), lend(origins, device), position=None, rotation=None), pose)
+
+
+def in_pose(rays: Rays, pose: NDArray[np.float64]) -> Rays:
+    """The same rays in a frame with another pose (4, 4)."""
+    device = rays.directions.device
+    rotation = wp.array(pose[None, :3, :3], dtype=wp.mat33d, device=device)
+    return replace(rays, position=upload(pose[:3, 3], device), rotation=rotation)
+
+
+def in_world(given: GivenRays) -> Rays:
+    world = _pose_of_world(given.directions.device.alias)
+    return replace(world, directions=given.directions, origins=given.origins, vectors=given.vectors)
+
+
+@cache
+def _pose_of_world(device: str) -> Rays:
+    """No rays, in the world's own frame: made once, for it takes as long as to cast hundreds."""
+    nothing = np.empty((0, 3))
+    return rays_in_frame(nothing, nothing, np.eye(4), wp.get_device(device))
+
+
+def in_worlds(given: GivenRays, worlds: int) -> Rays:
+    """By their first axis, in each of many worlds. Raises InputError where that is not as long."""
+    if given.shape[:1] != (worlds,):
+        raise InputError(f"Scene.cast: directions: got shape {(*given.shape, 3)}, expected ({worlds}, ..., 3)")
+    each, device = (worlds, -1), given.directions.device
+    return Rays(
+        given.directions.reshape(each),
+        given.origins if given.origins.size == 1 else given.origins.reshape(each),
+        position=wp.zeros(worlds, dtype=wp.vec3d, device=device),
+        rotation=wp.full(worlds, wp.mat33d(np.eye(3)), dtype=wp.mat33d, device=device),
+        worlds=worlds,
+        vectors=given.vectors,
+    )

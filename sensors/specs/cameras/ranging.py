@@ -1,0 +1,107 @@
+"""How a depth camera measures depth, and the errors that come with it. Every error is off unless it is asked for."""
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from rigcast.sensors.specs.sensor_spec import no_default
+from rigcast.sensors.specs.spec import Spec
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Ranging(Spec):
+    """What all principles of measurement have: pixels that give no reading, NaN."""
+
+    dropout: Share = Field(default=0.0, description="share of pixels that give no reading, at random")
+    max_incidence_deg: float = Field(
+        default=90.0, gt=0, le=90, description="surfaces farther than this from facing the camera give no reading [deg]"
+    )
+    min_intensity: float = Field(
+        default=0.0,
+        ge=0,
+        description="pixels of less infrared intensity give no reading; 1 is a white surface that faces the camera at "
+        "1 m, 1/4 the same at 2 m",
+    )
+
+
+class Stereo(Ranging):
+    """Depth from disparity, d = fx |baseline| / z, between the camera and a second imager or a projector.
+
+    The error of a disparity is one of depth that grows with its square: sigma_z = z^2 disparity_std / (fx |baseline|).
+
+    >>> Stereo(baseline=0.05, disparity_std=0.08, disparity_step=1 / 32, max_disparity=126, shadow=True)
+    """
+
+    baseline: float = Field(
+        description="where the second imager or projector is, along the camera's x axis [m]; to the left below 0"
+    )
+    disparity_std: float = Field(default=0.0, ge=0, description="standard deviation of the disparity [pixels]")
+    disparity_step: float = Field(default=0.0, ge=0, description="the disparity is a multiple of this [pixels]; 0: any")
+    max_disparity: float = Field(
+        default=math.inf,
+        gt=0,
+        allow_inf_nan=True,
+        description="nearer surfaces, of greater disparity, read as -inf [pixels]; unlimited if not given",
+        json_schema_extra=no_default,
+    )
+    shadow: bool = Field(
+        default=False,
+        description="whether points that the second imager does not see, hidden or outside of its picture (as large as "
+        "the camera's own), give no reading",
+    )
+    matching_window: int = Field(
+        default=1, ge=1, description="side of the square that is matched [pixels], odd; edges grow by half of it"
+    )
+    untextured_dropout: Share = Field(
+        default=0.0, description="share of pixels that give no reading on surfaces whose material has no texture"
+    )
+    kinect_v1: Literal["nguyen", "disparity"] | None = Field(
+        default=None,
+        description="the error of the first Kinect, axial and lateral, as Nguyen et al. (2012) measured it or as "
+        "Barron and Malik (2013) model its disparity; in place of disparity_std and disparity_step",
+    )
+
+    @field_validator("baseline")
+    @classmethod
+    def _apart(cls, baseline: float) -> float:
+        if baseline == 0:
+            raise ValueError("must not be 0")
+        return baseline
+
+    @field_validator("matching_window")
+    @classmethod
+    def _odd(cls, window: int) -> int:
+        if window % 2 == 0:
+            raise ValueError(f"must be odd, got {window}")
+        return window
+
+    @field_validator("kinect_v1")
+    @classmethod
+    def _alone(cls, model: str | None, info: ValidationInfo) -> str | None:
+        both = [key for key in ("disparity_std", "disparity_step") if info.data.get(key)]
+        if model is not None and both:
+            raise ValueError(f"is in place of {' and '.join(both)}, expected one or the other")
+        return model
+
+
+class TimeOfFlight(Ranging):
+    """Depth from the time that light takes; errors are along the ray.
+
+    >>> TimeOfFlight(range_std=0.017, bias=0.011, bias_per_metre=0.001, subrays=3)
+    """
+
+    range_std: float = Field(default=0.0, ge=0, description="standard deviation of the range [m]")
+    bias: float = Field(default=0.0, description="added to every range [m]")
+    bias_per_metre: float = Field(default=0.0, gt=-1, description="share of the range that is added to it [m/m]")
+    subrays: int = Field(
+        default=1,
+        ge=1,
+        le=8,
+        description="a pixel is cast as a grid of this many by as many rays and reads the mean of their ranges, each "
+        "by its intensity: at edges that is a flying pixel",
+    )
+    modulation_hz: float | None = Field(
+        default=None, gt=0, description="ranges wrap at c / (2 modulation_hz) [Hz]; null: they do not"
+    )

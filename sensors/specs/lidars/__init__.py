@@ -1,0 +1,1 @@
+"""Lidars as users write them down: beams, rosettes, patterns from files, and what disturbs them."""

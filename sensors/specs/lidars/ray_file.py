@@ -1,0 +1,173 @@
+"""Patterns from a file of the user's: one measurement per row, its time and where it looks."""
+
+import csv
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationInfo, field_validator
+
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.specs.pattern import Pattern, directions_at
+from rigcast.sensors.specs.spec import FilePath, Spec, beside, folder_of
+
+_COLUMNS = ("time", "azimuth", "elevation", "ring")
+_SUFFIXES = (".csv", ".npy")
+
+
+class RayFile(Spec):
+    """A CSV or NPY file with a row per measurement: time [s], azimuth [deg], elevation [deg] and, if any, ring.
+
+    A CSV file may name its columns in a first line: `time`, `azimuth`, `elevation` or `zenith` (90 - elevation), and
+    `ring`, in any order, each alone or followed by / or _ and its unit, as in Livox's `Time/s,Azimuth/deg,Zenith/deg`.
+    Rows are in the order of their times, and the first one fires at the time of the reading.
+
+    A file that is longer than 1 / rate_hz is spread evenly over successive readings, and begins anew after its last;
+    rows that are left over, fewer than there are readings, are not used.
+    """
+
+    path: FilePath = Field(description="the file, .csv or .npy; in a rig file a path relative to it")
+    sample_rate_hz: float | None = Field(
+        default=None,
+        gt=0,
+        description="rows per second [Hz], in place of the file's times, which only count; null: as in the file",
+    )
+
+    @field_validator("path")
+    @classmethod
+    def _readable(cls, path: Path, info: ValidationInfo) -> Path:
+        if path.suffix.lower() not in _SUFFIXES:
+            raise ValueError(f"must be a file of type {' or '.join(_SUFFIXES)}, got {str(path)!r}")
+        return beside(folder_of("ray_file", info), path)
+
+    def pattern(self, rate_hz: float | None, phase: float) -> Pattern:
+        """Rays (rays,), all readings of one size; column counts the rows of a reading.
+
+        Raises InputError for a file that cannot be read, or has fewer rows than there are readings in its time.
+        """
+        table = read_rays(self.path)
+        times = table.times if self.sample_rate_hz is None else np.arange(len(table.times)) / self.sample_rate_hz
+        readings = 1 if rate_hz is None else max(1, int(np.ceil(_length(times) * rate_hz - 1e-6)))
+        rays = len(times) // readings
+        if not rays:
+            raise InputError(
+                f"{self.path}: {len(times)} rows over {_length(times):g} s are less than one per reading at "
+                f"{rate_hz:g} Hz; expected more, or sample_rate_hz where the file's times only count"
+            )
+        directions = directions_at(np.deg2rad(table.azimuth_deg), np.deg2rad(table.elevation_deg))
+        column = np.arange(rays, dtype=np.int32)
+
+        def at(time: float, _: bool = False) -> Pattern:
+            reading = 0 if rate_hz is None else round((time - phase) * rate_hz) % readings
+            rows = slice(reading * rays, (reading + 1) * rays)
+            fired = times[rows] - times[rows][0]
+            return Pattern(directions[rows], firing_times=fired, ring=table.ring[rows], column=column, later=later)
+
+        later = at if readings > 1 else None
+        return at(phase)
+
+
+@dataclass(frozen=True, eq=False)
+class RayTable:
+    """The rows of a file, arrays of shape (n,): times [s] from the first row on, and angles [deg]."""
+
+    times: NDArray[np.float64]
+    azimuth_deg: NDArray[np.float64]
+    elevation_deg: NDArray[np.float64]
+    ring: NDArray[np.int32]
+
+
+def read_rays(path: Path) -> RayTable:
+    """The rows of a CSV or NPY file as `RayFile` describes them.
+
+    Raises InputError for a file that cannot be read, and names the first row in which a value is not finite, time
+    goes back, or an elevation is beyond 90 deg.
+    """
+    try:
+        changed = path.stat().st_mtime_ns
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    return _read(path, changed)
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, _changed: int) -> RayTable:
+    try:
+        columns, first_line = _read_npy(path) if path.suffix.lower() == ".npy" else _read_csv(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from None
+    times, azimuth, elevation = (columns[name] for name in _COLUMNS[:3])
+    if not times.size:
+        raise InputError(f"{path}: got no row, expected one per measurement")
+    ring = columns.get("ring", np.zeros_like(times))
+    for what, bad in (
+        ("a number that is not finite", ~np.isfinite([times, azimuth, elevation, ring]).all(axis=0)),
+        ("a time before that of the row above", np.diff(times, prepend=times[0]) < 0),
+        ("an elevation beyond 90 deg", np.abs(elevation) > 90),
+    ):
+        if bad.any():
+            raise InputError(f"{path}:{first_line + int(bad.argmax())}: got {what}")
+    return RayTable(times - times[0], azimuth, elevation, ring.astype(np.int32))
+
+
+def _read_npy(path: Path) -> tuple[dict[str, NDArray[np.float64]], int]:
+    try:
+        table = np.load(path, allow_pickle=False)
+    except ValueError as error:
+        raise InputError(f"{path}: not an NPY file of numbers: {error}") from None
+    if table.ndim != 2 or table.shape[1] not in (3, 4) or table.dtype.kind not in "iuf":
+        raise InputError(f"{path}: got {table.dtype} of shape {table.shape}, expected numbers (n, 3) or (n, 4)")
+    return dict(zip(_COLUMNS, table.astype(np.float64).T, strict=False)), 0
+
+
+def _read_csv(path: Path) -> tuple[dict[str, NDArray[np.float64]], int]:
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    names, header = _column_names(path, lines[0] if lines else "")
+    try:
+        table = np.loadtxt(lines[header:], delimiter=",", ndmin=2) if lines[header:] else np.empty((0, len(names)))
+    except ValueError:
+        raise InputError(_first_fault(path, lines, header, len(names))) from None
+    if table.size and table.shape[1] != len(names):
+        raise InputError(_first_fault(path, lines, header, len(names)))
+    columns = dict(zip(names, table.reshape(-1, len(names)).T, strict=True))
+    if "zenith" in columns:
+        columns["elevation"] = 90 - columns.pop("zenith")
+    return columns, header + 1
+
+
+def _column_names(path: Path, line: str) -> tuple[list[str], int]:
+    """The columns of a CSV file, and how many lines name them."""
+    cells = [cell.strip() for cell in line.split(",")]
+    if all(_is_number(cell) for cell in cells):
+        return list(_COLUMNS[: max(3, min(len(cells), 4))]), 0
+    names = [cell.lower().split("/")[0].split("_")[0] for cell in cells]
+    known = (*_COLUMNS, "zenith")
+    for name in names:
+        if name not in known or names.count(name) > 1:
+            raise InputError(f"{path}:1: column {name!r} is unknown or named twice, {expected_one_of(name, known)}")
+    if not {"time", "azimuth"} < set(names) or ("elevation" in names) == ("zenith" in names):
+        raise InputError(f"{path}:1: got columns {', '.join(names)}, expected time, azimuth, and elevation or zenith")
+    return names, 1
+
+
+def _first_fault(path: Path, lines: list[str], header: int, columns: int) -> str:
+    for number, cells in enumerate(csv.reader(lines[header:]), header + 1):
+        if cells and (len(cells) != columns or not all(_is_number(cell) for cell in cells)):
+            return f"{path}:{number}: got {','.join(cells)[:60]!r}, expected {columns} numbers"
+    return f"{path}: expected {columns} numbers in each row"
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _length(times: NDArray[np.float64]) -> float:
+    """How long the rows take [s], with the time after the last as long as between the others on average."""
+    return float(times[-1]) * len(times) / max(len(times) - 1, 1)
