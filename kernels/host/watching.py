@@ -15,14 +15,13 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.launching.slices import prepare_over_tiles
+from rigcast.kernels.launching.slices import TURN, prepare_over_tiles
 from rigcast.kernels.launching.turns import turn_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 PIECE = 2**15
 """Bytes that have a digest together."""
-PIECES_PER_TURN = 16
 
 digest32 = wp.types.vector(length=32, dtype=wp.uint32)
 
@@ -73,15 +72,15 @@ def digest_differs(  # type: ignore[empty-body]
 
 
 @wp.kernel
-def compare_pieces(thread: int, turns: wp.array[int], watch: Watch) -> None:  # noqa: ARG001
-    """Pieces that no other thread takes. turns: how many were taken."""
+def compare_pieces(_thread: int, turns: wp.array[int], watch: Watch) -> None:
+    """Pieces that no other thread takes, TURN at a time. turns: how many were taken."""
     count = watch.address.shape[0]
-    first = turn_of(turns) * PIECES_PER_TURN
+    first = turn_of(turns) * TURN
     while first < count:
-        for i in range(first, wp.min(first + PIECES_PER_TURN, count)):
+        for i in range(first, wp.min(first + TURN, count)):
             if digest_differs(watch.address[i], watch.size[i], watch.now, watch.before, i):
                 watch.differ[0] = True
-        first = turn_of(turns) * PIECES_PER_TURN
+        first = turn_of(turns) * TURN
 
 
 class Watched:

@@ -32,8 +32,7 @@ def make_unit(begin: int, end: int, vectors: wp.array[wp.vec3d], unit: wp.array[
     """Vectors begin to end - 1 of arrays without gaps with length 1, NaN where they have none: a loop of which a CPU
     does four at once.
 
-    Both arrays are without gaps. The vectors are scaled by the largest component first: squares of 1e-200 would vanish,
-    those of 1e200 overflow.
+    The vectors are scaled by the largest component first: squares of 1e-200 would vanish, those of 1e200 overflow.
     """
 
 

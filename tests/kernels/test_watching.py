@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from rigcast.kernels.host.watching import PIECE, PIECES_PER_TURN, Watched
+from rigcast.kernels.host.watching import PIECE, Watched
+from rigcast.kernels.launching.slices import TURN
 
-TURN = PIECE * PIECES_PER_TURN // 4
+HEIGHTS_PER_TURN = PIECE * TURN // 4
 """Numbers of float32 that a thread takes at once."""
-SIZES = 3, 1001, 517, 0, 3 * TURN + 5
+SIZES = 3, 1001, 517, 0, 3 * HEIGHTS_PER_TURN + 5
 
 
 def arrays_of(seed: int) -> list[np.ndarray]:
@@ -19,7 +20,18 @@ def arrays_of(seed: int) -> list[np.ndarray]:
 @pytest.mark.parametrize("value", [np.nan, -0.0, 1e-45, 7.0], ids=str)
 @pytest.mark.parametrize(
     ("array", "place"),
-    [(0, 0), (0, 2), (1, 0), (1, 1000), (2, 516), (4, 0), (4, PIECE // 4 - 1), (4, PIECE // 4), (4, 2 * TURN), (4, -1)],
+    [
+        (0, 0),
+        (0, 2),
+        (1, 0),
+        (1, 1000),
+        (2, 516),
+        (4, 0),
+        (4, PIECE // 4 - 1),
+        (4, PIECE // 4),
+        (4, 2 * HEIGHTS_PER_TURN),
+        (4, -1),
+    ],
 )
 def test_one_number_that_is_written_is_seen_until_it_is_taken(
     array: int, place: int, value: float, threads: int, monkeypatch: pytest.MonkeyPatch
@@ -47,14 +59,14 @@ def test_many_numbers_that_are_written_do_not_cancel_each_other(
     for seed in range(20):
         arrays = arrays_of(seed)
         watched = Watched(arrays)
-        first = np.random.default_rng(seed).integers(0, TURN)
+        first = np.random.default_rng(seed).integers(0, HEIGHTS_PER_TURN)
         which = places if isinstance(places, slice) else first + 16 * np.arange(places)
         arrays[4][which] = change(arrays[4][which])
         assert watched.have_changed(), f"seed {seed}, {name}"
 
 
 def test_numbers_that_change_places_are_seen() -> None:
-    for apart in (1, 8, 16, 64, PIECE // 4, TURN):
+    for apart in (1, 8, 16, 64, PIECE // 4, HEIGHTS_PER_TURN):
         arrays = arrays_of(apart)
         watched = Watched(arrays)
         arrays[4][[7, 7 + apart]] = arrays[4][[7 + apart, 7]]
