@@ -24,7 +24,7 @@ from rigcast.bench.race import Result, race
 from rigcast.bench.scaling import Series, scaling
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
 from rigcast.bench.worlds.crowd import G1_HEAD, crowd
-from rigcast.bench.worlds.measure import OfWorlds, OnDevice, measure_worlds
+from rigcast.bench.worlds.measure import Batch, OnDevice, measure_worlds
 from rigcast.cli.options import JsonFile, console_beside, write_json
 from rigcast.kernels.launching.slices import thread_count
 from rigcast.quiet import quiet_warp
@@ -189,7 +189,7 @@ def _table(results: Sequence[Result]) -> Table:
     return table
 
 
-def _table_of_worlds(batches: Sequence[OfWorlds]) -> Table:
+def _table_of_worlds(batches: Sequence[Batch]) -> Table:
     table = Table("worlds", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.caption = "of 1024 rays each, from poses on the device into arrays there; ratio: rigcast's rays/s to it"
     for column in ("way", "ms", "M rays/s", "ratio"):

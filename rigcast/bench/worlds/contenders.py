@@ -1,13 +1,14 @@
 """Who casts the rays of all worlds, from poses on the device into arrays there."""
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import warp as wp
 
-from rigcast.bench.casters import Answer
+from rigcast.bench.casters import Answer, Floats
+from rigcast.sensors.rig.frame import Frame
 from rigcast.sensors.rig.rig import Rig
 
 from .crowd import Crowd
@@ -23,31 +24,43 @@ class Rigcast:
     def __init__(self, crowd: Crowd, worlds: int, device: wp.Device) -> None:
         self.device, self._poses = device, crowd.on_device(worlds, device)
         self._rig = Rig(crowd.workload.model, [crowd.lidar], device)
-        self.frames = self._rig.sense(self._poses)
+        self._frames = self._rig.sense(self._poses)
+        self._frame = self._frames["lidar"]
         self.sense()
+
+    @cached_property
+    def _with_points(self) -> dict[str, Frame]:
+        """Other frames, whose points are worked out by every reading, as they have been asked for."""
+        frames = self._rig.sense(self._poses)
+        _ = frames["lidar"].points
+        return frames
 
     def sense(self) -> None:
         """Poses are brought up to date, the sensor is aimed, all rays are cast and read."""
-        self._rig.sense(self._poses, out=self.frames)
+        self._rig.sense(self._poses, out=self._frames)
+
+    def sense_points(self) -> None:
+        """That, and points in the sensor's frame."""
+        self._rig.sense(self._poses, out=self._with_points)
 
     def update(self) -> None:
-        """Only the first of that: the trees over the geoms of every world."""
+        """Only the first of it: the trees over the geoms of every world."""
         self._rig.scene.update(self._poses)
 
     def cast(self) -> None:
-        """Only casting, at what was brought up to date before."""
-        for launch in self.frames["lidar"]._kept.launches:
+        """Only casting and reading, at what was brought up to date before."""
+        for launch in self._frame._kept.launches:
             launch()
 
     def answer(self) -> Answer:
         """What was hit last: world after world."""
-        frame = self.frames["lidar"]
+        frame = self._frame
         return Answer(frame.range.numpy().ravel(), frame.geom_id.numpy().ravel(), frame.normal.numpy().reshape(-1, 3))
 
-    def poses(self) -> npt.NDArray[np.float64]:
+    def poses(self) -> Floats:
         """(nworld, 4, 4), of the sensor."""
-        poses: npt.NDArray[np.float64] = self.frames["lidar"].pose.numpy()
-        return poses
+        poses: Any = self._frame.pose
+        return np.asarray(poses.numpy())
 
 
 class MujocoWarp:
@@ -55,7 +68,7 @@ class MujocoWarp:
 
     name = "mujoco_warp"
 
-    def __init__(self, crowd: Crowd, worlds: int, device: wp.Device, poses: npt.NDArray[np.float64]) -> None:
+    def __init__(self, crowd: Crowd, worlds: int, device: wp.Device, poses: Floats) -> None:
         import mujoco_warp as mjw
         from mujoco_warp._src.types import vec6
 

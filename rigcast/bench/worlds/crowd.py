@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -45,7 +46,7 @@ class Crowd:
             getattr(data, name)[:] = values[world].reshape(len(values[world]), -1)
         return data
 
-    @property
+    @cached_property
     def directions(self) -> Floats:
         """(n, 3), of the lidar's rays in its own frame."""
         return self.lidar.pattern(self.workload.model).directions.reshape(-1, 3)
@@ -58,16 +59,14 @@ def crowd(workload: Workload, mount: Mount, worlds: int, seed: int = 0) -> Crowd
     """
     model, rng = workload.model, np.random.default_rng(seed)
     data = mujoco.MjData(model)
-    kept: dict[str, list[Floats]] = {name: [] for name in _FIELDS}
+    kept: dict[str, list[npt.NDArray[np.float32]]] = {name: [] for name in _FIELDS}
     for _ in range(worlds):
         data.qpos[:] = _posture(model, rng)
         mujoco.mj_kinematics(model, data)
         for name, values in kept.items():
-            values.append(np.array(getattr(data, name), np.float32))
-    poses = {
-        name: np.stack(values).reshape(worlds, -1, *((3, 3) if name.endswith("mat") else (3,)))
-        for name, values in kept.items()
-    }
+            values.append(getattr(data, name).astype(np.float32))
+    axes = {name: (3, 3) if name.endswith("mat") else (3,) for name in _FIELDS}
+    poses = {name: np.stack(values).reshape(worlds, -1, *axes[name]) for name, values in kept.items()}
     lidar = Lidar(
         name="lidar",
         mount=mount,

@@ -21,7 +21,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 def read(values: wp.array[float], times: int, sums: wp.array[float]) -> None:
     """Each thread reads beside its neighbours, every time elsewhere. As many values as a power of two."""
     i = wp.tid()
-    total = float(i) * 0.0
+    total = float(0.0)
     for k in range(times):
         total += values[(i + k * STEP) & (values.shape[0] - 1)]
     sums[i] = total

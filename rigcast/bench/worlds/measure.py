@@ -1,6 +1,6 @@
-"""Casters in turns in the same worlds, and what each gets right."""
+"""Casters in turns in the same worlds."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
@@ -8,18 +8,16 @@ from time import perf_counter
 import numpy as np
 import warp as wp
 
-from rigcast.bench.casters import Answer
+from rigcast.bench.casters import Floats
 from rigcast.bench.figure import Figure, Spread
-from rigcast.bench.race import CLOSE, in_turns, rightness, triangles_of
-from rigcast.oracle import Oracle, RayHits
-from rigcast.sensors.specs.filter import Filter
+from rigcast.bench.race import in_turns, triangles_of
 
 from .contenders import MujocoWarp, Rigcast, Run, captured
-from .crowd import Crowd, spread_over
+from .crowd import Crowd
 from .limits import limits
+from .rightness import Right, right, sameness, seen
 
-JUDGED = 16  # worlds that are held to mj_ray
-FEW = 20  # calls whose time on the host is taken
+CALLS = 20  # whose time on the host is taken
 
 
 @dataclass(frozen=True)
@@ -34,20 +32,12 @@ class Way:
 
 
 @dataclass(frozen=True)
-class Right:
-    """What a caster gets right in the worlds that are judged: fractions of rays as in `Speed`, and of rays with
-    mj_ray's geom."""
+class Batch:
+    """So many worlds with so many rays in all.
 
-    caster: str
-    agree: float
-    close: float
-    geom: float
-
-
-@dataclass(frozen=True)
-class OfWorlds:
-    """So many worlds with so many rays in all. seen: fractions of the rays that hit the robot, the height field, other
-    things and nothing. same: of those whose geom and distance, to 1 cm, two casters agree in, None without another."""
+    parts: of rigcast's frame, and the memory that casters take on CUDA. same: the fraction of the rays that mujoco_warp
+    has alike, geom and distance to 1 cm; None without it. seen: fractions of the rays by what they hit.
+    """
 
     worlds: int
     rays: int
@@ -60,95 +50,83 @@ class OfWorlds:
 
 @dataclass(frozen=True)
 class OnDevice:
-    """What was measured on a device, in batches of fewer and more worlds, and what the device does at most."""
+    """What was measured on a device, in batches of fewer and more worlds. limits: what it does at most, if it is CUDA's;
+    a CPU does not run their kernels on all threads."""
 
     device: str
     workload: str
     geoms: int
     triangles: int
-    batches: tuple[OfWorlds, ...]
+    batches: tuple[Batch, ...]
     limits: tuple[Figure, ...]
 
 
 def measure_worlds(
     crowd: Crowd, sizes: Sequence[int], device: wp.Device, casters: Collection[str], rounds: int
 ) -> OnDevice:
-    """Measure in batches of so many of the worlds, beside mujoco_warp if it is among the casters."""
+    """Time rigcast in the first so many worlds for each size, beside mujoco_warp if it is among the casters."""
     model = crowd.workload.model
-    return OnDevice(
-        device.name,
-        crowd.workload.name,
-        model.ngeom,
-        triangles_of(model),
-        tuple(_batch(crowd, size, device, casters, rounds) for size in sizes),
-        tuple(limits(rounds, device)),
-    )
+    about = device.name, crowd.workload.name, model.ngeom, triangles_of(model)
+    batches = tuple(_batch(crowd, size, device, MujocoWarp.name in casters, rounds) for size in sizes)
+    return OnDevice(*about, batches, tuple(limits(rounds, device)) if device.is_cuda else ())
 
 
-def _batch(crowd: Crowd, worlds: int, device: wp.Device, names: Collection[str], rounds: int) -> OfWorlds:
-    """Time all ways in turns in the first so many worlds."""
-    before = _used(device)
+def _batch(crowd: Crowd, worlds: int, device: wp.Device, is_compared: bool, rounds: int) -> Batch:
+    settle, at_first = partial(wp.synchronize_device, device), _used(device)
     ours = Rigcast(crowd, worlds, device)
-    memory = [_memory("rigcast", _used(device) - before)]
-    ways, casters = _ways_of_rigcast(ours), [(ours.name, ours.answer)]
-    if MujocoWarp.name in names:
+    by_ours, poses = _used(device), ours.poses()
+    answers, ways = {ours.name: ours.answer()}, _ways_of_rigcast(ours)
+    figures = [_on_host(ours, settle), _memory(ours.name, by_ours - at_first)]
+    if is_compared:
         before = _used(device)
-        theirs = MujocoWarp(crowd, worlds, device, ours.poses())
-        memory.append(_memory("mujoco_warp", _used(device) - before))
+        theirs = MujocoWarp(crowd, worlds, device, poses)
+        figures.append(_memory(theirs.name, _used(device) - before))
+        answers[theirs.name] = theirs.answer()
         ways |= _ways_of_mujoco_warp(theirs)
-        casters.append((theirs.name, theirs.answer))
-    ours.sense()
-    answers = {name: answer() for name, answer in casters}
-    settle = partial(wp.synchronize_device, device)
-    seconds = {name: times[0] for name, times in in_turns(ways | _parts(ours), rounds, settle).items()}
+    parts = {"update": ours.update, "cast": ours.cast, "points": ours.sense_points}
+    times = {name: clock for name, (clock, _) in in_turns(ways | parts, rounds, settle).items()}
     rays = worlds * len(crowd.directions)
-    return OfWorlds(
+    return Batch(
         worlds,
         rays,
-        tuple(
-            Way(name, *(Spread.of(x) for x in (1e3 * t, rays / t / 1e6, t / seconds["rigcast"])))
-            for name, t in ((name, seconds[name]) for name in ways)
-        ),
-        (
-            *(Figure(name, what, "ms", Spread.of(1e3 * seconds[name])) for name, what in _PARTS.items()),
-            _on_host(ours, settle),
-            *(memory if device.is_cuda else []),
-        ),
-        tuple(_rightness(crowd, worlds, ours, answers)),
-        _sameness(*answers.values()) if len(answers) == 2 else None,
-        _seen(crowd, answers["rigcast"]),
+        tuple(_way(name, times[name], rays, times[ours.name]) for name in ways),
+        (*_parts(times), *(figure for figure in figures if figure.unit != "MB" or device.is_cuda)),
+        tuple(right(crowd, poses, answers)),
+        sameness(*answers.values()) if is_compared else None,
+        seen(crowd.workload.model, answers[ours.name]),
     )
 
 
 def _ways_of_rigcast(ours: Rigcast) -> dict[str, Run]:
-    ways: dict[str, Run] = {"rigcast": ours.sense}
+    ways: dict[str, Run] = {ours.name: ours.sense}
     if ours.device.is_cuda:
-        ways["rigcast, graph"] = captured(ours.sense, ours.device)
+        ways[f"{ours.name}, graph"] = captured(ours.sense, ours.device)
     return ways
 
 
 def _ways_of_mujoco_warp(theirs: MujocoWarp) -> dict[str, Run]:
-    ways: dict[str, Run] = {"mujoco_warp": theirs.frame}
+    ways: dict[str, Run] = {theirs.name: theirs.frame, f"{theirs.name}, no refit": theirs.cast}
     if theirs.device.is_cuda:
-        ways["mujoco_warp, graph"] = captured(theirs.frame, theirs.device)
-    ways["mujoco_warp, no refit"] = theirs.cast
+        ways[f"{theirs.name}, graph"] = captured(theirs.frame, theirs.device)
     return ways
 
 
-_PARTS = {
-    "update": "rigcast: poses taken and trees over geoms brought up to date",
-    "cast": "rigcast: cast and read alone",
-}
+def _way(name: str, seconds: Floats, rays: int, ours: Floats) -> Way:
+    return Way(name, Spread.of(1e3 * seconds), Spread.of(rays / seconds / 1e6), Spread.of(seconds / ours))
 
 
-def _parts(ours: Rigcast) -> Mapping[str, Run]:
-    return {"update": ours.update, "cast": ours.cast}
+def _parts(seconds: dict[str, Floats]) -> Iterator[Figure]:
+    for key, what in (
+        ("update", "poses taken, trees over geoms brought up to date"),
+        ("cast", "rays cast and read"),
+        ("points", "all of sense, and points"),
+    ):
+        yield Figure(key, f"rigcast: {what}", "ms", Spread.of(1e3 * seconds[key]))
 
 
 def _on_host(ours: Rigcast, settle: Run) -> Figure:
-    """How long Python takes to launch a frame."""
     times = []
-    for _ in range(FEW):
+    for _ in range(CALLS):
         settle()
         began = perf_counter()
         ours.sense()
@@ -158,45 +136,9 @@ def _on_host(ours: Rigcast, settle: Run) -> Figure:
 
 
 def _used(device: wp.Device) -> int:
+    """Return the bytes that Warp has on a CUDA device, as far as it knows, 0 on the CPU."""
     return int(wp.get_mempool_used_mem_current(device)) if device.is_cuda and device.is_mempool_enabled else 0
 
 
 def _memory(caster: str, used: int) -> Figure:
-    return Figure(f"memory_{caster}", f"{caster}: memory on the device", "MB", Spread.of(used / 1e6))
-
-
-def _rightness(crowd: Crowd, worlds: int, ours: Rigcast, answers: Mapping[str, Answer]) -> Iterator[Right]:
-    judged, poses, count = spread_over(worlds, JUDGED), ours.poses(), len(crowd.directions)
-    directions = np.concatenate([crowd.directions @ poses[k, :3, :3].T for k in judged])
-    which = np.concatenate([np.arange(k * count, (k + 1) * count) for k in judged])
-    reference = _reference(crowd, judged, ours)
-    for name, answer in answers.items():
-        assert answer.geom_id is not None
-        agree, close = rightness(directions, Answer(answer.distance[which], None, None), reference)
-        yield Right(name, agree, close, float((answer.geom_id[which] == reference.geom_id).mean()))
-
-
-def _reference(crowd: Crowd, judged: Sequence[int], ours: Rigcast) -> RayHits:
-    seen, poses = Filter(geom_groups=crowd.workload.groups), ours.poses()
-    each = [
-        Oracle(crowd.workload.model, crowd.data(k), seen).cast(poses[k, :3, 3], crowd.directions @ poses[k, :3, :3].T)
-        for k in judged
-    ]
-    return RayHits(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
-
-
-def _sameness(one: Answer, other: Answer) -> float:
-    assert one.geom_id is not None
-    both = np.isfinite(one.distance)
-    with np.errstate(invalid="ignore"):
-        near = np.where(both, np.abs(one.distance - other.distance) <= CLOSE, np.isposinf(other.distance))
-    return float((near & (one.geom_id == other.geom_id)).mean())
-
-
-def _seen(crowd: Crowd, answer: Answer) -> dict[str, float]:
-    model, hit = crowd.workload.model, np.asarray(answer.geom_id)
-    body = model.body_rootid[model.geom_bodyid]
-    robot = body == model.body_rootid[model.jnt_bodyid[0]]
-    kinds = {"robot": robot, "height field": model.geom_type == 1, "solids": ~robot & (model.geom_type != 1)}
-    shares = {name: float((is_one[hit] & (hit >= 0)).mean()) for name, is_one in kinds.items()}
-    return shares | {"nothing": float((hit < 0).mean())}
+    return Figure(f"memory_{caster}", f"{caster}: memory, scene and all", "MB", Spread.of(used / 1e6))
