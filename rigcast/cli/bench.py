@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from rigcast.bench.casters import CASTERS, Caster, load_casters
-from rigcast.bench.charts import draw_results, draw_scaling
+from rigcast.bench.charts import draw_results, draw_scaling, draw_worlds
 from rigcast.bench.figure import Figure, Spread
 from rigcast.bench.of_casting import origins, outputs, patterns
 from rigcast.bench.of_rest import memory, small, start, trees, update
@@ -77,6 +77,7 @@ def bench(
     json_file: JsonFile = None,
     chart: Annotated[Path | None, typer.Option(help="PNG file for bars of the casters' speeds")] = None,
     scaling_chart: Annotated[Path | None, typer.Option(help="PNG file for plots of `scaling`")] = None,
+    worlds_chart: Annotated[Path | None, typer.Option(help="PNG file for a plot of `worlds`")] = None,
 ) -> None:
     """Time rigcast beside other ray casters on the CPU, on the same rays in the same run, and compare their hits.
 
@@ -100,6 +101,8 @@ def bench(
         draw_results(measured.results, chart)
     if scaling_chart is not None:
         draw_scaling(measured.scaling, scaling_chart)
+    if worlds_chart is not None and measured.worlds is not None:
+        draw_worlds(measured.worlds.by_way(), worlds_chart)
     if json_file is not None:
         write_json(json_file, as_json(measured, rounds, load))
 

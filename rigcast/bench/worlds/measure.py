@@ -11,6 +11,7 @@ import warp as wp
 from rigcast.bench.casters import Floats
 from rigcast.bench.figure import Figure, Spread
 from rigcast.bench.race import in_turns, triangles_of
+from rigcast.bench.scaling import Series
 
 from .contenders import MujocoWarp, Rigcast, Run, captured
 from .crowd import Crowd
@@ -50,7 +51,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class OnDevice:
-    """What was measured on a device, in batches of fewer and more worlds. limits: what it does at most, if it is CUDA's;
+    """What was measured on a device, in batches of fewer and more worlds. limits: what it does at most, if it is a GPU;
     a CPU does not run their kernels on all threads."""
 
     device: str
@@ -59,6 +60,13 @@ class OnDevice:
     triangles: int
     batches: tuple[Batch, ...]
     limits: tuple[Figure, ...]
+
+    def by_way(self) -> dict[str, Series]:
+        """The speed of each way by the number of worlds."""
+        sizes = tuple(batch.worlds for batch in self.batches)
+        names = [way.name for way in self.batches[0].ways]
+        speeds = zip(*([way.mrays for way in batch.ways] for batch in self.batches), strict=True)
+        return {name: Series("worlds", sizes, mrays) for name, mrays in zip(names, speeds, strict=True)}
 
 
 def measure_worlds(
