@@ -34,7 +34,7 @@ def of_worlds(cpu: Found | None, gpu: Found | None, counted: Sequence[Visits], f
     if cpu is not None or gpu is not None:
         yield WORLDS_HEAD.format(**_seen(gpu or cpu))
     if cpu is not None and not cpu["limits"]:
-        yield "On the CPU, M rays/s:\n"
+        yield "On the CPU, where mujoco_warp runs on one thread, M rays/s:\n"
         yield from _speeds(cpu)
     if gpu is None:
         yield NOT_MEASURED
@@ -86,7 +86,7 @@ def _pairs(batch: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _speeds(found: Found) -> Iterator[str]:
     ways, pairs = list(_mrays(found["batches"][0])), _pairs(found["batches"][0])
-    ratios = [f"{ours} / {theirs}" for ours, theirs in pairs]
+    ratios = [f"rigcast / mujoco_warp{', of graphs' if 'graph' in ours else ''}" for ours, _ in pairs]
     yield f"| worlds | {' | '.join([*ways, *ratios])} |\n|--:|{'--:|' * (len(ways) + len(ratios))}"
     for batch in found["batches"]:
         mrays = _mrays(batch)
@@ -137,7 +137,7 @@ def _by_way(found: Found) -> dict[str, Series]:
 
 def _seen(found: Found | None) -> dict[str, str]:
     assert found is not None
-    shares = ", ".join(f"{share:.0%} {what}" for what, share in _batch(found)["seen"].items())
+    shares = ", ".join(f"{100 * share:.0f} % {what}" for what, share in _batch(found)["seen"].items())
     return {"geoms": found["geoms"], "triangles": found["triangles"], "shares": shares}
 
 
@@ -145,10 +145,11 @@ WORLDS_HEAD = """
 ## In many worlds
 
 `rigcast bench worlds`: a Unitree G1 on a height field with solids on it, {geoms} geoms with {triangles} triangles,
-stands in each world somewhere else and in another posture. A lidar of 16 x 64 rays above its head sees, of all rays,
-{shares}. Poses are float32 on the device, as mujoco_warp has them. A frame of rigcast is `rig.sense(poses,
-out=frames)`: trees over the geoms brought up to date, the sensor aimed, rays cast and read into arrays on the device.
-mujoco_warp is given its rays in the world, ready made; its frame is `refit_bvh` and `rays`, or the latter alone.
+stands in each world somewhere else and in another posture. What the 16 x 64 rays of a lidar above its head hit is
+{shares}.
+Poses are float32 on the device, as mujoco_warp has them. A frame of rigcast is `rig.sense(poses, out=frames)`: trees
+over the geoms brought up to date, the sensor aimed, rays cast and read into arrays on the device. mujoco_warp is given
+its rays in the world, ready made; its frame is `refit_bvh` and `rays`, or the latter alone.
 """
 GPU = """
 ## On a GPU
