@@ -102,6 +102,12 @@ def test_warp_arrays_with_gaps_are_the_rays_that_they_hold(row: Scene, dtype: ty
         np.testing.assert_array_equal(getattr(hits, name), getattr(expected, name), err_msg=name)
 
 
+def test_rays_may_be_on_the_host_and_their_origins_not(row: Scene) -> None:
+    origins, directions = [[0, 0, 0], [2, 0, 0], [6, 0, 0]], np.tile([1.0, 0, 0], (3, 1))
+    hits = row.cast(wp.array(origins, dtype=wp.vec3d, device=row.device), directions).numpy()
+    np.testing.assert_array_equal(hits.distance, row.cast(origins, directions).numpy().distance)
+
+
 @pytest.mark.parametrize("as_warp", [False, True])
 def test_origins_far_away_keep_float64(as_warp: bool) -> None:
     scene = ready(model_of('<geom size="0.1" pos="1000001 -1000000 1000000"/>'))

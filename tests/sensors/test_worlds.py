@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
+from small_scenes import Elsewhere
 from world_states import SENSORS, alone, arrays_of, assert_same, fields_of, model, rig_of, states
 
 from rigcast import InputError, Lidar, Mount, Prop, Rig, Scene, Worlds
@@ -348,6 +349,8 @@ CLOTH = """
   <flexcomp name="cloth" type="grid" dim="2" count="3 3 1" spacing="1 1 1" radius="0.05"/>
 </worldbody></mujoco>
 """
+
+
 FAULTS: dict[str, tuple[Any, str]] = {
     "nothing": ([], "got no world, expected one or more"),
     "another thing in the list": ([3], r"batch\[0\]: got int, expected MjData"),
@@ -392,6 +395,14 @@ FAULTS: dict[str, tuple[Any, str]] = {
         {"geom_xpos": wp.zeros((2, 8), dtype=wp.vec3i, device="cpu"), "geom_xmat": np.zeros((2, 8, 9))},
         r"geom_xpos: got an array \(2, 8\) of vec3i, expected \(2, 8\) of vec3f or vec3d",
     ),
+    "every second world on the device": (
+        {
+            "geom_xpos": wp.zeros((4, 8), dtype=wp.vec3, device="cpu")[::2],
+            "geom_xmat": wp.zeros((2, 8), dtype=wp.mat33, device="cpu"),
+        },
+        r"geom_xpos: got an array with gaps, expected one without, as its contiguous\(\) is",
+    ),
+    "a tensor elsewhere": ({"geom_xpos": Elsewhere(), "geom_xmat": np.zeros((2, 8, 9))}, "geom_xpos: .* cuda:0"),
 }
 
 
