@@ -130,7 +130,7 @@ def nested(datas: list[mujoco.MjData], _device: str) -> Any:
     return arrays
 
 
-def on_device(datas: list[mujoco.MjData], device: str) -> Any:
+def on_device(datas: list[mujoco.MjData], device: str = "cpu") -> Any:
     arrays = arrays_of(datas)
     kinds = {name: wp.mat33d if name.endswith("xmat") else wp.vec3d for name in arrays} | {"time": wp.float64}
     shaped = {name: v.reshape(*v.shape[:2], 3, 3) if name.endswith("xmat") else v for name, v in arrays.items()}
