@@ -69,8 +69,8 @@ def captured(rig: Rig, batch: Mapping[str, wp.array]) -> tuple[dict[str, Frame],
 def test_the_host_waits_for_no_reading() -> None:
     """All is launched while what was launched before, which takes a second, is still under way."""
     rig, batch = Rig(MODEL, STILL, "cuda:0"), on_device(0)
-    rays = [wp.array(np.ones((COUNT, 5, 3)), dtype=wp.vec3d, device="cuda:0") for _ in range(2)]
-    frames, hits = rig.sense(batch), rig.scene.cast(*rays)
+    rays = wp.array(np.ones((COUNT, 5, 3)), dtype=wp.vec3d, device="cuda:0")
+    frames, hits = rig.sense(batch), rig.scene.cast(rays, rays)
     for cycles in (0, 2 * 10**9):
         wp.synchronize_device("cuda:0")
         wp.launch(keep_busy, 1, inputs=[wp.int64(cycles)], device="cuda:0")
@@ -78,7 +78,7 @@ def test_the_host_waits_for_no_reading() -> None:
         for spec in STILL:
             rig.sense(batch, [spec.name], out=frames)
             assert cycles == 0 or not busy.is_complete, spec.name
-        rig.scene.cast(*rays, out=hits)
+        rig.scene.cast(rays, rays, out=hits)
         assert cycles == 0 or not busy.is_complete, "cast"
 
 
