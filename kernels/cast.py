@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
+from .hits.fields import Fields
 from .hits.out import Out
 from .launching.recorded import recorded
 from .launching.slices import prepare_over_rays, prepare_over_tiles
@@ -100,6 +101,7 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
     packets = these.packets
     own = job.rays
     out = job.out
+    fields = job.fields
     rays = these.rays[thread]
     rays[0].limit = job.limit
     rays[0].cull = job.cull
@@ -123,7 +125,8 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
         ray = world * own.count + rays[0].tile.ray
         firing = firing_of(own, ray)
         rotation = own.rotation[firing]
-        rays[0].origin = own.position[firing] + rotation * origin_of(own, ray)
+        rays[0].start = origin_of(own, ray)
+        rays[0].origin = own.position[firing] + rotation * rays[0].start
         rays[0].rotation = rotation
         rays[0].axis = rotation * rays[0].tile.axis
         rays[0].u = rotation * rays[0].tile.u
@@ -149,7 +152,7 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
         for k in range(PACKETS):
             if tiles[following].across == 0:
                 prefetch_out(out, packets, following * PACKETS + k, rays[0].first_ray)
-            write_part(out, rays, staged, k, these.is_streamed)
+            write_part(out, fields, rays, staged, k, these.is_streamed)
         at += 1
         if at == end:
             at = take_run(taken, count, threads)
@@ -176,17 +179,31 @@ def cast(
     return hits
 
 
-def prepare_readings(
-    geometry: Geometry, visible: wp.array, rays: Rays, limits: tuple[float, float], hits: HitArrays
-) -> list[Callable[[], object]]:
-    """The launches of a cast whose hits are readings between these limits [m], for as often as it is wanted.
+class Readings(NamedTuple):
+    """The launches of a cast, for as often as it is wanted, and what they write beside hits: nothing at first."""
 
-    What is nearer is -inf, normals are in the rays' frame. They cast at shapes that stand still as they do by then, and
+    launches: list[Callable[[], object]]
+    fields: Fields
+
+
+def prepare_readings(
+    geometry: Geometry,
+    visible: wp.array,
+    rays: Rays,
+    limits: tuple[float, float],
+    hits: HitArrays,
+    body_of_shape: wp.array,
+) -> Readings:
+    """A cast whose hits are readings between these limits [m].
+
+    What is nearer is -inf, normals are in the rays' frame. It casts at shapes that stand still as they do by then, and
     at shapes that move as they do now.
     """
     out = hits.out()
     out.is_read, out.min_range = True, limits[0]
-    return _prepare(geometry, rays, _job(visible, rays, limits[1], CULL_NONE, out))
+    job = _job(visible, rays, limits[1], CULL_NONE, out)
+    job.fields.body_of_shape = body_of_shape
+    return Readings(_prepare(geometry, rays, job), job.fields)
 
 
 def _job(visible: wp.array, rays: Rays, limit: float, cull: int, out: Out) -> Job:

@@ -9,6 +9,7 @@ import warp as wp
 from rigcast.kernels.effects.echoes import SurfaceArrays
 
 from .cast import HitArrays
+from .hits.fields import depth_at, point_at
 from .hits.out import Out, read_hit
 from .launching.slices import launch_over_runs
 from .rays.arrays import RayArrays, Rays, direction_of, firing_of, origin_of
@@ -83,8 +84,7 @@ def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
 @wp.func
 def point_in_frame(rays: RayArrays, i: int, distance: float) -> wp.vec3d:
     """Where ray i ends at this range, NaN where the range is not finite."""
-    finite = wp.where(wp.abs(distance) < wp.inf, distance, wp.nan)
-    return origin_of(rays, i) + wp.float64(finite) * direction_of(rays, i)
+    return point_at(origin_of(rays, i), direction_of(rays, i), distance)
 
 
 @wp.kernel
@@ -113,13 +113,10 @@ def points_in_world(
 
 @wp.kernel
 def depth_along_z(first: int, run: int, rays: RayArrays, distance: wp.array[float], depth: wp.array[float]) -> None:
-    """z-depth, below 0 for rays that look backwards; +-inf and NaN where the range is."""
     i = (first + wp.tid()) * run
     end = wp.min(i + run, distance.shape[0])
     while i < end:
-        t = distance[i]
-        z = float(wp.float64(t) * direction_of(rays, i)[2])
-        depth[i] = wp.where(wp.abs(t) < wp.inf, z, t)
+        depth[i] = depth_at(direction_of(rays, i), distance[i])
         i += 1
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
+from rigcast.kernels.hits.fields import write_fields
 from rigcast.kernels.hits.hit import WorldRay, no_hit
 from rigcast.kernels.hits.out import read_hit, write_miss
 from rigcast.kernels.launching.slices import TURN, prepare_over_tiles
@@ -66,6 +67,7 @@ def bundle_of(
                 bundle.count += 1
             else:
                 write_miss(job.out, i, wp.nan)
+                write_fields(job.fields, job.out, own, i)
     return bundle
 
 
@@ -76,6 +78,7 @@ def write_bundle(g: wp.array[Geometry], job: Job, bundle: Bundle) -> None:
         write_hit(g, job.out, i, bundle.members[k].best, world_ray_of(bundle, k))
         if job.out.is_read:
             read_hit(job.out, i, job.rays.rotation[firing_of(job.rays, i)])
+            write_fields(job.fields, job.out, job.rays, i)
 
 
 @wp.func

@@ -113,6 +113,7 @@ class Directions:
 class TileRays:
     """A tile of rays in the world, and where its hits are kept. Functions have it in an array of one, not copied."""
 
+    start: wp.vec3d  # the origin in the rays' frame
     origin: wp.vec3d
     rotation: wp.mat33d  # columns: the axes of the rays' frame
     axis: wp.vec3d

@@ -7,6 +7,7 @@ without being read, past the cache: streamed.
 
 import warp as wp
 
+from rigcast.kernels.hits.fields import Fields
 from rigcast.kernels.hits.out import Out
 
 from .packet import LANES, PACKETS, TileRays, int_lanes, lanes
@@ -42,9 +43,35 @@ def stage_misses(staged: wp.array[PacketOut], distance: float):  # type: ignore[
     """Those of a whole tile."""
 
 
-@wp.func_native("""
+_LINES = """
+    typedef float floats __attribute__((ext_vector_type(4)));
+    typedef float floats_anywhere __attribute__((ext_vector_type(4), aligned(4)));
+    const auto four = [&](const auto& of, int part) {
+        return *(const floats_anywhere*)((const float*)&of + (at + part * step) % 16);
+    };
+    const auto hits_of = [&](int part) -> const auto& { return staged.data[(at + part * step) / 16]; };
+    const auto store_vectors = [](auto store, float* to, floats x, floats y, floats z) {
+        const floats xy01 = __builtin_shufflevector(x, y, 0, 4, 1, 5);
+        const floats yz1 = __builtin_shufflevector(y, z, 1, 5, 1, 5);
+        const floats xy23 = __builtin_shufflevector(x, y, 2, 6, 3, 7);
+        store(to, __builtin_shufflevector(xy01, z, 0, 1, 4, 2));
+        store(to + 4, __builtin_shufflevector(yz1, xy23, 0, 1, 4, 5));
+        store(to + 8, __builtin_shufflevector(z, xy23, 2, 6, 7, 3));
+    };
+    const auto write_lines = [&](auto write, size_t ends) {  // line by line: few are open at once
+        if (is_streamed && ends % 16 == 0)
+            write([](float* to, floats values) { __builtin_nontemporal_store(values, (floats*)to); });
+        else
+            write([](float* to, floats values) { *(floats_anywhere*)to = values; });
+    };
+"""
+"""C++ for a CPU: parts of four of 16 rays, and how they get to arrays of which these are the `ends`, past the cache if
+all begin where vectors do."""
+
+
+@wp.func_native(f"""
 #if defined(__CUDA_ARCH__)
-    for (int i = 0; i < 16; ++i) {
+    for (int i = 0; i < 16; ++i) {{
         const int from = at + i / 4 * step + i % 4;
         const auto& hits = staged.data[from / 16];
         const int lane = from % 16;
@@ -52,43 +79,108 @@ def stage_misses(staged: wp.array[PacketOut], distance: float):  # type: ignore[
         out.shape.data[ray + i] = hits.shape[lane];
         out.face.data[ray + i] = hits.face[lane];
         out.normal.data[ray + i] = wp::vec3(hits.normal_x[lane], hits.normal_y[lane], hits.normal_z[lane]);
-    }
+    }}
 #else
-    typedef float floats __attribute__((ext_vector_type(4)));
-    typedef float floats_anywhere __attribute__((ext_vector_type(4), aligned(4)));
-    const auto four = [&](const auto& of, int part) {
-        return *(const floats_anywhere*)((const float*)&of + (at + part * step) % 16);
-    };
-    const auto hits_of = [&](int part) -> const auto& { return staged.data[(at + part * step) / 16]; };
-    const auto write = [&](auto store) {  // line by line: few are open at once
-        for (int part = 0; part < 4; ++part)
-            store((float*)&out.distance.data[ray] + 4 * part, four(hits_of(part).distance, part));
-        for (int part = 0; part < 4; ++part)
-            store((float*)&out.shape.data[ray] + 4 * part, four(hits_of(part).shape, part));
-        for (int part = 0; part < 4; ++part)
-            store((float*)&out.face.data[ray] + 4 * part, four(hits_of(part).face, part));
-        for (int part = 0; part < 4; ++part) {
+    {_LINES}
+    float *const distance = &out.distance.data[ray], *const normal = (float*)&out.normal.data[ray];
+    float *const shape = (float*)&out.shape.data[ray], *const face = (float*)&out.face.data[ray];
+    const auto write = [&](auto store) {{
+        for (int part = 0; part < 4; ++part) store(distance + 4 * part, four(hits_of(part).distance, part));
+        for (int part = 0; part < 4; ++part) store(shape + 4 * part, four(hits_of(part).shape, part));
+        for (int part = 0; part < 4; ++part) store(face + 4 * part, four(hits_of(part).face, part));
+        for (int part = 0; part < 4; ++part) {{
             const auto& hits = hits_of(part);
             const floats x = four(hits.normal_x, part), y = four(hits.normal_y, part), z = four(hits.normal_z, part);
-            const floats xy01 = __builtin_shufflevector(x, y, 0, 4, 1, 5);
-            const floats yz1 = __builtin_shufflevector(y, z, 1, 5, 1, 5);
-            const floats xy23 = __builtin_shufflevector(x, y, 2, 6, 3, 7);
-            float* normal = (float*)&out.normal.data[ray] + 12 * part;
-            store(normal, __builtin_shufflevector(xy01, z, 0, 1, 4, 2));
-            store(normal + 4, __builtin_shufflevector(yz1, xy23, 0, 1, 4, 5));
-            store(normal + 8, __builtin_shufflevector(z, xy23, 2, 6, 7, 3));
-        }
-    };
-    const size_t ends = (size_t)&out.distance.data[ray] | (size_t)&out.shape.data[ray] | (size_t)&out.face.data[ray]
-        | (size_t)&out.normal.data[ray];
-    if (is_streamed && ends % 16 == 0)
-        write([](float* to, floats values) { __builtin_nontemporal_store(values, (floats*)to); });
-    else
-        write([](float* to, floats values) { *(floats_anywhere*)to = values; });
+            store_vectors(store, normal + 12 * part, x, y, z);
+        }}
+    }};
+    write_lines(write, (size_t)distance | (size_t)shape | (size_t)face | (size_t)normal);
 #endif
 """)
 def write_row(out: Out, ray: int, staged: wp.array[PacketOut], at: int, step: int, is_streamed: bool):  # type: ignore[no-untyped-def]
     """The hits of 16 rays from this one on: of four at `at`, four at `at` + step, and so on, of a tile's."""
+
+
+_FIELDS_OF_ONE = """
+    const auto& tile = rays.data[0];
+    const auto write_fields_of = [&](int ray, int k, int lane) {
+        const auto& packet = tile.packets.data[tile.first_packet + k];
+        const float distance = staged.data[k].distance[lane];
+        const int shape = staged.data[k].shape[lane];
+        const bool is_finite = distance - distance == 0.0f;
+        const double t = is_finite ? distance : NAN, z = t * packet.z[lane];
+        if (fields.points.shape[0] > 0)
+            fields.points.data[ray] = wp::vec3((float)(tile.start[0] + t * packet.x[lane]),
+                                               (float)(tile.start[1] + t * packet.y[lane]), (float)(tile.start[2] + z));
+        if (fields.depth.shape[0] > 0) fields.depth.data[ray] = is_finite ? (float)z : distance;
+        if (fields.body_id.shape[0] > 0) fields.body_id.data[ray] = shape < 0 ? -1 : fields.body_of_shape.data[shape];
+    };
+"""
+"""C++: what rigcast.kernels.hits.fields.write_fields does, of a ray in a lane of packet k."""
+
+
+@wp.func_native(f"""
+#if defined(__CUDA_ARCH__)
+    {_FIELDS_OF_ONE}
+    for (int i = 0; i < 16; ++i) {{
+        const int from = at + i / 4 * step + i % 4;
+        write_fields_of(ray + i, from / 16, from % 16);
+    }}
+#else
+    {_LINES}
+    typedef int ints __attribute__((ext_vector_type(4)));
+    typedef double doubles __attribute__((ext_vector_type(4)));
+    typedef double doubles_anywhere __attribute__((ext_vector_type(4), aligned(8)));
+    const auto& tile = rays.data[0];
+    const auto packet_of = [&](int part) -> const auto& {{
+        return tile.packets.data[tile.first_packet + (at + part * step) / 16];
+    }};
+    const auto along = [&](const auto& direction, floats t, int part) {{
+        const double* from = (const double*)&direction + (at + part * step) % 16;
+        return __builtin_convertvector(t, doubles) * *(const doubles_anywhere*)from;
+    }};
+    const auto rounded = [](doubles values) {{ return __builtin_convertvector(values, floats); }};
+    const auto write_points = [&](auto store) {{
+        for (int part = 0; part < 4; ++part) {{
+            const auto& packet = packet_of(part);
+            const floats distance = four(hits_of(part).distance, part);
+            const floats t = distance - distance == 0.0f ? distance : (floats)NAN;
+            const floats x = rounded(tile.start[0] + along(packet.x, t, part));
+            const floats y = rounded(tile.start[1] + along(packet.y, t, part));
+            const floats z = rounded(tile.start[2] + along(packet.z, t, part));
+            store_vectors(store, (float*)&fields.points.data[ray] + 12 * part, x, y, z);
+        }}
+    }};
+    const auto write_depth = [&](auto store) {{
+        for (int part = 0; part < 4; ++part) {{
+            const floats distance = four(hits_of(part).distance, part);
+            const floats z = rounded(along(packet_of(part).z, distance, part));
+            store(&fields.depth.data[ray] + 4 * part, distance - distance == 0.0f ? z : distance);
+        }}
+    }};
+    const auto write_bodies = [&](auto store) {{
+        for (int part = 0; part < 4; ++part) {{
+            const int* shape = (const int*)&hits_of(part).shape + (at + part * step) % 16;
+            ints body;
+            for (int i = 0; i < 4; ++i) body[i] = shape[i] < 0 ? -1 : fields.body_of_shape.data[shape[i]];
+            store((float*)&fields.body_id.data[ray] + 4 * part, (floats)body);
+        }}
+    }};
+    if (fields.points.shape[0] > 0) write_lines(write_points, (size_t)&fields.points.data[ray]);
+    if (fields.depth.shape[0] > 0) write_lines(write_depth, (size_t)&fields.depth.data[ray]);
+    if (fields.body_id.shape[0] > 0) write_lines(write_bodies, (size_t)&fields.body_id.data[ray]);
+#endif
+""")
+def write_fields_of_row(  # type: ignore[no-untyped-def]
+    fields: Fields,
+    rays: wp.array[TileRays],
+    ray: int,
+    staged: wp.array[PacketOut],
+    at: int,
+    step: int,
+    is_streamed: bool,
+):
+    """What follows from the hits of 16 rays from this one on, as in `write_row`."""
 
 
 @wp.func_native("""
@@ -116,13 +208,29 @@ def write_one_by_one(out: Out, first_ray: int, numbers: int_lanes, staged: wp.ar
     to count."""
 
 
+@wp.func_native(f"""
+    {_FIELDS_OF_ONE}
+    for (int i = 0; i < 16; ++i)
+        if (numbers[i] >= 0) write_fields_of(tile.first_ray + numbers[i], k, i);
+""")
+def write_fields_one_by_one(  # type: ignore[no-untyped-def]
+    fields: Fields, rays: wp.array[TileRays], numbers: int_lanes, staged: wp.array[PacketOut], k: int
+):
+    """What follows from the hits of packet k, as in `write_one_by_one`."""
+
+
 @wp.func
-def write_part(out: Out, rays: wp.array[TileRays], staged: wp.array[PacketOut], k: int, is_streamed: bool) -> None:
-    """Write what row k of a tile hits, or its packet k where it has no rows."""
+def write_part(
+    out: Out, fields: Fields, rays: wp.array[TileRays], staged: wp.array[PacketOut], k: int, is_streamed: bool
+) -> None:
+    """Write what row k of a tile hits, or its packet k where it has no rows, and what follows from that."""
     across = rays[0].tile.across
     if across > 0:
         at = k / across * across * LANES + k % across * 4
-        write_row(out, rays[0].first_ray + rays[0].tile.rows[k], staged, at, 4 * across, is_streamed)
+        ray = rays[0].first_ray + rays[0].tile.rows[k]
+        write_row(out, ray, staged, at, 4 * across, is_streamed)
+        write_fields_of_row(fields, rays, ray, staged, at, 4 * across, is_streamed)
     else:
         numbers = rays[0].packets[rays[0].first_packet + k].ray
         write_one_by_one(out, rays[0].first_ray, numbers, staged, k)
+        write_fields_one_by_one(fields, rays, numbers, staged, k)

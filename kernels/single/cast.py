@@ -6,6 +6,7 @@ Warp compiles a file's kernels together: a rig whose rays are all cast in packet
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.hits.fields import Fields, write_fields
 from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
 from rigcast.kernels.hits.out import Out, read_hit, write_miss, write_place
 from rigcast.kernels.launching.slices import TURN
@@ -32,6 +33,7 @@ class Job:
     limit: float
     cull: int
     out: Out
+    fields: Fields
 
 
 @wp.func
@@ -75,6 +77,7 @@ def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.ar
             write_miss(out, i, wp.nan)
         if out.is_read:
             read_hit(out, i, rotation)
+            write_fields(job.fields, out, rays, i)
 
 
 @wp.struct

@@ -44,7 +44,8 @@ class Frame:
     Per-ray fields are Warp arrays on the device, `frame.range.numpy()` on the host, of the sensor's `shape`:
     (beams, columns) for a lidar with a table of beams, (height, width) for a camera, (rays,) for others. They belong
     to the frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out from these
-    when asked for.
+    when asked for; points, depth and body_id sooner, by the next cast, if they were asked of the frame whose arrays it
+    writes over.
 
     Of a batch of worlds every field of each ray has a first axis for the world, and time (nworld,) and pose (nworld, 4,
     4) are Warp arrays of float64; `world(k)` is the frame of one of them. Frames of worlds that are not active are NaN.

@@ -1,6 +1,6 @@
 """A MuJoCo model as something to cast rays against."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from numbers import Real
 from types import NoneType
 from typing import Any, Literal
@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.cast import HitArrays, cast, prepare_readings
+from rigcast.kernels.cast import HitArrays, Readings, cast, prepare_readings
 from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
@@ -364,12 +364,9 @@ class Scene:
         """The first hit of each ray that is on the device already, among the visible geoms."""
         return cast(self._world.geometry, visible, rays, max_distance, _CULL[cull], out)
 
-    def prepare_readings(
-        self, rays: Rays, visible: wp.array, limits: tuple[float, float], out: HitArrays
-    ) -> list[Callable[[], object]]:
-        """The launches of a cast whose hits are readings between these limits [m], for as often as it is wanted, for
-        as long as `visible` gives these geoms."""
-        return prepare_readings(self._world.geometry, visible, rays, limits, out)
+    def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float], out: HitArrays) -> Readings:
+        """A cast whose hits are readings between these limits [m], for as long as `visible` gives these geoms."""
+        return prepare_readings(self._world.geometry, visible, rays, limits, out, self.body_of_shape)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""

@@ -61,7 +61,8 @@ def test_what_a_cast_reads_is_its_hits_read_afterwards(packed: bool) -> None:
     expected, got = cast(world.geometry, visible, rays, far, CULL_NONE), HitArrays.empty(3000, "cpu")
     near = float(np.quantile(expected.distance.numpy(), 0.2))
     read(expected, rays, near)
-    for launch_part in prepare_readings(world.geometry, visible, rays, (near, far), got):
+    no_bodies = wp.empty(0, dtype=int, device="cpu")
+    for launch_part in prepare_readings(world.geometry, visible, rays, (near, far), got, no_bodies).launches:
         launch_part()
     assert {-INF, INF} < set(got.distance.numpy().tolist()), "seed 3: none is too near, or none too far"
     for name in ("distance", "shape", "normal"):

@@ -122,6 +122,52 @@ def test_arrays_that_nobody_holds_are_used_again(monkeypatch: pytest.MonkeyPatch
         assert_same(got[name], values(frame), name)
 
 
+WORKED_OUT = ("points", "depth", "body_id")
+
+
+def by_cast(rig: Rig, name: str) -> set[str]:
+    """What the cast of a sensor's last reading wrote beside hits."""
+    readings = rig._mounted[name].pool._kept[-1]._readings
+    assert readings is not None
+    return {field for field in WORKED_OUT if getattr(readings.fields, field) is not None}
+
+
+@pytest.mark.parametrize("state", [moved, worlds], ids=["one world", "many worlds"])
+def test_a_cast_writes_what_was_asked_of_the_reading_before(
+    state: Callable[[float], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig(MODEL, SENSORS, "cpu")
+    expected = values(Rig(MODEL, SENSORS, "cpu").sense(state(0.5))["camera"], *WORKED_OUT)
+    for asked in ((), ("depth",), WORKED_OUT, ()):
+        values(rig.sense(state(0.2), ["camera"])["camera"], "range", *asked)
+        values(rig.sense(state(0.4), ["camera"])["camera"], "range")
+        assert by_cast(rig, "camera") == set(asked)
+    values(rig.sense(state(0.3), ["camera"])["camera"], *WORKED_OUT)
+    with monkeypatch.context() as patched:
+        for work_out in ("points", "z_depth", "take"):
+            patched.setattr(f"rigcast.kernels.reading.{work_out}", lambda *_: pytest.fail("worked out after the cast"))
+        got = values(rig.sense(state(0.5), ["camera"])["camera"], *WORKED_OUT)
+    assert_same(got, expected, "camera")
+
+
+def test_what_a_cast_wrote_is_held_and_written_over_as_what_was_worked_out_later() -> None:
+    rig = Rig(MODEL, SENSORS, "cpu")
+    for by in (0.1, 0.2, 0.3):
+        frame = rig.sense(moved(by), ["camera"])["camera"]
+        held = [getattr(frame, field) for field in WORKED_OUT]
+        if by < 0.3:
+            del frame, held
+    assert by_cast(rig, "camera") == set(WORKED_OUT)
+    again = rig.sense(moved(0.7), ["camera"], out={"camera": frame})["camera"]
+    assert [getattr(again, field) for field in WORKED_OUT] == held
+    expected = values(Rig(MODEL, SENSORS, "cpu").sense(moved(0.7))["camera"], *WORKED_OUT)
+    del frame, again
+    for by in (1.0, 1.3, 1.7):
+        values(rig.sense(moved(by), ["camera"])["camera"], *WORKED_OUT)
+        rig.sense(moved(by), ["camera"])
+    assert_same(dict(zip(WORKED_OUT, map(seen, held), strict=True)), expected, "camera")
+
+
 def test_readings_of_many_worlds_use_arrays_again() -> None:
     rig = Rig(MODEL, SENSORS, "cpu")
     pointers = []

@@ -16,7 +16,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.mount import CARRIERS
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
-from .arrays import poses, require_array
+from .arrays import poses, require_array, require_no_gaps
 from .attached import Attached
 from .sources import Rows
 from .worlds import Worlds
@@ -67,7 +67,11 @@ class Standing:
     @cached_property
     def geoms(self) -> Sequence[NDArray[np.floating[Any]] | wp.array]:
         """The positions and rotations of all geoms: Warp arrays (n, ngeom), or (n, ngeom, 3) and (n, ngeom, 3, 3)."""
-        return self._values("geom")
+        values = self._values("geom")
+        for name, value in zip(_POSES["geom"][:2], values, strict=True):
+            if isinstance(value, wp.array):
+                require_no_gaps(name, value)
+        return values
 
     @cached_property
     def geoms_on_device(self) -> Carriers:

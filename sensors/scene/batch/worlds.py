@@ -34,7 +34,8 @@ class Worlds:
             - a mapping of MuJoCo's names to arrays whose first axis is the world: `geom_xpos` (nworld, ngeom, 3) [m]
               and `geom_xmat` (nworld, ngeom, 9) or (..., 3, 3); for sensors and props on bodies, sites and cameras
               `xpos` and `xmat`, `site_xpos` and `site_xmat`, `cam_xpos` and `cam_xmat` too; and `time` (nworld,) [s],
-              0 if not given. Arrays on the host keep float64; Warp arrays on the rig's device are used in place.
+              0 if not given. Arrays on the host keep float64; Warp arrays on the rig's device are used in place, and
+              those of geoms must have no gaps.
         geom_size: (nworld, ngeom, 3) [m], as `MjModel.geom_size`, where sizes differ.
         geom_dataid: (nworld, ngeom), the mesh or height field of each geom, as `MjModel.geom_dataid`, where these
             differ; -1 leaves the geom out.

@@ -1,0 +1,96 @@
+"""What a cast writes beside its hits is what is worked out of them afterwards, bit for bit."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from made_worlds import Doubles, random_plan, random_rotations, rays_of
+from test_bundles import DOWN, raster
+from test_packets import PATTERNS
+
+from rigcast.kernels import cast as casting
+from rigcast.kernels.cast import HitArrays, cast, prepare_readings
+from rigcast.kernels.hits.fields import NAMES
+from rigcast.kernels.packing.bundling import sort_into_bundles
+from rigcast.kernels.packing.sorting import sort_into_packets
+from rigcast.kernels.rays.arrays import Rays
+from rigcast.kernels.reading import points, take, z_depth
+from rigcast.kernels.shapes.triangle import CULL_NONE
+
+SEED = 2
+START = np.array([0.1, -0.2, 0.3])
+
+
+def packed(directions: Doubles) -> Rays:
+    return replace(rays_of(START, directions), packets=sort_into_packets(directions))
+
+
+def bundled() -> Rays:
+    origins = raster(30, 20, 0.1)
+    bundles = sort_into_bundles(origins, np.zeros(len(origins), np.int32))
+    return replace(rays_of(origins, DOWN), packets=bundles)
+
+
+RAYS: dict[str, Callable[[], Rays]] = {
+    "packets of rows": lambda: packed(PATTERNS["rows far apart"]),
+    "packets of squares": lambda: packed(PATTERNS["camera of odd size"]),
+    "packets without rows": lambda: packed(PATTERNS["all around"]),
+    "bundles": bundled,
+    "alone": lambda: rays_of(START, PATTERNS["all around"]),
+}
+
+
+def in_two_poses(rays: Rays, rng: np.random.Generator) -> Rays:
+    """The second of which is not finite."""
+    position = np.array([rng.uniform(-1, 1, 3), np.full(3, np.nan)])
+    rotation = random_rotations(rng, 2)
+    return replace(
+        rays,
+        position=wp.array(position, dtype=wp.vec3d, device="cpu"),
+        rotation=wp.array(rotation, dtype=wp.mat33d, device="cpu"),
+        span=wp.zeros(2, dtype=int, device="cpu"),
+        worlds=2,
+    )
+
+
+@pytest.mark.parametrize("names", [NAMES, *((name,) for name in NAMES)], ids=["all", *NAMES])
+@pytest.mark.parametrize(("streamed_from", "before"), [(0, 0), (0, 1), (2**40, 0)], ids=["streamed", "1 on", "plain"])
+@pytest.mark.parametrize("kind", RAYS)
+def test_fields_are_those_of_the_hits(
+    kind: str, streamed_from: int, before: int, names: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(casting, "STREAMED_FROM", streamed_from)
+    world, rng = random_plan(SEED).world(), np.random.default_rng(SEED)
+    rays, shapes = in_two_poses(RAYS[kind](), rng), len(world.geometry.kind)
+    seen = wp.full(shapes, True, dtype=wp.bool, device="cpu")
+    body_of_shape = wp.array(rng.integers(-1, 9, shapes), dtype=int, device="cpu")
+    distance = cast(world.geometry, seen, rays, np.inf, CULL_NONE).distance.numpy()
+    near, far = np.quantile(distance[np.isfinite(distance)], (0.2, 0.8)).tolist()
+
+    hits = HitArrays.empty(rays.total, "cpu")
+    readings = prepare_readings(world.geometry, seen, rays, (near, far), hits, body_of_shape)
+    every = {
+        "points": wp.full(before + rays.total, wp.vec3(7.0), dtype=wp.vec3, device="cpu"),
+        "depth": wp.full(before + rays.total, 7.0, dtype=float, device="cpu"),
+        "body_id": wp.full(before + rays.total, 7, dtype=int, device="cpu"),
+    }
+    for name in names:
+        setattr(readings.fields, name, every[name][before:])
+    for launch in readings.launches:
+        launch()
+
+    assert {-np.inf, np.inf} < set(hits.distance.numpy().tolist()), f"seed {SEED}: none is too near, or none too far"
+    expected = {
+        "points": points(hits.distance, rays),
+        "depth": z_depth(hits.distance, rays),
+        "body_id": take(body_of_shape, hits.shape),
+    }
+    for name, array in every.items():
+        got = array.numpy()
+        assert (got[:before] == 7).all(), name
+        if name in names:
+            assert got[before:].tobytes() == expected[name].numpy().tobytes(), f"seed {SEED}: {name}"
+        else:
+            assert (got == 7).all(), name
