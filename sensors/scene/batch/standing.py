@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import Carriers, origin
-from rigcast.sensors.captured import require_on_device
+from rigcast.sensors.captured import require_as_before, require_on_device
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.mount import CARRIERS
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -57,7 +57,7 @@ class Standing:
     @cached_property
     def ids(self) -> wp.array:
         """(n,) uint32, of which the worlds draw their random numbers."""
-        return _uploaded_ids(self._worlds.ids[self.part].tobytes(), self.device.alias)
+        return _uploaded_ids(self._worlds.ids.tobytes(), self.device.alias)[self.part]
 
     def attached(self, spec: SensorSpec, own: Attached) -> Attached:
         """Where a sensor is mounted: as the worlds say, or else as it says itself."""
@@ -147,4 +147,5 @@ def _require_one_precision(names: Sequence[str], values: Sequence[wp.array]) -> 
 
 @lru_cache(maxsize=8)
 def _uploaded_ids(ids: bytes, device: str) -> wp.array:
+    require_as_before("Worlds: got other ids", wp.get_device(device))
     return wp.array(np.frombuffer(ids, np.uint32), dtype=wp.uint32, device=device)

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.sensors.captured import require_on_device
+from rigcast.sensors.captured import require_as_before, require_on_device
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.filter import Filter
@@ -154,6 +154,7 @@ class Worlds:
             return None
         known, attached = self._attached.get(spec.name, (None, None))
         if attached is None or known is not spec or attached.on.which.device != device:
+            require_as_before(f"Worlds: mounts: {spec.name!r}: got those of a new Worlds", device)
             bound = [mount.bind(model).turned(spec.frame_rotation) for mount in mounts.values]
             attached = Attached.by([bound[k] for k in mounts.of_world], device)
             self._attached[spec.name] = spec, attached
