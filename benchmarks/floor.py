@@ -8,33 +8,46 @@ import numpy as np
 import numpy.typing as npt
 
 from rigcast.bench.casters import Floats
-from rigcast.bench.workloads import View, Workload, hills, room, warehouse
+from rigcast.bench.workloads import View, Workload, g1, hills, room, warehouse
+from rigcast.bench.worlds.crowd import G1_HEAD, crowd
 from rigcast.kernels.shapes.solids import TRIANGLES
 from rigcast.kernels.trees.nodes import FIRST_PATCH
+from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
 
-RAYS = 200
+WARP = 32
+WARPS, WORLDS = 8, 32
 NODE, BLOCK, PATCH, RAY = 224, 416, 64, 48  # bytes
 NODE_OPERATIONS, BLOCK_OPERATIONS = 8 * 15, 8 * 60
 
 
 @dataclass(frozen=True)
 class Visits:
-    """Nodes, blocks of meshes and patches of height fields of a ray, on average."""
+    """Nodes, blocks of meshes and patches of height fields of a ray, on average; those of the warps of 32 neighbouring
+    rays, each counted once for a warp, over its rays."""
 
     name: str
     nodes: float
     blocks: float
     patches: float
+    in_warp: tuple[float, float, float]
 
     @property
     def bytes(self) -> float:
-        return RAY + NODE * self.nodes + BLOCK * self.blocks + PATCH * self.patches
+        return _bytes(self.nodes, self.blocks, self.patches)
+
+    @property
+    def bytes_in_warp(self) -> float:
+        return _bytes(*self.in_warp)
 
     @property
     def operations(self) -> float:
         return NODE_OPERATIONS * self.nodes + BLOCK_OPERATIONS * (self.blocks + self.patches)
+
+
+def _bytes(nodes: float, blocks: float, patches: float) -> float:
+    return RAY + NODE * nodes + BLOCK * blocks + PATCH * patches
 
 
 def visits() -> list[Visits]:
@@ -42,47 +55,73 @@ def visits() -> list[Visits]:
     return [_visits(workload) for workload in (warehouse(), room(), hills(1_000_000))]
 
 
+def visits_in_worlds() -> Visits:
+    """Count for the lidar of `rigcast bench worlds`. Raises Unavailable without the robot."""
+    robots = crowd(g1(), G1_HEAD, WORLDS)
+    model, seen = robots.workload.model, robots.lidar.filter
+    scene, looked = Scene(model, "cpu"), []
+    poses: Any = Rig(model, [robots.lidar], "cpu").sense(robots.on_device(WORLDS, scene.device))["lidar"].pose
+    for world, pose in enumerate(poses.numpy()):
+        scene.update(robots.data(world))
+        warps = (robots.directions @ pose[:3, :3].T).reshape(-1, WARP, 3)
+        looked.append(_looked_at(scene, seen, pose[:3, 3], warps[world % len(warps)]))
+    return _average("a G1 in many worlds, lidar", looked)
+
+
 def _visits(workload: Workload) -> Visits:
     scene = Scene(workload.model, "cpu")
     scene.update(workload.data)
     view: View = next(view for view in workload.views if view.sensor == "lidar")
-    every = view.directions.reshape(-1, 3)
-    rays = every[np.linspace(0, len(every) - 1, RAYS).astype(int)]
-    seen = Filter(geom_groups=workload.groups)
-    reach = scene.cast(view.origin, rays, filter=seen).numpy().distance.astype(float)
+    seen, warps = Filter(geom_groups=workload.groups), view.directions.reshape(-1, WARP, 3)
+    some = np.linspace(0, len(warps) - 1, WARPS).astype(int)
+    return _average(f"{workload.name}, lidar", [_looked_at(scene, seen, view.origin, warps[k]) for k in some])
+
+
+_Looked = tuple[set[int], set[int]]
+"""The nodes that a ray enters, those of the tree over shapes below 0, and its leaves."""
+
+
+def _average(name: str, warps: Sequence[Sequence[_Looked]]) -> Visits:
+    nodes, blocks, patches = np.mean([_numbers(*ray) for warp in warps for ray in warp], axis=0).tolist()
+    of_warps = [_numbers(*(set[int]().union(*each) for each in zip(*warp, strict=True))) for warp in warps]
+    return Visits(name, nodes, blocks, patches, tuple((np.mean(of_warps, axis=0) / WARP).tolist()))
+
+
+def _numbers(nodes: set[int], leaves: set[int]) -> tuple[int, int, int]:
+    patches = sum(leaf >= FIRST_PATCH for leaf in leaves)
+    return len(nodes), len(leaves) - patches, patches
+
+
+def _looked_at(scene: Scene, seen: Filter, origin: Floats, rays: Floats) -> list[_Looked]:
+    reach = scene.cast(origin, rays, filter=seen).numpy().distance.astype(float)
     visible = scene.visible(seen).numpy()
-    counts = [_of_ray(scene, visible, view.origin, d, t) for d, t in zip(rays, reach, strict=True)]
-    return Visits(f"{workload.name}, lidar", *np.mean(counts, axis=0).tolist())
+    return [_of_ray(scene, visible, origin, d, t) for d, t in zip(rays, reach, strict=True)]
 
 
-def _of_ray(
-    scene: Scene, visible: npt.NDArray[np.bool_], origin: Floats, direction: Floats, reach: float
-) -> tuple[int, int, int]:
+def _of_ray(scene: Scene, visible: npt.NDArray[np.bool_], origin: Floats, direction: Floats, reach: float) -> _Looked:
     g: Any = scene._world.geometry
     kind, root = g.kind.numpy(), g.root.numpy()
     position, rotation = g.position.numpy(), g.rotation.numpy()
     nodes, shapes = _entered(g.top.numpy(), 0, origin - g.anchor.numpy()[0], direction, reach)
-    met: list[int] = []
+    looked: _Looked = {~node for node in nodes}, set()
     for shape in shapes:
         if visible[shape] and kind[shape] == TRIANGLES:
             turn = rotation[shape]
             local = turn.T @ (origin - position[shape]), turn.T @ direction
-            more, leaves = _entered(g.nodes.numpy(), root[shape], *local, reach)
-            nodes, met = nodes + more, [*met, *leaves]
-    patches = sum(leaf >= FIRST_PATCH for leaf in met)
-    return nodes, len(met) - patches, patches
+            for found, more in zip(looked, _entered(g.nodes.numpy(), root[shape], *local, reach), strict=True):
+                found.update(more)
+    return looked
 
 
 def _entered(
     tree: npt.NDArray[np.void], root: int, origin: Floats, direction: Floats, reach: float
-) -> tuple[int, Sequence[int]]:
-    """Return how many nodes, and which leaves, a ray enters before it has come `reach` [m] far."""
-    stack, count = [int(root)], 0
-    leaves: list[int] = []
+) -> tuple[Sequence[int], Sequence[int]]:
+    """Return which nodes, and which leaves, a ray enters before it has come `reach` [m] far."""
+    stack, nodes, leaves = [int(root)], list[int](), list[int]()
     with np.errstate(divide="ignore", invalid="ignore"):
         while stack:
-            node = tree[stack.pop()]
-            count += 1
+            nodes.append(stack.pop())
+            node = tree[nodes[-1]]
             center = np.stack([node[f"center_{axis}"] for axis in "xyz"])
             half = np.stack([node[f"half_{axis}"] for axis in "xyz"])
             towards = (center - origin[:, None]) / direction[:, None]
@@ -91,4 +130,4 @@ def _entered(
             is_met = (enter <= leave) & (leave >= 0) & (enter <= reach) & (half[0] >= 0)
             for child in node["child"][is_met]:
                 (stack if child >= 0 else leaves).append(int(child if child >= 0 else ~child))
-    return count, leaves
+    return nodes, leaves

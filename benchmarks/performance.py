@@ -13,13 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from floor import Visits, visits
+from floor import Visits, visits, visits_in_worlds
+from in_worlds import Found, of_worlds, on_gpu
+from in_worlds import bars as bars_on_gpu
 from steps import Step, steps
 
 from rigcast.bench.charts import draw_results, draw_scaling
 from rigcast.bench.figure import Spread
 from rigcast.bench.race import Result, Speed
 from rigcast.bench.scaling import Series
+from rigcast.bench.workloads import Unavailable
 from rigcast.quiet import quiet_warp
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,11 +46,19 @@ def main(arguments: Sequence[str]) -> None:
     draw_results(results, FOLDER / "casters.png")
     draw_scaling(scaling, FOLDER / "scaling.png")
     quiet_warp()
-    PAGE.write_text("\n".join([*page(measured, results, scaling), *of_steps(steps()), *of_floor(visits())]) + "\n")
+    gpu = on_gpu(measured)
+    lines = [
+        *page(measured, results, scaling, gpu),
+        *of_worlds(measured.get("worlds"), gpu, _counted(), FOLDER),
+        *of_steps(steps()),
+    ]
+    PAGE.write_text("\n".join(lines) + "\n")
 
 
-def page(measured: dict[str, Any], results: Sequence[Result], scaling: Sequence[Series]) -> Iterator[str]:
-    """Yield the lines that come of the measurements."""
+def page(
+    measured: dict[str, Any], results: Sequence[Result], scaling: Sequence[Series], gpu: Found | None
+) -> Iterator[str]:
+    """Yield the lines that come of the measurements in one world, and what was to be reached."""
     figures = {figure["key"]: figure for figure in measured["figures"]}
     versions = ", ".join(f"{name} {version}" for name, version in measured["versions"].items())
     yield HEAD.format(**measured, packages=versions, meanwhile=_meanwhile(measured["load"], measured["cores"]))
@@ -55,6 +66,8 @@ def page(measured: dict[str, Any], results: Sequence[Result], scaling: Sequence[
     yield BARS
     yield "| | bar | measured | reached |\n|---|---|---|---|"
     yield from bars(results, figures, scaling)
+    for bar in bars_on_gpu(gpu):
+        yield _bar(*bar)
     yield (PROSE / "limits.md").read_text().rstrip()
     yield FIGURES
     yield "| | median | lowest | highest | |\n|---|--:|--:|--:|---|"
@@ -148,14 +161,13 @@ def of_steps(found: Sequence[Step]) -> Iterator[str]:
     yield (PROSE / "steps.md").read_text().rstrip()
 
 
-def of_floor(found: Sequence[Visits]) -> Iterator[str]:
-    """Yield the section on GPUs."""
-    yield GPU
-    yield "| scene and rays | nodes | blocks | patches | bytes | operations |\n|---|--:|--:|--:|--:|--:|"
-    for one in found:
-        counts = f"{one.nodes:.1f} | {one.blocks:.2f} | {one.patches:.2f}"
-        yield f"| {one.name} | {counts} | {one.bytes:.0f} | {one.operations:.0f} |"
-    yield GPU_END.format(rays=1e-9 * 4.8e12 / max(one.bytes for one in found))
+def _counted() -> list[Visits]:
+    """Count the lidar in many worlds first, if its robot can be had."""
+    try:
+        in_worlds = [visits_in_worlds()]
+    except Unavailable:
+        in_worlds = []
+    return [*in_worlds, *visits()]
 
 
 def _meanwhile(load: float, cores: int) -> str:
@@ -223,20 +235,5 @@ STEPS = """
 How rays are cast is told in [casting](casting.md). Each step was left out alone and everything else kept; the numbers
 are rays per CPU second with it, over those without it (for threads: per second by the clock).
 """
-GPU = """
-## On a GPU: not measured
-
-Nothing here was run on a GPU. What can be said is the floor: how many nodes, blocks of triangles and patches of height
-fields a ray has to look at with these trees even if it knew its hit beforehand (those whose boxes it enters before its
-hit), counted for 200 rays each. A node is 224 bytes and 8 boxes of 15 operations, a block 416 bytes and 8 triangles of
-60 operations, a patch 64 bytes and as many triangles, whose making is left out; a ray brings 24 bytes and takes 24
-away.
-"""
-GPU_END = """
-An H200 moves 4.8 TB/s: if every node came from its memory once for every ray, {rays:.2g} G rays/s would be the
-most. Trees of a few MB stay in its second-level cache of 50 MB, which is faster, and its 67 T operations a second would
-allow more still. How far the kernel is from that has to be measured where there is a GPU.
-"""
-
 if __name__ == "__main__":
     main(sys.argv[1:])

@@ -20,6 +20,7 @@ from .packets.staging import PacketOut, end_stream, stage_misses, write_part
 from .packets.tile import cast_tile
 from .packing.bundling import Bundles
 from .packing.sorting import Packets
+from .packing.warps import Warps
 from .poses.moving import at_firings
 from .poses.scope import scope_of
 from .rays.arrays import Rays, firing_of, origin_of, span_of
@@ -226,6 +227,8 @@ def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Callable[[], obje
     if rays.packets is None:
         return _prepare_alone(placed, job, wp.empty(0, dtype=int, device=device), rays.total)
     packets, worlds = rays.packets, rays.worlds
+    if isinstance(packets, Warps):
+        return _prepare_alone(placed, job, packets.order, rays.total)
     if isinstance(packets, Bundles):
         from .bundles.cast import prepare_bundles  # here, as a rig without parallel rays needs none of it
 

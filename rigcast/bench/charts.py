@@ -1,6 +1,6 @@
 """The results as pictures. Needs matplotlib, the extra `plot`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,20 +38,34 @@ def draw_results(results: Sequence[Result], path: Path) -> None:
 
 def draw_scaling(series: Sequence[Series], path: Path) -> None:
     """Write a PNG with a plot for each series: M rays/s by what varies, both logarithmic."""
-    ticker = load_extra("a chart", "matplotlib.ticker", "plot")
     figure = _figure(3.2 * len(series), 3)
     for axes, one in zip(figure.subplots(1, len(series), squeeze=False)[0], series, strict=True):
-        median, lowest, highest = ([getattr(s, name) for s in one.mrays] for name in ("median", "lowest", "highest"))
-        axes.plot(one.sizes, median, "o-")
-        axes.fill_between(one.sizes, lowest, highest, alpha=0.2)
-        axes.set(xscale="log", yscale="log", xlabel=one.varies, ylabel="M rays/s")
-        axes.set_xticks(one.sizes, minor=False)
-        axes.set_xticks([], minor=True)
-        axes.xaxis.set_major_formatter(ticker.EngFormatter(places=0, sep=""))
-        for which in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-            which(ticker.LogFormatter(labelOnlyBase=False))  # 20, not 2 x 10^1
-        axes.grid(alpha=0.3, which="both")
+        _plot(axes, one)
     figure.savefig(path, dpi=120)
+
+
+def draw_worlds(ways: Mapping[str, Series], path: Path) -> None:
+    """Write a PNG with M rays/s of each way to cast, by the number of worlds, both logarithmic."""
+    figure = _figure(6, 4)
+    axes = figure.subplots()
+    for name, series in ways.items():
+        _plot(axes, series, name)
+    figure.legend(loc="outside upper center", ncols=2, frameon=False)
+    figure.savefig(path, dpi=120)
+
+
+def _plot(axes: Any, series: Series, label: str | None = None) -> None:
+    ticker = load_extra("a chart", "matplotlib.ticker", "plot")
+    median, lowest, highest = ([getattr(s, name) for s in series.mrays] for name in ("median", "lowest", "highest"))
+    axes.plot(series.sizes, median, "o-", label=label)
+    axes.fill_between(series.sizes, lowest, highest, alpha=0.2)
+    axes.set(xscale="log", yscale="log", xlabel=series.varies, ylabel="M rays/s")
+    axes.set_xticks(series.sizes, minor=False)
+    axes.set_xticks([], minor=True)
+    axes.xaxis.set_major_formatter(ticker.EngFormatter(places=0, sep=""))
+    for which in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        which(ticker.LogFormatter(labelOnlyBase=False))  # 20, not 2 x 10^1
+    axes.grid(alpha=0.3, which="both")
 
 
 def _figure(width: float, height: float) -> Any:

@@ -80,17 +80,17 @@ def _race(workload: Workload, view: View, casters: Sequence[Caster], rounds: int
     directions = np.ascontiguousarray(view.directions.reshape(-1, 3))
     some = np.unique(np.linspace(0, len(directions) - 1, min(sample, len(directions))).astype(np.intp))
     reference = MjRay(workload.model, workload.data, workload.groups).oracle.cast(view.origin, directions[some])
-    runners, rightness = [], []
+    runners, right = [], []
     for caster in casters:
         on_sample, frame = caster.aim(view.origin, directions[some]), caster.aim(view.origin, directions)
-        rightness.append(_rightness(directions[some], on_sample(), reference))
+        right.append(rightness(directions[some], on_sample(), reference))
         expected = _seconds(on_sample)[0] * len(directions) / len(some)
         is_slow = expected > 5 * PATIENCE or _seconds(frame)[0] > PATIENCE
         runners.append(_Runner(caster.name, len(some if is_slow else directions), on_sample if is_slow else frame))
     times = in_turns({runner.caster: runner.frame for runner in runners}, rounds)
     speed = {runner.caster: runner.rays / times[runner.caster] / 1e6 for runner in runners}
     speeds = []
-    for runner, (agree, close) in zip(runners, rightness, strict=True):
+    for runner, (agree, close) in zip(runners, right, strict=True):
         mrays, ratio = speed[runner.caster], speed[runners[0].caster] / speed[runner.caster]
         spreads = Spread.of(mrays[0]), Spread.of(ratio[0]), Spread.of(ratio[1])
         speeds.append(Speed(runner.caster, runner.rays, *spreads, agree, close))
@@ -98,40 +98,45 @@ def _race(workload: Workload, view: View, casters: Sequence[Caster], rounds: int
     return Result(workload.name, view.sensor, shape, workload.model.ngeom, triangles_of(workload.model), tuple(speeds))
 
 
-def in_turns(what: Mapping[str, Callable[[], Any]], rounds: int) -> dict[str, Floats]:
+def in_turns(
+    what: Mapping[str, Callable[[], Any]], rounds: int, settle: Callable[[], object] = lambda: None
+) -> dict[str, Floats]:
     """Return (2, rounds) for each: the seconds and the CPU seconds of all threads that a run took.
 
-    Every other round goes in reverse, and one run that does not count comes first.
+    Every other round goes in reverse, and one run that does not count comes first. settle: waits for what runs have
+    launched and not waited for.
     """
     for run in what.values():
         run()
     times = {name: np.empty((2, rounds)) for name in what}
     for turn in range(rounds):
         for name in list(what)[:: 1 if turn % 2 == 0 else -1]:
-            times[name][:, turn] = _turn(what[name])
+            times[name][:, turn] = _turn(what[name], settle)
     return times
 
 
-def _turn(run: Callable[[], Any]) -> tuple[float, float]:
+def _turn(run: Callable[[], Any], settle: Callable[[], object]) -> tuple[float, float]:
     """The seconds of a run, as many in a row as take TURN, after one that finds the caches as others left them.
 
     What a run gives is dropped once the next one has given its own, as by a loop that steps a simulation.
     """
-    first = _seconds(run)
+    first = _seconds(run, settle)
     if first[0] >= TURN:
         return first
     runs = math.ceil(TURN / first[0])
-    clock, cpu = _seconds(lambda: deque((run() for _ in range(runs)), maxlen=1))
+    clock, cpu = _seconds(lambda: deque((run() for _ in range(runs)), maxlen=1), settle)
     return clock / runs, cpu / runs
 
 
-def _seconds(run: Callable[[], Any]) -> tuple[float, float]:
+def _seconds(run: Callable[[], Any], settle: Callable[[], object] = lambda: None) -> tuple[float, float]:
+    settle()
     began, cpu_began = time.perf_counter(), time.process_time()
     run()
+    settle()
     return time.perf_counter() - began, max(time.process_time() - cpu_began, 1e-9)
 
 
-def _rightness(directions: Floats, answer: Answer, reference: RayHits) -> tuple[float, float]:
+def rightness(directions: Floats, answer: Answer, reference: RayHits) -> tuple[float, float]:
     """Return which fraction of the rays agrees with mj_ray, and which is close."""
     distance = np.asarray(answer.distance, np.float64)
     hit = ~np.isposinf(distance)

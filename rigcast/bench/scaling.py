@@ -23,7 +23,7 @@ from .workloads import Workload, hills, room, warehouse
 
 @dataclass(frozen=True)
 class Series:
-    """M rays/s of a depth camera at each size of what varies."""
+    """M rays/s at each size of what varies."""
 
     varies: str
     sizes: tuple[int, ...]

@@ -16,23 +16,37 @@ from rich.console import Console
 from rich.table import Table
 
 from rigcast.bench.casters import CASTERS, Caster, load_casters
-from rigcast.bench.charts import draw_results, draw_scaling
+from rigcast.bench.charts import draw_results, draw_scaling, draw_worlds
 from rigcast.bench.figure import Figure, Spread
 from rigcast.bench.of_casting import origins, outputs, patterns
 from rigcast.bench.of_rest import memory, small, start, trees, update
 from rigcast.bench.race import Result, race
 from rigcast.bench.scaling import Series, scaling
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
+from rigcast.bench.worlds.crowd import G1_HEAD, crowd
+from rigcast.bench.worlds.measure import Batch, OnDevice, measure_worlds
 from rigcast.cli.options import JsonFile, console_beside, write_json
 from rigcast.kernels.launching.slices import thread_count
 from rigcast.quiet import quiet_warp
+from rigcast.sensors.device import find_device
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.threads import set_threads
 
 _FIGURES = {each.__name__: each for each in (patterns, outputs, origins, update, small, trees, memory, start)}
-_PARTS = (*WORKLOADS, *_FIGURES, "scaling")
+_PARTS = (*WORKLOADS, *_FIGURES, "scaling", "worlds")
+_SIZES, _SIZES_ON_CUDA = (16, 64), (64, 256, 1024, 4096, 16384)
 _PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "open3d", "mujoco-lidar", "mujoco-warp")
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much is measured: rounds in turn, triangles of the largest height field, numbers of worlds on a device."""
+
+    rounds: int
+    triangles: int
+    worlds: Sequence[int] | None
+    device: str | None
 
 
 @dataclass
@@ -42,6 +56,7 @@ class Measured:
     results: list[Result] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
     scaling: list[Series] = field(default_factory=list)
+    worlds: OnDevice | None = None
 
 
 def bench(
@@ -54,14 +69,21 @@ def bench(
     rounds: Annotated[int, typer.Option(min=1, help="times that each caster is timed")] = 7,
     threads: Annotated[int | None, typer.Option(help="CPU threads  [default: all]")] = None,
     triangles: Annotated[int, typer.Option(min=2, help="of the largest height field")] = 1_000_000,
+    worlds: Annotated[
+        list[int] | None,
+        typer.Option(min=1, help="of `worlds`, how many  [default: 64 to 16384 on CUDA, else 16 and 64]"),
+    ] = None,
+    device: Annotated[str | None, typer.Option(help="of `worlds`: cpu, cuda:0...  [default: CUDA if present]")] = None,
     json_file: JsonFile = None,
     chart: Annotated[Path | None, typer.Option(help="PNG file for bars of the casters' speeds")] = None,
     scaling_chart: Annotated[Path | None, typer.Option(help="PNG file for plots of `scaling`")] = None,
+    worlds_chart: Annotated[Path | None, typer.Option(help="PNG file for a plot of `worlds`")] = None,
 ) -> None:
     """Time rigcast beside other ray casters on the CPU, on the same rays in the same run, and compare their hits.
 
     warehouse is the demo; g1, aloha_pot, room and hills are other scenes to cast in. patterns, outputs, origins,
-    update, small, trees, memory and start measure rigcast alone, scaling its speed as things grow.
+    update, small, trees, memory and start measure rigcast alone, scaling its speed as things grow. worlds is a lidar of
+    1024 rays on the g1 in each of many worlds, beside mujoco_warp, on CUDA where there is a GPU.
     """
     parts = _as_parts(what or ["warehouse"])
     if threads is not None:
@@ -73,28 +95,31 @@ def bench(
         console.print(f"left out: {line}", markup=False)
     console.print(f"rigcast {version('rigcast')} on {thread_count()} CPU threads, {rounds} rounds in turn")
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    measured = measure(console, parts, casters, rounds, triangles)
+    extent = Extent(rounds, triangles, worlds, device)
+    measured = measure(console, parts, casters, extent)
     if chart is not None:
         draw_results(measured.results, chart)
     if scaling_chart is not None:
         draw_scaling(measured.scaling, scaling_chart)
+    if worlds_chart is not None and measured.worlds is not None:
+        draw_worlds(measured.worlds.by_way(), worlds_chart)
     if json_file is not None:
         write_json(json_file, as_json(measured, rounds, load))
 
 
-def measure(
-    console: Console, parts: Sequence[str], casters: Sequence[type[Caster]], rounds: int, triangles: int
-) -> Measured:
+def measure(console: Console, parts: Sequence[str], casters: Sequence[type[Caster]], extent: Extent) -> Measured:
     """Measure the parts, and show each when it is done."""
     measured = Measured()
     for part in parts:
         with console.status(part):
             if part in WORKLOADS:
-                measured.results += _race(console, part, casters, rounds, triangles)
+                measured.results += _race(console, part, casters, extent)
             elif part in _FIGURES:
-                measured.figures += _shown(console, _FIGURES[part](rounds))
+                measured.figures += _shown(console, _FIGURES[part](extent.rounds))
+            elif part == "scaling":
+                measured.scaling += _plotted(console, scaling(extent.rounds, extent.triangles))
             else:
-                measured.scaling += _plotted(console, scaling(rounds, triangles))
+                measured.worlds = _in_worlds(console, casters, extent)
     return measured
 
 
@@ -105,17 +130,31 @@ def _as_parts(what: Sequence[str]) -> list[str]:
     return list(_PARTS) if "all" in what else list(dict.fromkeys(what))
 
 
-def _race(
-    console: Console, name: str, casters: Sequence[type[Caster]], rounds: int, triangles: int
-) -> Sequence[Result]:
+def _race(console: Console, name: str, casters: Sequence[type[Caster]], extent: Extent) -> Sequence[Result]:
     try:
-        workload = hills(triangles) if name == "hills" else WORKLOADS[name]()
+        workload = hills(extent.triangles) if name == "hills" else WORKLOADS[name]()
     except Unavailable as reason:
         console.print(f"left out: {name}: {reason}", markup=False)
         return ()
-    results = race(workload, casters, rounds)
+    results = race(workload, casters, extent.rounds)
     console.print(_table(results))
     return results
+
+
+def _in_worlds(console: Console, casters: Sequence[type[Caster]], extent: Extent) -> OnDevice | None:
+    device = find_device(extent.device)
+    sizes = extent.worlds or (_SIZES_ON_CUDA if device.is_cuda else _SIZES)
+    try:
+        robots = crowd(WORKLOADS["g1"](), G1_HEAD, max(sizes))
+    except Unavailable as reason:
+        console.print(f"left out: worlds: {reason}", markup=False)
+        return None
+    found = measure_worlds(robots, sizes, device, [caster.name for caster in casters], extent.rounds)
+    console.print(f"worlds on {found.device}: {found.workload}, {found.geoms} geoms, {found.triangles} triangles")
+    console.print(_table_of_worlds(found.batches))
+    for line in _about_worlds(found):
+        console.print(line, markup=False)
+    return found
 
 
 def _shown(console: Console, figures: Iterator[Figure]) -> Iterator[Figure]:
@@ -151,6 +190,33 @@ def _table(results: Sequence[Result]) -> Table:
             where = ""
         table.add_section()
     return table
+
+
+def _table_of_worlds(batches: Sequence[Batch]) -> Table:
+    table = Table("worlds", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.caption = "of 1024 rays each, from poses on the device into arrays there; ratio: rigcast's rays/s to it"
+    for column in ("way", "ms", "M rays/s", "ratio"):
+        table.add_column(column, justify="left" if column == "way" else "right", no_wrap=True)
+    for batch in batches:
+        where = str(batch.worlds)
+        for way in batch.ways:
+            table.add_row(where, way.name, _spread(way.ms), f"{way.mrays.median:.3g}", f"{way.ratio.median:.2f}")
+            where = ""
+        table.add_section()
+    return table
+
+
+def _about_worlds(found: OnDevice) -> Iterator[str]:
+    for batch in found.batches:
+        for part in batch.parts:
+            yield f"{batch.worlds} worlds: {part.what}: {_spread(part.value)} {part.unit}"
+        for right in batch.right:
+            shares = f"distance {right.agree:.2%}, to 1 cm {right.close:.2%}, geom {right.geom:.2%}"
+            yield f"{batch.worlds} worlds: {right.caster}: as mj_ray: {shares}"
+        if batch.same is not None:
+            yield f"{batch.worlds} worlds: both casters alike to 1 cm, geom and all: {batch.same:.3%}"
+    for figure in found.limits:
+        yield f"{figure.what}: {_spread(figure.value)} {figure.unit}"
 
 
 def as_json(measured: Measured, rounds: int, load: float) -> str:

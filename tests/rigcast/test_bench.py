@@ -153,7 +153,7 @@ def test_json_has_all_that_was_measured_and_what_on(tmp_path: Path, monkeypatch:
     read = json.loads(out.read_text())
     assert set(read) == {
         *("machine", "processor", "cores", "threads", "rounds", "load", "versions"),
-        *("results", "figures", "scaling"),
+        *("results", "figures", "scaling", "worlds"),
     }
     assert read["threads"] == 2
     assert {"rigcast", "mujoco", "warp-lang", "numpy"} <= set(read["versions"])

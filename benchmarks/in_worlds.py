@@ -1,0 +1,181 @@
+"""The sections of docs/performance.md on many worlds and on GPUs, from the JSON of `rigcast bench worlds`.
+
+on_gpu.json is that of a run on a GPU, kept because not every machine has one:
+rigcast bench worlds --caster mujoco_warp --json benchmarks/on_gpu.json
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from floor import Visits
+
+from rigcast.bench.charts import draw_worlds
+from rigcast.bench.figure import Spread
+from rigcast.bench.scaling import Series
+
+ON_GPU = Path(__file__).parent / "on_gpu.json"
+WORLDS = 4096
+Found = dict[str, Any]
+"""An `OnDevice` as JSON has it."""
+
+
+def on_gpu(measured: Found) -> Found | None:
+    """Return what was measured on a GPU, in this run or else in the one that is kept."""
+    found: Found | None = measured.get("worlds")
+    if found is not None and found["limits"]:
+        return found
+    return json.loads(ON_GPU.read_text())["worlds"] if ON_GPU.exists() else None
+
+
+def of_worlds(cpu: Found | None, gpu: Found | None, counted: Sequence[Visits], folder: Path) -> Iterator[str]:
+    """Yield both sections, and draw the GPU's chart. counted: the lidar in many worlds first, where it could be."""
+    if cpu is not None or gpu is not None:
+        yield WORLDS_HEAD.format(**_seen(gpu or cpu))
+    if cpu is not None and not cpu["limits"]:
+        yield "On the CPU, where mujoco_warp runs on one thread, M rays/s:\n"
+        yield from _speeds(cpu)
+    if gpu is None:
+        yield NOT_MEASURED
+    else:
+        draw_worlds(_by_way(gpu), folder / "worlds.png")
+        yield GPU.format(**gpu)
+        yield from _speeds(gpu)
+        yield from _parts(gpu)
+    yield FLOOR
+    yield "| scene and rays | nodes | blocks | patches | bytes | bytes, once a warp | operations |"
+    yield "|---|--:|--:|--:|--:|--:|--:|"
+    for one in counted:
+        counts = f"{one.nodes:.1f} | {one.blocks:.2f} | {one.patches:.2f}"
+        yield f"| {one.name} | {counts} | {one.bytes:.0f} | {one.bytes_in_warp:.0f} | {one.operations:.0f} |"
+    if gpu is None:
+        yield FLOOR_OF_DATA_SHEET.format(rays=1e-9 * 4.8e12 / max(one.bytes for one in counted))
+    elif counted[0].name.startswith("a G1"):
+        yield from _distance(gpu, counted[0])
+
+
+def bars(gpu: Found | None) -> Iterator[tuple[str, str, float, bool]]:
+    """Yield what was to be reached on a GPU: what, bar, measured, reached."""
+    if gpu is None:
+        return
+    batch, where = _batch(gpu), f"{gpu['device']}, {_batch(gpu)['worlds']} worlds of 1024 rays"
+    speed = 1e-3 * max(mrays for name, mrays in _mrays(batch).items() if name.startswith("rigcast"))
+    yield f"{where}: rays/s", ">= 1.5 G/s", speed, speed >= 1.5
+    for ours, theirs in _pairs(batch):
+        ratio = _mrays(batch)[ours] / _mrays(batch)[theirs]
+        yield f"{where}: rays/s of {ours} over those of {theirs}", ">= 3", ratio, ratio >= 3
+
+
+def _batch(found: Found) -> dict[str, Any]:
+    """The batch of WORLDS, or else the largest."""
+    batches: list[dict[str, Any]] = sorted(found["batches"], key=lambda batch: int(batch["worlds"]))
+    return next((batch for batch in batches if batch["worlds"] == WORLDS), batches[-1])
+
+
+def _mrays(batch: dict[str, Any]) -> dict[str, float]:
+    return {way["name"]: way["mrays"]["median"] for way in batch["ways"]}
+
+
+def _pairs(batch: dict[str, Any]) -> list[tuple[str, str]]:
+    """Ways of rigcast's and the same of mujoco_warp's, so far as they were measured."""
+    ways = _mrays(batch)
+    pairs = [("rigcast", "mujoco_warp"), ("rigcast, graph", "mujoco_warp, graph")]
+    return [(ours, theirs) for ours, theirs in pairs if ours in ways and theirs in ways]
+
+
+def _speeds(found: Found) -> Iterator[str]:
+    ways, pairs = list(_mrays(found["batches"][0])), _pairs(found["batches"][0])
+    ratios = [f"rigcast / mujoco_warp{', of graphs' if 'graph' in ours else ''}" for ours, _ in pairs]
+    yield f"| worlds | {' | '.join([*ways, *ratios])} |\n|--:|{'--:|' * (len(ways) + len(ratios))}"
+    for batch in found["batches"]:
+        mrays = _mrays(batch)
+        speeds = [f"{speed:.3g}" for speed in mrays.values()]
+        speeds += [f"{mrays[ours] / mrays[theirs]:.2f}" for ours, theirs in pairs]
+        yield f"| {batch['worlds']} | {' | '.join(speeds)} |"
+
+
+def _parts(found: Found) -> Iterator[str]:
+    batch = _batch(found)
+    yield f"\nOf {batch['worlds']} worlds:\n"
+    yield "| | median | lowest | highest | |\n|---|--:|--:|--:|---|"
+    frames = [(f"{way['name']}: a frame", way["ms"], "ms") for way in batch["ways"]]
+    for what, value, unit in [*frames, *((part["what"], part["value"], part["unit"]) for part in batch["parts"])]:
+        yield f"| {what} | {' | '.join(f'{value[name]:.3g}' for name in ('median', 'lowest', 'highest'))} | {unit} |"
+    yield "\n| of the rays in 16 of the worlds | distance as mj_ray's | to 1 cm | geom |\n|---|--:|--:|--:|"
+    for right in batch["right"]:
+        yield f"| {right['caster']} | {right['agree']:.3%} | {right['close']:.3%} | {right['geom']:.3%} |"
+    if batch["same"] is not None:
+        yield f"\nOf all rays both casters have {batch['same']:.4%} alike, the geom and the distance to 1 cm."
+
+
+def _distance(found: Found, one: Visits) -> Iterator[str]:
+    """What the device would allow at most, and how far from it rigcast is."""
+    batch = _batch(found)
+    grays = 1e-3 * max(mrays for name, mrays in _mrays(batch).items() if name.startswith("rigcast"))
+    limits = {limit["key"]: limit for limit in found["limits"]}
+    yield DISTANCE.format(grays=grays, **batch)
+    yield "| | of a ray | of the device | G rays/s at most | measured, of that |\n|---|--:|--:|--:|--:|"
+    for key, what, needs in (
+        ("memory", "bytes from memory, each ray for itself", one.bytes),
+        ("memory", "bytes from memory, once a warp", one.bytes_in_warp),
+        ("cache", "bytes from the second-level cache, each ray for itself", one.bytes),
+        ("cache", "bytes from the second-level cache, once a warp", one.bytes_in_warp),
+        ("operations", "operations", one.operations),
+    ):
+        has, unit = limits[key]["value"]["median"], limits[key]["unit"]
+        yield f"| {what} | {needs:.0f} | {has:.0f} {unit} | {has / needs:.2f} | {grays * needs / has:.1%} |"
+
+
+def _by_way(found: Found) -> dict[str, Series]:
+    sizes, series = tuple(batch["worlds"] for batch in found["batches"]), {}
+    for name in _mrays(found["batches"][0]):
+        ways = [way for batch in found["batches"] for way in batch["ways"] if way["name"] == name]
+        series[name] = Series("worlds", sizes, tuple(Spread(**way["mrays"]) for way in ways))
+    return series
+
+
+def _seen(found: Found | None) -> dict[str, str]:
+    assert found is not None
+    shares = ", ".join(f"{100 * share:.0f} % {what}" for what, share in _batch(found)["seen"].items())
+    return {"geoms": found["geoms"], "triangles": found["triangles"], "shares": shares}
+
+
+WORLDS_HEAD = """
+## In many worlds
+
+`rigcast bench worlds`: a Unitree G1 on a height field with solids on it, {geoms} geoms with {triangles} triangles,
+stands in each world somewhere else and in another posture. What the 16 x 64 rays of a lidar above its head hit is
+{shares}.
+Poses are float32 on the device, as mujoco_warp has them. A frame of rigcast is `rig.sense(poses, out=frames)`: trees
+over the geoms brought up to date, the sensor aimed, rays cast and read into arrays on the device. mujoco_warp is given
+its rays in the world, ready made; its frame is `refit_bvh` and `rays`, or the latter alone.
+"""
+GPU = """
+## On a GPU
+
+{device}, M rays/s; *graph* is a CUDA graph of the frame, replayed:
+
+![M rays per second by the number of worlds](performance/worlds.png)
+"""
+NOT_MEASURED = """
+## On a GPU: not measured
+
+Nothing here was run on a GPU. What can be said is the floor.
+"""
+FLOOR = """
+*The floor* is how many nodes, blocks of triangles and patches of height fields a ray has to look at with these trees
+even if it knew its hit beforehand: those whose boxes it enters before its hit. Counted for warps of 32 neighbouring
+rays, and once more with what rays of a warp share counted once. A node is 224 bytes and 8 boxes of 15 operations, a
+block 416 bytes and 8 triangles of 60 operations, a patch 64 bytes and as many triangles, whose making is left out; a
+ray brings 24 bytes and takes 24 away.
+"""
+FLOOR_OF_DATA_SHEET = """
+An H200 moves 4.8 TB/s: if every node came from its memory once for every ray, {rays:.2g} G rays/s would be the
+most. Trees of a few MB stay in its second-level cache of 50 MB, which is faster, and its 67 T operations a second would
+allow more still. How far the kernel is from that has to be measured where there is a GPU.
+"""
+DISTANCE = """
+The same run read 2 GB, and 16 MB over and over, and computed products and sums, none of them fused, as fast as the
+device could. Beside that the fastest way of rigcast, {grays:.3g} G rays/s in {worlds} worlds, is:
+"""

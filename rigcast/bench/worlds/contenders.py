@@ -1,0 +1,113 @@
+"""Who casts the rays of all worlds, from poses on the device into arrays there."""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from rigcast.bench.casters import Answer, Floats
+from rigcast.sensors.rig.frame import Frame
+from rigcast.sensors.rig.rig import Rig
+
+from .crowd import Crowd
+
+Run = Callable[[], object]
+
+
+class Rigcast:
+    """A rig's `sense` into the frames of its last reading."""
+
+    name = "rigcast"
+
+    def __init__(self, crowd: Crowd, worlds: int, device: wp.Device) -> None:
+        self.device, self._poses = device, crowd.on_device(worlds, device)
+        self._rig = Rig(crowd.workload.model, [crowd.lidar], device)
+        self._frames = self._rig.sense(self._poses)
+        self._frame = self._frames["lidar"]
+        self.sense()
+
+    @cached_property
+    def _with_points(self) -> dict[str, Frame]:
+        """Other frames, whose points are worked out by every reading, as they have been asked for."""
+        frames = self._rig.sense(self._poses)
+        _ = frames["lidar"].points
+        return frames
+
+    def sense(self) -> None:
+        """Poses are brought up to date, the sensor is aimed, all rays are cast and read."""
+        self._rig.sense(self._poses, out=self._frames)
+
+    def sense_points(self) -> None:
+        """That, and points in the sensor's frame."""
+        self._rig.sense(self._poses, out=self._with_points)
+
+    def update(self) -> None:
+        """Only the first of it: the trees over the geoms of every world."""
+        self._rig.scene.update(self._poses)
+
+    def cast(self) -> None:
+        """Only casting and reading, at what was brought up to date before."""
+        for launch in self._frame._kept.launches:
+            launch()
+
+    def answer(self) -> Answer:
+        """What was hit last: world after world."""
+        frame = self._frame
+        return Answer(frame.range.numpy().ravel(), frame.geom_id.numpy().ravel(), frame.normal.numpy().reshape(-1, 3))
+
+    def poses(self) -> Floats:
+        """(nworld, 4, 4), of the sensor."""
+        poses: Any = self._frame.pose
+        return np.asarray(poses.numpy())
+
+
+class MujocoWarp:
+    """mujoco_warp's `rays` with its BVH, which it is given in the world, ready made. Raises ImportError without it."""
+
+    name = "mujoco_warp"
+
+    def __init__(self, crowd: Crowd, worlds: int, device: wp.Device, poses: Floats) -> None:
+        import mujoco_warp as mjw
+        from mujoco_warp._src.types import vec6
+
+        self.device, self._mjw, model = device, mjw, crowd.workload.model
+        directions = crowd.directions @ poses[:, :3, :3].transpose(0, 2, 1)
+        origins = np.broadcast_to(poses[:, None, :3, 3], directions.shape)
+        shape = directions.shape[:2]
+        with wp.ScopedDevice(device):
+            self._model = mjw.put_model(model)
+            self._state = mjw.make_data(model, nworld=worlds, nconmax=1, njmax=1)
+            for name, array in crowd.on_device(worlds, device).items():
+                setattr(self._state, name, array)
+            self._context: Any = mjw.create_render_context(
+                model, nworld=worlds, enabled_geom_groups=list(crowd.workload.groups), cam_active=[]
+            )
+            self._rays = [wp.array(each.astype(np.float32), dtype=wp.vec3) for each in (origins, directions)]
+            self._seen = vec6(*[-1.0] * 6), True, wp.full(shape[1], -1, dtype=int)
+            self._out = wp.empty(shape, dtype=float), wp.empty(shape, dtype=int), wp.empty(shape, dtype=wp.vec3)
+        self.frame()
+
+    def frame(self) -> None:
+        """The trees over the geoms of every world are refitted, all rays cast."""
+        with wp.ScopedDevice(self.device):
+            self._mjw.refit_bvh(self._model, self._state, self._context)
+        self.cast()
+
+    def cast(self) -> None:
+        """Only the latter."""
+        with wp.ScopedDevice(self.device):
+            self._mjw.rays(self._model, self._state, *self._rays, *self._seen, *self._out, self._context)
+
+    def answer(self) -> Answer:
+        distance, geom_id, normal = (each.numpy() for each in self._out)
+        missed = geom_id.ravel() < 0
+        return Answer(np.where(missed, np.inf, distance.ravel()), geom_id.ravel(), normal.reshape(-1, 3))
+
+
+def captured(run: Run, device: wp.Device) -> Run:
+    """Return what replays a run as a CUDA graph."""
+    with wp.ScopedCapture(device) as capture:
+        run()
+    return lambda: wp.capture_launch(capture.graph)
