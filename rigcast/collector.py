@@ -4,6 +4,9 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+_FEW = 1000
+"""More than Python has frozen when it starts, which are 375 in 3.12, and fewer than there are for others to freeze."""
+
 
 @contextmanager
 def paused_collector() -> Iterator[None]:
@@ -13,7 +16,7 @@ def paused_collector() -> Iterator[None]:
     try:
         yield
     finally:
-        if gc.get_freeze_count() == 0:  # else others' frozen objects would thaw
+        if gc.get_freeze_count() < _FEW:  # else others' frozen objects would thaw
             gc.freeze()
             gc.unfreeze()  # into the oldest generation
         if was_enabled:

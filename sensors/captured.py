@@ -10,6 +10,12 @@ def is_captured(device: wp.Device) -> bool:
     return bool(device.is_cuda and device.is_capturing)
 
 
+def require_as_before(what: str, device: wp.Device) -> None:
+    """Raise InputError for what is to be copied to the device now, if that is while a graph is captured, as above."""
+    if is_captured(device):
+        raise InputError(f"{what} while a CUDA graph is captured, expected a reading as this one before it")
+
+
 def require_on_device(what: str, got: str, device: wp.Device) -> None:
     """Raise InputError for what is on the host while a graph is captured, which would copy from there when it is gone.
 

@@ -7,6 +7,7 @@ import warp as wp
 
 from rigcast.kernels.packing.bundling import Bundles
 from rigcast.kernels.packing.sorting import Packets
+from rigcast.kernels.packing.warps import Warps
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -39,7 +40,7 @@ class Rays:
     position, rotation: (W F,) vec3d [m] and mat33d, the sensor's poses in the world; columns are its axes. The rays of
     a pose that is not finite, such as one in a world that is not to be looked at, give NaN.
     packets: the same N rays on the CPU in packets of one origin and one firing each, or in bundles of one direction and
-    one firing; None to cast each alone.
+    one firing, or on CUDA in warps; None to cast each alone, one after the other.
     firing: (N,) int32, which of the F firings each ray belongs to; None where there is one.
     span: (W F,) int32, in which span of the geometry each firing is; None for world w in span w.
     fraction: (W F,) float64, how far from the first instant of its span to the second, 0 to 1; None for 0.
@@ -51,7 +52,7 @@ class Rays:
     origins: wp.array
     position: wp.array
     rotation: wp.array
-    packets: Packets | Bundles | None = None
+    packets: Packets | Bundles | Warps | None = None
     worlds: int = 1
     firing: wp.array | None = None
     span: wp.array | None = None

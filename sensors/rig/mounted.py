@@ -17,6 +17,7 @@ from rigcast.kernels.packing.bundling import sort_into_bundles
 from rigcast.kernels.packing.firings import groups_of, same_rows
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
+from rigcast.kernels.packing.warps import sort_into_warps
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.captured import is_captured
@@ -141,8 +142,9 @@ class Mounted:
         """The rays of a sensor that moves, each with its firing."""
         assert self.firings is not None
         rays = replace(self.rays_at_once, firing=wp.array(self.firings.of_ray, dtype=int, device=self.scene.device))
-        packed = _in_packets(self.pattern, self.scene) and self.pattern.origins is None
-        return replace(rays, packets=_packets(self.pattern, rays) if packed else None)
+        if self.scene.device.is_cuda:
+            return rays
+        return replace(rays, packets=_packets(self.pattern, rays) if self.pattern.origins is None else None)
 
     def bytes_per_world(self, worlds: Worlds) -> int:
         """The most memory that one reading of one of many worlds takes."""
@@ -278,10 +280,13 @@ def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
 
 
 def _packed(pattern: Pattern, rays: Rays, scene: Scene) -> Rays:
-    """The rays of a pattern as they are cast together: in packets, or in bundles where enough run in one direction."""
+    """The rays of a pattern as they are cast together: in packets, in bundles where enough run in one direction, or on
+    CUDA in warps."""
     if _in_packets(pattern, scene):
         return replace(rays, packets=pattern.packets or _packets(pattern, rays))
-    if not scene.device.is_cpu or pattern.later is not None:
+    if scene.device.is_cuda and pattern.origins is None and pattern.later is None:
+        return replace(rays, packets=sort_into_warps(pattern.directions.reshape(-1, 3), scene.device))
+    if scene.device.is_cuda or pattern.later is not None:
         return rays
     group = same_rows(rays.directions.numpy())
     return replace(rays, packets=sort_into_bundles(rays.origins.numpy(), group)) if _are_shared(group) else rays

@@ -44,7 +44,7 @@ class ReadingOfWorlds:
             self._brightness.append((standing.part, brightness))
         scene = fired.scene
         if is_captured(scene.device):
-            self._kept.hold(fired, standing, kept, kept.launches, fired.visible(), scene.looks(), *scene.on_device)
+            self._kept.hold(fired, standing, kept, kept.launches, fired.visible(), *scene.on_device)
 
     def frame(self) -> Frame:
         """The frame of all worlds, when they have been read."""

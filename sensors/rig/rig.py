@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
@@ -230,8 +231,7 @@ class Rig:
         parts = worlds.parts(at_once // standing)
         needs = {m.spec.name: m.bytes_per_world(worlds) for m in mounted}
         needs = {"scene": self.scene.bytes_per_world(worlds), **needs}
-        meanwhile, kept = standing * parts[0].stop, sum(m.pool.free_bytes for m in mounted)
-        require_room(worlds.count, needs, meanwhile, self.scene.device, kept)
+        require_room(worlds.count, needs, standing * parts[0].stop, self.scene.device, _bytes_to_use(mounted, out))
         self.scene.take_worlds(worlds)
         readings = {m.spec.name: self._reading_of_worlds(m, worlds, out) for m in mounted}
         for part in parts:
@@ -262,6 +262,12 @@ class _Delivery(NamedTuple):
     time: float
     rounding: float
     frame: Frame
+
+
+def _bytes_to_use(mounted: Sequence[Mounted], out: Mapping[str, Frame] | None) -> int:
+    """Of hits in arrays that are written over: those of frames that nobody holds, and of frames in `out`."""
+    given = [out[m.spec.name] for m in mounted if m.spec.name in out] if out else []
+    return sum(m.pool.free_bytes for m in mounted) + BYTES_PER_HIT * sum(math.prod(frame.shape) for frame in given)
 
 
 def _schedule(spec: Sensor, timestep: float, seed: int) -> Schedule:

@@ -26,7 +26,7 @@ def require_countable(worlds: int, rays: Mapping[str, int]) -> None:
 def require_room(worlds: int, needs: Mapping[str, int], meanwhile: int, device: wp.Device, kept: int) -> None:
     """Raise InputError where so many worlds do not fit; each needs these bytes for what they are named after.
 
-    meanwhile: bytes that all of them need together. kept: bytes of earlier frames, which serve again.
+    meanwhile: bytes that all of them need together. kept: bytes of earlier frames, which are written over.
     """
     each = sum(needs.values())
     free = free_memory(device) + kept

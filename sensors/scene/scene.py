@@ -16,7 +16,7 @@ from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
-from rigcast.sensors.captured import require_on_device
+from rigcast.sensors.captured import is_captured, require_as_before, require_on_device
 from rigcast.sensors.device import find_device
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
@@ -41,7 +41,7 @@ from .parts.part import Part, ShapePoses, Snapshot, joined_poses, joined_shapes,
 from .parts.props import Props
 from .parts.skins import Skins
 from .rays.given import take_rays
-from .rays.placed import in_world, in_worlds
+from .rays.placed import in_world, in_worlds, world_frame
 from .shape_ids import ShapeIds
 from .sight import Sight
 
@@ -100,6 +100,7 @@ class Scene:
         table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
         self._sight = Sight(model, self._parts, table, self.device)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
+        self._frame = world_frame(self.device)
         self._stale = "no poses yet"
         self._worlds: int | None = None  # how many there are, if it is a batch of them
         self._gathered: dict[str, Gathered] = {}  # see Standing
@@ -235,6 +236,8 @@ class Scene:
     def _take_differences(self, worlds: Worlds) -> None:
         """Take what has changed in the model, and the sizes and meshes in which worlds differ."""
         differences = worlds.differences
+        if is_captured(self.device) and (self._geoms.have_changed() or not differences.same_as(self._differences)):
+            require_as_before("Scene: sizes, meshes or what is visible are others", self.device)
         if differences.dataid is not None and self._geoms.add_assets(differences.dataid):
             self._world, self._differences = self._make_world(), _NO_DIFFERENCES
         renewed = self._geoms.renew()
@@ -253,7 +256,7 @@ class Scene:
     @property
     def on_device(self) -> list[object]:
         """What it has on its device by now, for whoever repeats its launches."""
-        return self._world.on_device
+        return [*self._world.on_device, *self._sight.on_device]
 
     def bytes_per_world(self, worlds: Worlds) -> int:
         """What each of many worlds takes, beside what is read in it: sizes and meshes of its own."""
@@ -327,7 +330,7 @@ class Scene:
             raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
         given = take_rays(origins, directions, self.device)
         room = None if out is None else out.room_for(given.shape, self.device)
-        rays = in_world(given) if self._worlds is None else in_worlds(given, self._worlds)
+        rays = in_world(given, self._frame) if self._worlds is None else in_worlds(given, self._worlds)
         hits = self.cast_rays(rays, self.visible(wanted), max_distance, cull, room)
         given.refuse_lost(hits.distance)
         return self.hits(hits, given.shape)
@@ -364,9 +367,9 @@ class Scene:
         """The first hit of each ray that is on the device already, among the visible geoms."""
         return cast(self._world.geometry, visible, rays, max_distance, _CULL[cull], out)
 
-    def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float], out: HitArrays) -> Readings:
+    def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
         """A cast whose hits are readings between these limits [m], for as long as `visible` gives these geoms."""
-        return prepare_readings(self._world.geometry, visible, rays, limits, out, self.body_of_shape)
+        return prepare_readings(self._world.geometry, visible, rays, limits, self.body_of_shape)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""

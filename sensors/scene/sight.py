@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from rigcast.sensors.captured import require_as_before
 from rigcast.sensors.specs.filter import Filter
 
 from .batch.per_world import PerWorld
@@ -42,6 +43,7 @@ class Sight:
         """Take the model as it looks now."""
         now = b"".join(self._now)
         if now != self._read:
+            require_as_before("Scene: colours, groups or materials of the model are others", self._device)
             self._read, self._looks = now, None
             self.forget_visible()
 
@@ -70,6 +72,7 @@ class Sight:
         visible = self._visible.get(filter)
         if visible is not None:
             return visible
+        require_as_before("Scene: got another filter", self._device)
         if len(self._visible) == _MOST_FILTERS:
             self._visible.clear()
         seen = filter.each(self._seen_by) if isinstance(filter, PerWorld) else self._seen_by(filter)
@@ -82,8 +85,14 @@ class Sight:
     def looks(self) -> Looks:
         """How the shapes look to a sensor's light."""
         if self._looks is None:
+            require_as_before("Scene: colours are asked for", self._device)
             self._looks = self._table.read(self._device)
         return self._looks
+
+    @property
+    def on_device(self) -> list[object]:
+        """What has been read of looks by now."""
+        return [self._looks]
 
     def _seen_by(self, filter: Filter) -> NDArray[np.bool_]:
         """(shapes,) what a filter lets rays hit."""

@@ -235,15 +235,18 @@ def test_rays_may_differ_from_world_to_world() -> None:
     at = sensor_poses(7)
     rng = np.random.default_rng(7)
     directions, origins = unit(rng.normal(size=(WORLDS, BEAMS, 3))), rng.normal(size=(WORLDS, BEAMS, 3))
-    own = {"directions": wp.array(directions, dtype=wp.vec3d), "origins": wp.array(origins, dtype=wp.vec3d)}
+    own = {
+        "directions": wp.array(directions, dtype=wp.vec3d, device="cpu"),
+        "origins": wp.array(origins, dtype=wp.vec3d, device="cpu"),
+    }
     world = World(plan.trees, plan.shapes, "cpu")
     world.update(position, rotation)
     for w, got in enumerate(cast_all(world, replace(sensor(*at, False), **own))):
         world.update(position[w], rotation[w])
         rays = replace(
             sensor(at[0][w : w + 1], at[1][w : w + 1], False),
-            directions=wp.array(directions[w], dtype=wp.vec3d),
-            origins=wp.array(origins[w], dtype=wp.vec3d),
+            directions=wp.array(directions[w], dtype=wp.vec3d, device="cpu"),
+            origins=wp.array(origins[w], dtype=wp.vec3d, device="cpu"),
         )
         assert_same(got, cast_all(world, rays)[0], f"world {w}")
         world.update(position, rotation)

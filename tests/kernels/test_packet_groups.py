@@ -91,7 +91,8 @@ def test_rays_that_do_not_follow_a_path_go_alone() -> None:
 def test_rays_in_order_hit_what_they_hit_alone(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     world, directions = random_plan(seed).world(), path(3001, turns=rng.uniform(1, 80))
-    position, rotation = vectors(rng.uniform(-3, 3, (1, 3))), wp.array(random_rotations(rng, 1), dtype=wp.mat33d)
+    position = vectors(rng.uniform(-3, 3, (1, 3)))
+    rotation = wp.array(random_rotations(rng, 1), dtype=wp.mat33d, device="cpu")
     alone = replace(rays_of(np.zeros(3), directions), position=position, rotation=rotation)
     packets = pack_in_order(alone.directions, None if name == "one" else GROUPS[name])
     got, expected = hits_of(world, replace(alone, packets=packets)), hits_of(world, alone)
@@ -128,7 +129,7 @@ def test_rays_from_the_second_imager_hit_what_they_hit_alone(seed: int, firings:
     rays = replace(
         rays_of(np.zeros(3), directions),
         position=vectors(rng.uniform(-3, 3, (firings, 3))),
-        rotation=wp.array(random_rotations(rng, firings), dtype=wp.mat33d),
+        rotation=wp.array(random_rotations(rng, firings), dtype=wp.mat33d, device="cpu"),
         packets=sort_into_packets(directions, firing),
         firing=None if firing is None else wp.array(firing, dtype=int, device="cpu"),
     )

@@ -164,6 +164,7 @@ def of_gpu(found: dict[str, Any]) -> dict[str, Any]:
 def test_page_says_what_a_gpu_did_or_that_there_was_none(
     written: tuple[dict[str, Any], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    pytest.importorskip("mujoco_warp")
     cpu = written[0]["worlds"]
     gpu = of_gpu(cpu)
     monkeypatch.setattr("in_worlds.ON_GPU", tmp_path / "on_gpu.json")

@@ -76,7 +76,7 @@ class Broken(Rig):
 
 def _stretched(hits: Any, geom: int) -> Any:
     distance = hits.distance.numpy()
-    distance[hits.geom_id.numpy() == geom] *= np.float32(1.01)
+    hits.distance.assign(np.where(hits.geom_id.numpy() == geom, np.float32(1.01) * distance, distance))
     return hits
 
 

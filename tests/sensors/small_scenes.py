@@ -1,5 +1,7 @@
 """Small scenes for the tests of scenes and rigs."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -23,6 +25,16 @@ ASSETS = """
 <mesh name="tent" vertex="-1 -1 0  1 -1 0  -1 1 0  1 1 0  0 -0.5 1  0.2 0.7 1.3"/>
 <hfield name="hill" nrow="3" ncol="4" size="1 1 0.5 2" elevation="0 0.2 0 0.1 0.3 1 0.4 0 0 0.7 0.1 0"/>
 """
+
+
+class Elsewhere:
+    """As a tensor of torch on a GPU answers numpy."""
+
+    def __len__(self) -> int:
+        return 2
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise TypeError("can't convert cuda:0 device type tensor to numpy")
 
 
 def model_of(worldbody: str) -> mujoco.MjModel:

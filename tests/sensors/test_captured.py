@@ -1,4 +1,7 @@
-"""Readings in a CUDA graph: it repeats them as they were captured, whatever the rig reads meanwhile."""
+"""Readings of worlds on a GPU: the host does not wait for them, and a CUDA graph repeats them as they were captured,
+whatever the rig reads meanwhile."""
+
+# mypy: disallow-untyped-decorators=False
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -10,16 +13,34 @@ import warp as wp
 from numpy.typing import NDArray
 from world_states import SENSORS, arrays_of, model, states
 
-from rigcast import Frame, InputError, Rig, Scene, Worlds
+from rigcast import Filter, Frame, InputError, Mount, Rig, Scene, Worlds
+
+wp.set_module_options({"enable_backward": False})
 
 pytestmark = pytest.mark.cuda
 MODEL = model()
 STILL = [spec for name, spec in SENSORS.items() if name not in ("moving", "rolling", "rosette")]
 IDEAL = ("lidar", "fixed", "ring", "scan", "camera")
+COUNT = 3
 TYPES = {"xpos": wp.vec3, "xmat": wp.mat33}
 
 
-def on_device(seed: int, count: int = 3, spread: float = 1.0) -> dict[str, wp.array]:
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const long long first = clock64();
+    while (clock64() - first < cycles) {}
+#endif
+""")
+def wait(cycles: wp.int64):  # type: ignore[no-untyped-def]
+    """So many cycles of a GPU's clock."""
+
+
+@wp.kernel
+def keep_busy(cycles: wp.int64) -> None:
+    wait(cycles)
+
+
+def on_device(seed: int, count: int = COUNT, spread: float = 1.0) -> dict[str, wp.array]:
     """Poses of so many worlds."""
     arrays = arrays_of(states(MODEL, count, seed))
     del arrays["time"]
@@ -43,6 +64,33 @@ def captured(rig: Rig, batch: Mapping[str, wp.array]) -> tuple[dict[str, Frame],
     with wp.ScopedCapture("cuda:0") as capture:
         rig.sense(batch, out=frames)
     return frames, capture.graph
+
+
+def test_the_host_waits_for_no_reading() -> None:
+    """All is launched while what was launched before, which takes a second, is still under way."""
+    rig, batch = Rig(MODEL, STILL, "cuda:0"), on_device(0)
+    rays = wp.array(np.ones((COUNT, 5, 3)), dtype=wp.vec3d, device="cuda:0")
+    frames, hits = rig.sense(batch), rig.scene.cast(rays, rays)
+    for cycles in (0, 2 * 10**9):
+        wp.synchronize_device("cuda:0")
+        wp.launch(keep_busy, 1, inputs=[wp.int64(cycles)], device="cuda:0")
+        busy = wp.get_stream("cuda:0").record_event()
+        for spec in STILL:
+            rig.sense(batch, [spec.name], out=frames)
+            assert cycles == 0 or not busy.is_complete, spec.name
+        rig.scene.cast(rays, rays, out=hits)
+        assert cycles == 0 or not busy.is_complete, "cast"
+
+
+def test_a_graph_needs_no_colours_where_no_sensor_does() -> None:
+    rig, batch = Rig(MODEL, [SENSORS["scan"]], "cuda:0"), on_device(0)
+    frames = rig.sense(batch)
+    with wp.ScopedCapture("cuda:0") as capture:
+        rig.sense(batch, out=frames)
+    expected = frames["scan"].range.numpy()
+    frames["scan"].range.zero_()
+    wp.capture_launch(capture.graph)
+    np.testing.assert_array_equal(frames["scan"].range.numpy(), expected)
 
 
 def nothing(_rig: Rig, _frames: Mapping[str, Frame]) -> None:
@@ -94,6 +142,44 @@ def test_what_is_on_the_host_is_refused_in_a_graph(data: Callable[[], Any], mess
     rig.sense(given)
     with wp.ScopedCapture("cuda:0"), pytest.raises(InputError, match=message):
         rig.sense(given)
+
+
+def changed(name: str) -> Callable[[Rig], Any]:
+    def change(rig: Rig) -> Any:
+        getattr(rig.model, name)[:] *= 0.5
+        return on_device(0)
+
+    return change
+
+
+def given(**options: Any) -> Callable[[Rig], Any]:
+    return lambda _: Worlds(on_device(0), **options)
+
+
+UNREAD: dict[str, tuple[Callable[[Rig], Any], str]] = {
+    "colours": (changed("geom_rgba"), "Scene: colours, groups or materials of the model are others while a CUDA graph"),
+    "sizes": (changed("geom_size"), "Scene: sizes, meshes or what is visible are others while"),
+    "a height field": (changed("hfield_data"), "Scene: sizes, meshes or what is visible are others while"),
+    "what is visible": (given(visible=np.eye(COUNT, MODEL.ngeom) > 0), "Scene: sizes, meshes or what is visible are"),
+    "filters": (given(filters={"lidar": [Filter(static=False)] * COUNT}), "Scene: got another filter while"),
+    "mounts": (given(mounts={"scan": [Mount()] * COUNT}), "Worlds: mounts: 'scan': got those of a new Worlds while"),
+    "ids": (given(ids=[7, 8, 9]), "Worlds: got other ids while"),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), UNREAD.values(), ids=list(UNREAD))
+def test_what_was_not_read_before_is_refused_in_a_graph_and_read_after_it(
+    change: Callable[[Rig], Any], message: str
+) -> None:
+    """Else the graph would copy it from the host each time, when it is there no more."""
+    rig = Rig(model(), STILL, "cuda:0")
+    rig.sense(on_device(0))
+    batch = change(rig)
+    with wp.ScopedCapture("cuda:0"), pytest.raises(InputError, match=message):
+        rig.sense(batch)
+    got, expected = values(rig.sense(batch)), values(Rig(rig.model, STILL, "cuda:0").sense(batch))
+    for name in got:
+        np.testing.assert_array_equal(got[name], expected[name], err_msg=name)
 
 
 def test_rays_that_are_others_in_each_reading_are_refused_in_a_graph() -> None:

@@ -138,6 +138,16 @@ def test_more_worlds_than_memory_holds_are_refused_before_anything_is_allocated(
     assert allocated() <= before  # less, where what was found of an earlier list of MjData is dropped for this one
 
 
+def test_frames_that_are_written_over_need_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, datas = rig_of(model(), "lidar"), states(model(), 1) * 20
+    monkeypatch.setattr("rigcast.sensors.rig.rig.BYTES_AT_ONCE", 7_000)
+    frames = rig.sense(datas)
+    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 20_000)
+    with pytest.raises(InputError, match="20 worlds need"):
+        rig.sense(datas)
+    assert rig.sense(datas, out=frames)["lidar"].range.ptr == frames["lidar"].range.ptr
+
+
 def test_worlds_that_fit_in_parts_are_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = model()
     rig, datas = rig_of(robot, "lidar"), states(robot, 1) * 20

@@ -71,7 +71,7 @@ def test_rays_of_any_length_that_are_cast_together_are_each_as_alone(row: Scene,
     some = rng.choice(count, 40)
     alone = [row.cast(origins[i], directions[i]).numpy() for i in some]
     if as_warp:
-        origins, directions = (wp.array(a, dtype=wp.vec3d, device="cpu") for a in (origins, directions))
+        origins, directions = (wp.array(a, dtype=wp.vec3d, device=row.device) for a in (origins, directions))
     hits = row.cast(origins, directions).numpy()
     assert set(hits.geom_id[some]) == {-1, 0, 1, 2}, seed
     for name in ("distance", "geom_id", "normal"):
@@ -94,12 +94,18 @@ def test_rays_of_any_length_that_are_cast_together_are_each_as_alone(row: Scene,
 def test_warp_arrays_with_gaps_are_the_rays_that_they_hold(row: Scene, dtype: type, view: Callable[[Any], Any]) -> None:
     rng = np.random.default_rng(0)
     aims, starts = rng.choice([-1.0, 1.0], (6, 4, 1)) * (1, 0.03, 0.03), rng.normal(0.0, 0.03, (6, 4, 3))
-    directions, origins = (view(wp.array(vectors, dtype=dtype, device="cpu")) for vectors in (aims, starts))
+    directions, origins = (view(wp.array(vectors, dtype=dtype, device=row.device)) for vectors in (aims, starts))
     hits, expected = row.cast(origins, directions).numpy(), row.cast(origins.numpy(), directions.numpy()).numpy()
     assert hits.distance.shape == directions.shape
     assert set(expected.geom_id.ravel()) > {-1}
     for name in ("distance", "geom_id", "normal"):
         np.testing.assert_array_equal(getattr(hits, name), getattr(expected, name), err_msg=name)
+
+
+def test_rays_may_be_on_the_host_and_their_origins_not(row: Scene) -> None:
+    origins, directions = [[0, 0, 0], [2, 0, 0], [6, 0, 0]], np.tile([1.0, 0, 0], (3, 1))
+    hits = row.cast(wp.array(origins, dtype=wp.vec3d, device=row.device), directions).numpy()
+    np.testing.assert_array_equal(hits.distance, row.cast(origins, directions).numpy().distance)
 
 
 @pytest.mark.parametrize("as_warp", [False, True])

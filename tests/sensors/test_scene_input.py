@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import small_scenes
 import warp as wp
-from small_scenes import model_of
+from small_scenes import Elsewhere, model_of
 
 from rigcast import Filter, InputError, Scene
 
@@ -44,6 +44,7 @@ BAD_RAYS = [
     pytest.param(("a", 0, 0), GOOD, "origins: expected an array of numbers", id="origin text"),
     pytest.param((0, 0, 0), [1j, 0, 0], "directions: expected an array of numbers", id="complex"),
     pytest.param((0, 0, 0), [None, 0, 0], "directions: expected an array of numbers", id="None"),
+    pytest.param((0, 0, 0), Elsewhere(), "directions: expected an array of numbers (..., 3): can't", id="elsewhere"),
     pytest.param((0, 0, 0), {"x": 1}, "directions: expected an array of numbers", id="a mapping"),
 ]
 

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
+from small_scenes import Elsewhere
 from world_states import SENSORS, alone, arrays_of, assert_same, fields_of, model, rig_of, states
 
 from rigcast import InputError, Lidar, Mount, Prop, Rig, Scene, Worlds
 
 COUNT = 4
+ON_EACH = pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
 
 
 @pytest.fixture(scope="module")
@@ -27,10 +29,11 @@ def datas(robot: mujoco.MjModel) -> list[mujoco.MjData]:
     return states(robot, COUNT)
 
 
-def test_each_world_reads_what_it_reads_alone(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
-    frames = rig_of(robot).sense(datas)
+@ON_EACH
+def test_each_world_reads_what_it_reads_alone(robot: mujoco.MjModel, datas: list[mujoco.MjData], device: str) -> None:
+    frames = rig_of(robot, device=device).sense(datas)
     for world, data in enumerate(datas):
-        for name, frame in alone(robot, data, world).items():
+        for name, frame in alone(robot, data, world, device=device).items():
             assert_same(frames[name].world(world), frame, f"world {world}")
 
 
@@ -115,11 +118,11 @@ def test_data_that_were_read_are_not_kept(robot: mujoco.MjModel) -> None:
     assert rig.sense(states(robot, 2))["scan"].range.shape == frames["scan"].range.shape
 
 
-def plain(datas: list[mujoco.MjData]) -> Any:
+def plain(datas: list[mujoco.MjData], _device: str) -> Any:
     return arrays_of(datas)
 
 
-def nested(datas: list[mujoco.MjData]) -> Any:
+def nested(datas: list[mujoco.MjData], _device: str) -> Any:
     """Rotations as matrices, positions as lists."""
     arrays: dict[str, Any] = arrays_of(datas)
     for name, values in arrays.items():
@@ -127,19 +130,20 @@ def nested(datas: list[mujoco.MjData]) -> Any:
     return arrays
 
 
-def on_device(datas: list[mujoco.MjData]) -> Any:
+def on_device(datas: list[mujoco.MjData], device: str = "cpu") -> Any:
     arrays = arrays_of(datas)
     kinds = {name: wp.mat33d if name.endswith("xmat") else wp.vec3d for name in arrays} | {"time": wp.float64}
     shaped = {name: v.reshape(*v.shape[:2], 3, 3) if name.endswith("xmat") else v for name, v in arrays.items()}
-    return {name: wp.array(values, dtype=kinds[name], device="cpu") for name, values in shaped.items()}
+    return {name: wp.array(values, dtype=kinds[name], device=device) for name, values in shaped.items()}
 
 
+@ON_EACH
 @pytest.mark.parametrize("batch", [plain, nested, on_device])
 def test_arrays_of_poses_read_as_a_list_of_data_does(
-    robot: mujoco.MjModel, datas: list[mujoco.MjData], batch: Any
+    robot: mujoco.MjModel, datas: list[mujoco.MjData], batch: Any, device: str
 ) -> None:
-    frames = rig_of(robot).sense(batch(datas))
-    for name, frame in rig_of(robot).sense(datas).items():
+    frames = rig_of(robot, device=device).sense(batch(datas, device))
+    for name, frame in rig_of(robot, device=device).sense(datas).items():
         assert_same(frames[name], frame, batch.__name__)
 
 
@@ -178,10 +182,11 @@ def test_sizes_of_a_batch_of_mujoco_count(robot: mujoco.MjModel, datas: list[muj
     assert (got.range.numpy() != same).any(axis=(1, 2)).tolist() == [False, True, False, False]
 
 
-def warp_data(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> Any:
-    """A mujoco_warp Data with these poses, and its Model."""
+def warp_data(robot: mujoco.MjModel, datas: list[mujoco.MjData], device: str) -> Any:
+    """A mujoco_warp Data with these poses."""
     mjw = pytest.importorskip("mujoco_warp")
-    data = mjw.put_data(robot, datas[0], nworld=len(datas))
+    with wp.ScopedDevice(device):
+        data = mjw.put_data(robot, datas[0], nworld=len(datas))
     for name, values in arrays_of(datas).items():
         getattr(data, name).assign(values.astype(np.float32).reshape(getattr(data, name).numpy().shape))
     return data
@@ -192,23 +197,27 @@ def rounded(datas: list[mujoco.MjData]) -> dict[str, np.ndarray]:
     return {name: values.astype(np.float32) for name, values in arrays_of(datas).items()}
 
 
-def test_a_mujoco_warp_data_reads_as_its_poses_do(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
-    data, rig = warp_data(robot, datas), rig_of(robot)
+@ON_EACH
+def test_a_mujoco_warp_data_reads_as_its_poses_do(
+    robot: mujoco.MjModel, datas: list[mujoco.MjData], device: str
+) -> None:
+    data, rig = warp_data(robot, datas, device), rig_of(robot, device=device)
     frames = rig.sense(data)
-    for name, frame in rig_of(robot).sense(rounded(datas)).items():
+    for name, frame in rig_of(robot, device=device).sense(rounded(datas)).items():
         assert_same(frames[name], frame, "mujoco_warp")
     # in place: what a step writes into its arrays is what the next reading sees
     for name, values in rounded(datas[::-1]).items():
         getattr(data, name).assign(values.reshape(getattr(data, name).numpy().shape))
     kept = fields_of(frames["lidar"])
-    again, backwards = rig.sense(data)["lidar"], rig_of(robot, "lidar").sense(rounded(datas[::-1]))["lidar"]
-    assert_same(again, backwards, "mujoco_warp, moved on")
+    backwards = rig_of(robot, "lidar", device=device).sense(rounded(datas[::-1]))["lidar"]
+    assert_same(rig.sense(data)["lidar"], backwards, "mujoco_warp, moved on")
     for name, values in kept.items():
         np.testing.assert_array_equal(fields_of(frames["lidar"])[name], values, err_msg=f"a frame changed: {name}")
 
 
-def test_poses_of_a_device_are_used_in_place(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
-    data, rig = warp_data(robot, datas), rig_of(robot, "lidar")
+@ON_EACH
+def test_poses_of_a_device_are_used_in_place(robot: mujoco.MjModel, datas: list[mujoco.MjData], device: str) -> None:
+    data, rig = warp_data(robot, datas, device), rig_of(robot, "lidar", device=device)
     rig.sense(data)
     geometry = rig.scene._world.geometry
     assert (geometry.position_float.ptr, geometry.rotation_float.ptr) == (data.geom_xpos.ptr, data.geom_xmat.ptr)
@@ -246,14 +255,15 @@ def test_a_geom_that_is_not_finite_is_missing_in_its_world_only(
         assert_same(got.world(world), expected.world(world), f"world {world}")
 
 
-@pytest.mark.parametrize("device", [False, True])
+@ON_EACH
+@pytest.mark.parametrize("as_warp", [False, True])
 def test_worlds_that_are_not_active_are_nan_and_disturb_no_other(
-    robot: mujoco.MjModel, datas: list[mujoco.MjData], device: bool
+    robot: mujoco.MjModel, datas: list[mujoco.MjData], as_warp: bool, device: str
 ) -> None:
     active = np.array([True, False, True, False])
-    mask = wp.array(active, dtype=wp.bool, device="cpu") if device else active
-    frames = rig_of(robot).sense(Worlds(datas, active=mask))
-    expected = rig_of(robot).sense(datas)
+    mask = wp.array(active, dtype=wp.bool, device=device) if as_warp else active
+    frames = rig_of(robot, device=device).sense(Worlds(datas, active=mask))
+    expected = rig_of(robot, device=device).sense(datas)
     for name, frame in frames.items():
         assert np.isnan(frame.range.numpy()[[1, 3]]).all(), name
         assert (frame.geom_id.numpy()[[1, 3]] == -1).all(), name
@@ -261,9 +271,12 @@ def test_worlds_that_are_not_active_are_nan_and_disturb_no_other(
             assert_same(frame.world(world), expected[name].world(world), f"world {world}")
 
 
-def test_a_mask_on_the_device_is_read_at_each_reading(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
-    active = wp.array([True] * COUNT, dtype=wp.bool, device="cpu")
-    worlds, rig = Worlds(datas, active=active), rig_of(robot, "lidar")
+@ON_EACH
+def test_a_mask_on_the_device_is_read_at_each_reading(
+    robot: mujoco.MjModel, datas: list[mujoco.MjData], device: str
+) -> None:
+    active = wp.array([True] * COUNT, dtype=wp.bool, device=device)
+    worlds, rig = Worlds(datas, active=active), rig_of(robot, "lidar", device=device)
     for chosen in ([True, True, False, True], [False, True, True, True]):
         active.assign(chosen)
         is_nan = np.isnan(rig.sense(worlds)["lidar"].range.numpy()).all(axis=(1, 2))
@@ -300,13 +313,16 @@ def test_edits_of_the_model_are_seen_in_all_worlds(datas: list[mujoco.MjData]) -
     assert_same(rig.sense(datas)["scan"], rig_of(robot, "scan").sense(datas)["scan"], "edited")
 
 
-def test_a_scene_of_many_worlds_is_cast_with_rays_for_each(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
-    scene, rng = Scene(robot, "cpu"), np.random.default_rng(1)
+@ON_EACH
+def test_a_scene_of_many_worlds_is_cast_with_rays_for_each(
+    robot: mujoco.MjModel, datas: list[mujoco.MjData], device: str
+) -> None:
+    scene, rng = Scene(robot, device), np.random.default_rng(1)
     directions, origins = rng.normal(size=(COUNT, 50, 3)), rng.normal((0, 0, 3), size=(COUNT, 50, 3))
     scene.update(datas)
     hits = scene.cast(origins, directions).numpy()
     from_one = scene.cast(origins[0, 0], directions).numpy()
-    on_device = scene.cast(wp.array(origins, dtype=wp.vec3d), wp.array(directions, dtype=wp.vec3d)).numpy()
+    on_device = scene.cast(*(wp.array(each, dtype=wp.vec3d, device=device) for each in (origins, directions))).numpy()
     with pytest.raises(InputError, match=r"directions: got shape \(50, 3\), expected \(4, \.\.\., 3\)"):
         scene.cast(origins[0], directions[0])
     for world, data in enumerate(datas):
@@ -333,6 +349,8 @@ CLOTH = """
   <flexcomp name="cloth" type="grid" dim="2" count="3 3 1" spacing="1 1 1" radius="0.05"/>
 </worldbody></mujoco>
 """
+
+
 FAULTS: dict[str, tuple[Any, str]] = {
     "nothing": ([], "got no world, expected one or more"),
     "another thing in the list": ([3], r"batch\[0\]: got int, expected MjData"),
@@ -377,6 +395,14 @@ FAULTS: dict[str, tuple[Any, str]] = {
         {"geom_xpos": wp.zeros((2, 8), dtype=wp.vec3i, device="cpu"), "geom_xmat": np.zeros((2, 8, 9))},
         r"geom_xpos: got an array \(2, 8\) of vec3i, expected \(2, 8\) of vec3f or vec3d",
     ),
+    "every second world on the device": (
+        {
+            "geom_xpos": wp.zeros((4, 8), dtype=wp.vec3, device="cpu")[::2],
+            "geom_xmat": wp.zeros((2, 8), dtype=wp.mat33, device="cpu"),
+        },
+        r"geom_xpos: got an array with gaps, expected one without, as its contiguous\(\) is",
+    ),
+    "a tensor elsewhere": ({"geom_xpos": Elsewhere(), "geom_xmat": np.zeros((2, 8, 9))}, "geom_xpos: .* cuda:0"),
 }
 
 

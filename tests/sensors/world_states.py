@@ -138,15 +138,20 @@ def arrays_of(datas: list[mujoco.MjData], names: tuple[str, ...] = ()) -> dict[s
     return {name: np.array([getattr(data, name) for data in datas]) for name in names}
 
 
-def rig_of(model: mujoco.MjModel, *names: str, props: tuple[Prop, ...] = ()) -> Rig:
-    return Rig(model, [SENSORS[name] for name in names or SENSORS], device="cpu", seed=5, props=props)
+def rig_of(model: mujoco.MjModel, *names: str, props: tuple[Prop, ...] = (), device: str = "cpu") -> Rig:
+    return Rig(model, [SENSORS[name] for name in names or SENSORS], device, seed=5, props=props)
 
 
 def alone(
-    model: mujoco.MjModel, data: mujoco.MjData, world: int, *names: str, props: tuple[Prop, ...] = ()
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    world: int,
+    *names: str,
+    props: tuple[Prop, ...] = (),
+    device: str = "cpu",
 ) -> dict[str, Frame]:
     """What a new rig reads in one world by itself, with the random numbers of a world of a batch."""
-    frames = rig_of(model, *names, props=props).sense(Worlds([data], ids=[world]))
+    frames = rig_of(model, *names, props=props, device=device).sense(Worlds([data], ids=[world]))
     return {name: frame.world(0) for name, frame in frames.items()}
 
 

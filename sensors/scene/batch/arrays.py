@@ -16,7 +16,7 @@ def numbers(name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]
         return given.numpy().astype(dtype)
     try:
         values = np.asarray(given)
-    except ValueError as error:
+    except (TypeError, ValueError) as error:  # TypeError: a tensor of torch on a GPU
         raise InputError(f"Worlds: {name}: expected an array of numbers: {error}") from None
     if not np.can_cast(values.dtype, dtype, casting="same_kind"):
         raise InputError(f"Worlds: {name}: got an array of {values.dtype}, expected {np.dtype(dtype)}")
@@ -46,3 +46,9 @@ def require_array(
         raise InputError(f"Worlds: {name}: got an array {got}, expected {expected}")
     if array.device != device:
         raise InputError(f"Worlds: {name}: got an array on {array.device}, expected {device}")
+
+
+def require_no_gaps(name: str, array: wp.array) -> None:
+    """Raise InputError for an array that leaves out some of what lies between its entries."""
+    if not array.is_contiguous:
+        raise InputError(f"Worlds: {name}: got an array with gaps, expected one without, as its contiguous() is")

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import Carriers, origin
-from rigcast.sensors.captured import require_on_device
+from rigcast.sensors.captured import require_as_before, require_on_device
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.mount import CARRIERS
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
-from .arrays import poses, require_array
+from .arrays import poses, require_array, require_no_gaps
 from .attached import Attached
 from .sources import Rows
 from .worlds import Worlds
@@ -57,7 +57,7 @@ class Standing:
     @cached_property
     def ids(self) -> wp.array:
         """(n,) uint32, of which the worlds draw their random numbers."""
-        return _uploaded_ids(self._worlds.ids[self.part].tobytes(), self.device.alias)
+        return _uploaded_ids(self._worlds.ids.tobytes(), self.device.alias)[self.part]
 
     def attached(self, spec: SensorSpec, own: Attached) -> Attached:
         """Where a sensor is mounted: as the worlds say, or else as it says itself."""
@@ -67,7 +67,11 @@ class Standing:
     @cached_property
     def geoms(self) -> Sequence[NDArray[np.floating[Any]] | wp.array]:
         """The positions and rotations of all geoms: Warp arrays (n, ngeom), or (n, ngeom, 3) and (n, ngeom, 3, 3)."""
-        return self._values("geom")
+        values = self._values("geom")
+        for name, value in zip(_POSES["geom"][:2], values, strict=True):
+            if isinstance(value, wp.array):
+                require_no_gaps(name, value)
+        return values
 
     @cached_property
     def geoms_on_device(self) -> Carriers:
@@ -143,4 +147,5 @@ def _require_one_precision(names: Sequence[str], values: Sequence[wp.array]) -> 
 
 @lru_cache(maxsize=8)
 def _uploaded_ids(ids: bytes, device: str) -> wp.array:
+    require_as_before("Worlds: got other ids", wp.get_device(device))
     return wp.array(np.frombuffer(ids, np.uint32), dtype=wp.uint32, device=device)

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.sensors.captured import require_on_device
+from rigcast.sensors.captured import require_as_before, require_on_device
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.filter import Filter
@@ -34,7 +34,8 @@ class Worlds:
             - a mapping of MuJoCo's names to arrays whose first axis is the world: `geom_xpos` (nworld, ngeom, 3) [m]
               and `geom_xmat` (nworld, ngeom, 9) or (..., 3, 3); for sensors and props on bodies, sites and cameras
               `xpos` and `xmat`, `site_xpos` and `site_xmat`, `cam_xpos` and `cam_xmat` too; and `time` (nworld,) [s],
-              0 if not given. Arrays on the host keep float64; Warp arrays on the rig's device are used in place.
+              0 if not given. Arrays on the host keep float64; Warp arrays on the rig's device are used in place, and
+              those of geoms must have no gaps.
         geom_size: (nworld, ngeom, 3) [m], as `MjModel.geom_size`, where sizes differ.
         geom_dataid: (nworld, ngeom), the mesh or height field of each geom, as `MjModel.geom_dataid`, where these
             differ; -1 leaves the geom out.
@@ -153,6 +154,7 @@ class Worlds:
             return None
         known, attached = self._attached.get(spec.name, (None, None))
         if attached is None or known is not spec or attached.on.which.device != device:
+            require_as_before(f"Worlds: mounts: {spec.name!r}: got those of a new Worlds", device)
             bound = [mount.bind(model).turned(spec.frame_rotation) for mount in mounts.values]
             attached = Attached.by([bound[k] for k in mounts.of_world], device)
             self._attached[spec.name] = spec, attached

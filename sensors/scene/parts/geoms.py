@@ -77,9 +77,7 @@ class Geoms:
 
         Raises InputError for a size or height field that has become unusable, and for a geom of another kind.
         """
-        now, stale = b"".join(self._now), self._to_refresh
-        if self._fields:
-            stale = stale | {k for k, field in self._fields.items() if field.have_changed()}
+        now, stale = b"".join(self._now), self._stale()
         if now == self._read and not stale:
             return None
         if b"".join(self._kinds_now) != self._kinds:
@@ -92,6 +90,16 @@ class Geoms:
         for k in stale & self._fields.keys():
             self._fields[k].taken()
         return renewed
+
+    def have_changed(self) -> bool:
+        """Whether there is anything to `renew`."""
+        return b"".join(self._now) != self._read or bool(self._stale())
+
+    def _stale(self) -> set[int]:
+        """The trees whose meshes or height fields have changed."""
+        if not self._fields:
+            return self._to_refresh
+        return self._to_refresh | {k for k, field in self._fields.items() if field.have_changed()}
 
     def shapes_with(self, size: NDArray[np.float64], dataid: NDArray[np.int32]) -> Shapes:
         """The geoms with these sizes (..., ngeom, 3) and meshes (..., ngeom); several worlds follow each other."""

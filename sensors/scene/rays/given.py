@@ -85,7 +85,7 @@ def _require_vectors(name: str, array: wp.array, device: wp.Device) -> None:
         raise InputError(f"Scene.cast: {name}: got an array on {array.device}, expected {device}")
 
 
-def _host_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _host_rays(origins: ArrayLike | wp.array, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Origins and directions, float64."""
     d, o = _vectors("directions", directions), _vectors("origins", origins)
     if o.shape not in ((3,), d.shape):
@@ -112,10 +112,10 @@ def _refuse_rays(name: str, values: NDArray[np.float64], good: NDArray[np.bool_]
         raise InputError(f"Scene.cast: {where}{name}: got {values[ray].tolist()}, expected {expected}")
 
 
-def _vectors(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def _vectors(name: str, values: ArrayLike | wp.array) -> NDArray[np.float64]:
     try:
-        array = np.asarray(values)
-    except ValueError as error:
+        array = values.numpy() if isinstance(values, wp.array) else np.asarray(values)
+    except (TypeError, ValueError) as error:  # TypeError: a tensor of torch on a GPU
         raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3): {error}") from None
     if array.dtype.kind not in "fiu":
         raise InputError(f"Scene.cast: {name}: expected an array of numbers (..., 3), got {array.dtype} {values!r:.80}")

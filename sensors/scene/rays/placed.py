@@ -1,7 +1,6 @@
 """Rays on a device, in the pose of a frame or in many worlds."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import warp as wp
@@ -30,16 +29,15 @@ def in_pose(rays: Rays, pose: NDArray[np.float64]) -> Rays:
     return replace(rays, position=upload(pose[:3, 3], device), rotation=rotation)
 
 
-def in_world(given: GivenRays) -> Rays:
-    world = _pose_of_world(given.directions.device.alias)
-    return replace(world, directions=given.directions, origins=given.origins, vectors=given.vectors)
-
-
-@cache
-def _pose_of_world(device: str) -> Rays:
+def world_frame(device: wp.Device) -> Rays:
     """No rays, in the world's own frame: made once, for it takes as long as to cast hundreds."""
     nothing = np.empty((0, 3))
-    return rays_in_frame(nothing, nothing, np.eye(4), wp.get_device(device))
+    return rays_in_frame(nothing, nothing, np.eye(4), device)
+
+
+def in_world(given: GivenRays, frame: Rays) -> Rays:
+    """In `world_frame`."""
+    return replace(frame, directions=given.directions, origins=given.origins, vectors=given.vectors)
 
 
 def in_worlds(given: GivenRays, worlds: int) -> Rays:
