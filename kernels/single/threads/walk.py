@@ -12,12 +12,12 @@ ENTRIES = wp.constant(2 * STACK)
 
 
 @wp.func_native(on_cuda("return reinterpret_cast<wp::uint64>(nodes.data);"))
-def address_of_nodes(nodes: wp.array[Node]) -> wp.uint64:  # type: ignore[empty-body]
+def address_of_nodes(nodes: wp.array[Node]) -> wp.uint64:
     """Where they begin: arrays are large to hand over and to choose between."""
 
 
 @wp.func_native(on_cuda("return reinterpret_cast<wp::uint64>(stack.data);"))
-def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:  # type: ignore[empty-body]
+def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
     """Where it begins."""
 
 
@@ -95,7 +95,7 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:  # type: ignore[e
     }
 """)
 )
-def next_leaf(  # type: ignore[empty-body]
+def next_leaf(
     nodes: wp.uint64,
     at: int,
     origin: wp.vec3,
