@@ -1,6 +1,6 @@
 """The cast: the rays of a sensor, through the geometry, to hits."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .hits.fields import Fields
+from .hits.fields import NAMES as FIELD_NAMES
 from .hits.out import Out
 from .launching.recorded import recorded
 from .launching.slices import prepare_over_rays, prepare_over_tiles
@@ -30,8 +30,10 @@ from .single.cast import RAYS_PER_RUN, Alone, Job, cast_rays, cast_turns, hold, 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
+HIT_NAMES = ("distance", "shape", "face", "normal")
+"""Of the arrays of HitArrays."""
 BYTES_PER_HIT = 24
-"""Of a ray in HitArrays."""
+"""Of a ray in them."""
 STREAMED_FROM = 2**20
 """Bytes of hits that are written past the cache: fewer stay in it until they are read."""
 
@@ -180,30 +182,37 @@ def cast(
 
 
 class Readings(NamedTuple):
-    """The launches of a cast, for as often as it is wanted, and what they write beside hits: nothing at first."""
+    """A cast whose hits are readings: launches for as often as it is wanted, that hold no arrays which they write."""
 
     launches: list[Callable[[], object]]
-    fields: Fields
+    job: Job
+
+    def turn_to(self, hits: HitArrays, rays: Rays, fields: Mapping[str, wp.array]) -> None:
+        """From now on write these hits and, of rigcast.kernels.hits.fields.NAMES, these fields.
+
+        rays: those that it was prepared for, wherever they are now. Whoever launches keeps the arrays.
+        """
+        job = self.job.__ctype__()
+        for name in HIT_NAMES:
+            setattr(job.out, name, getattr(hits, name).__ctype__())
+        for name in FIELD_NAMES:
+            setattr(job.fields, name, fields[name].__ctype__() if name in fields else type(getattr(job.fields, name))())
+        job.rays.position, job.rays.rotation = rays.position.__ctype__(), rays.rotation.__ctype__()
 
 
 def prepare_readings(
-    geometry: Geometry,
-    visible: wp.array,
-    rays: Rays,
-    limits: tuple[float, float],
-    hits: HitArrays,
-    body_of_shape: wp.array,
+    geometry: Geometry, visible: wp.array, rays: Rays, limits: tuple[float, float], body_of_shape: wp.array
 ) -> Readings:
-    """A cast whose hits are readings between these limits [m].
+    """A cast whose hits are readings between these limits [m], once it is turned to where they go.
 
     What is nearer is -inf, normals are in the rays' frame. It casts at shapes that stand still as they do by then, and
     at shapes that move as they do now.
     """
-    out = hits.out()
+    out = Out()
     out.is_read, out.min_range = True, limits[0]
     job = _job(visible, rays, limits[1], CULL_NONE, out)
     job.fields.body_of_shape = body_of_shape
-    return Readings(_prepare(geometry, rays, job), job.fields)
+    return Readings(_prepare(geometry, rays, job), job)
 
 
 def _job(visible: wp.array, rays: Rays, limit: float, cull: int, out: Out) -> Job:
@@ -237,7 +246,7 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     """What `cast_packets` takes in so many threads."""
     these = InPackets()
     these.worlds, these.tiles, these.packets = worlds, packets.tiles, packets.packets
-    these.is_streamed = BYTES_PER_HIT * job.out.distance.size >= STREAMED_FROM
+    these.is_streamed = BYTES_PER_HIT * worlds * job.rays.count >= STREAMED_FROM
     these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
     these.rays = wp.empty((threads, 1), dtype=TileRays, device="cpu")
     these.best = wp.empty(threads * PACKETS, dtype=PacketHits, device="cpu")

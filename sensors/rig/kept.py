@@ -14,17 +14,19 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays, Readings
-from rigcast.kernels.hits.fields import NAMES, Fields
+from rigcast.kernels.cast import BYTES_PER_HIT, HIT_NAMES, HitArrays, Readings
+from rigcast.kernels.hits.fields import NAMES
 from rigcast.kernels.host.held import references
 from rigcast.kernels.host.taking import PlacedFrame
 from rigcast.kernels.poses.mounts import Frames
 from rigcast.kernels.rays.arrays import Rays
+from rigcast.sensors.scene.rays.placed import in_pose
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.mount import BoundMount
 
 _MOST = 8  # frames of a sensor whose arrays are kept
 _MOST_AXES = 4  # of a Warp array
+_BY_CAST, _NO_FIELDS = frozenset(NAMES), frozenset[str]()
 
 
 class Kept:
@@ -33,8 +35,11 @@ class Kept:
     rays: of the present reading. hits: what they hit. range, shape_hit: (...), normal: (..., 3), as a frame shows them.
     """
 
-    def __init__(self, hits: HitArrays, shape: tuple[int, ...], rays: Rays | None = None) -> None:
+    def __init__(
+        self, hits: HitArrays, shape: tuple[int, ...], rays: Rays | None = None, first: "FirstReadings | None" = None
+    ) -> None:
         self.hits, self.shape = hits, shape
+        self._first = first
         self.range = hits.distance.reshape(shape)
         self.shape_hit = hits.shape.reshape(shape)
         self.normal = self.vectors(hits.normal, wp.float32)
@@ -50,15 +55,16 @@ class Kept:
         self._fields: dict[str, wp.array] = {}
         self._current: set[str] = set()
         self._by_cast: frozenset[str] = frozenset()  # fields that the cast writes
-        self._written: frozenset[str] = frozenset()  # those that it has written of the present reading
+        self._turned_to: frozenset[str] | None = None  # those that its launches are prepared to
+        self._written: frozenset[str] = frozenset()  # those of the present reading
         self._held: list[object] = []
         # those that a frame gives, or whose parts the frame of one of many worlds does
         self._given = [hits.distance, hits.shape, hits.normal, self.range, self.shape_hit, self.normal]
         self._at_first: list[int] = []
 
     @staticmethod
-    def empty(shape: tuple[int, ...], device: wp.Device) -> "Kept":
-        return Kept(HitArrays.empty(math.prod(shape), device), shape)
+    def empty(shape: tuple[int, ...], device: wp.Device, first: "FirstReadings | None" = None) -> "Kept":
+        return Kept(HitArrays.empty(math.prod(shape), device), shape, first=first)
 
     @property
     def rays(self) -> Rays:
@@ -74,21 +80,27 @@ class Kept:
 
     def start(self) -> None:
         """Begin another reading: what was worked out of the last one does not hold any more, but was `asked` for."""
-        self.asked, self._current, self._written = self._current, set(), frozenset()
+        self.asked = self._begin()
 
     def start_over(self) -> None:
-        """Begin a reading of arrays that nobody holds, of which nothing has been asked for yet.
+        """Begin a reading of which nothing has been asked for yet."""
+        self._begin()
+        self.asked = set()
 
-        Its cast writes what was asked of the last one, which takes a fraction of the time that it takes later.
-        """
-        self._by_cast = frozenset(self._current.intersection(NAMES))
-        self.asked, self._current, self._written = set(), set(), frozenset()
-        self._at_first.clear()
+    def _begin(self) -> set[str]:
+        """What was asked of the last reading: the next cast writes as much of it as it can, in less time than later."""
+        asked, self._current, self._written = self._current, set(), _NO_FIELDS
+        self._by_cast, self._first = _BY_CAST & asked, None
+        return asked
 
     def aim(
         self, fixed: Rays, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData
     ) -> tuple[NDArray[np.float64], Rays]:
         """Where a sensor on this mount is in `data`, (4, 4), and its rays there."""
+        if self._first is not None:
+            pose = self._first.pose(mount, yaw_aligned, data)
+            self._rays, self._fixed = in_pose(fixed, pose), fixed
+            return pose, self._rays
         if self._frame is None or self._mount is not mount:
             self._frame = PlacedFrame(mount.id, mount.offset, yaw_aligned, self.hits.distance.device)
             self._mount, self._fixed = mount, None
@@ -124,25 +136,28 @@ class Kept:
 
     def read(self, scene: Scene, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
         """A reading without errors, of what is between these limits [m]."""
-        if self._readings is None or rays is not self._prepared_for[0] or visible is not self._prepared_for[1]:
-            self._readings = scene.prepare_readings(rays, visible, limits, self.hits)
-            self._rays, self._prepared_for = rays, (rays, visible)
-        self._let_write(self._readings.fields)
-        for launch in self._readings.launches:
+        if self._first is not None and self._fixed is not None:
+            readings = self._first.readings(scene, self._fixed, rays, visible, limits)
+            readings.turn_to(self.hits, rays, {})
+        else:
+            readings = self._own_readings(scene, rays, visible, limits)
+        for launch in readings.launches:
             launch()
         self._written = self._by_cast
         self.settle()
 
-    def _let_write(self, fields: Fields) -> None:
-        """Let the cast write these."""
-        for name in NAMES:
-            array = self._arrays[name] if name in self._by_cast else None
-            if getattr(fields, name) is not array:
-                setattr(fields, name, array)
+    def _own_readings(self, scene: Scene, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
+        if self._readings is None or rays is not self._prepared_for[0] or visible is not self._prepared_for[1]:
+            self._readings = scene.prepare_readings(rays, visible, limits)
+            self._rays, self._prepared_for, self._turned_to = rays, (rays, visible), None
+        if self._turned_to != self._by_cast:
+            self._readings.turn_to(self.hits, rays, {name: self._arrays[name] for name in self._by_cast})
+            self._turned_to = self._by_cast
+        return self._readings
 
     @property
     def launches(self) -> Sequence[Callable[[], object]]:
-        """Those of the last reading, which hold what they read and write."""
+        """Those of the last reading, which hold what they read."""
         return [] if self._readings is None else self._readings.launches
 
     def hold(self, *used: object) -> None:
@@ -151,7 +166,7 @@ class Kept:
 
     def take(self, hits: HitArrays, rays: Rays) -> None:
         """A reading of other arrays, copied here."""
-        for name in ("distance", "shape", "face", "normal"):
+        for name in HIT_NAMES:
             wp.copy(getattr(self.hits, name), getattr(hits, name))
         self._rays, self._fixed = rays, None
         self.settle()
@@ -200,11 +215,42 @@ class Kept:
             self._at_first = references(self._given)
 
 
+class FirstReadings:
+    """Of one sensor on the CPU: the readings into arrays that nothing has been read into before.
+
+    They share their launches. To prepare these takes longer than a small frame, and if frames are all kept, nothing is
+    read into their arrays again.
+    """
+
+    def __init__(self) -> None:
+        self._readings: Readings | None = None
+        self._prepared_for: tuple[Rays | None, wp.array | None, int] = (None, None, 0)
+        self._frame: PlacedFrame | None = None
+        self._mount: BoundMount | None = None
+
+    def pose(self, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData) -> NDArray[np.float64]:
+        """Where a sensor on this mount is in `data`, (4, 4)."""
+        if self._frame is None or self._mount is not mount:
+            self._frame, self._mount = PlacedFrame(mount.id, mount.offset, yaw_aligned, wp.get_device("cpu")), mount
+        return self._frame.place(*mount.carriers(data))
+
+    def readings(
+        self, scene: Scene, fixed: Rays, rays: Rays, visible: wp.array, limits: tuple[float, float]
+    ) -> Readings:
+        """Of these rays, which are the fixed ones where the sensor is now."""
+        known = self._prepared_for
+        if self._readings is None or fixed is not known[0] or visible is not known[1] or rays.worlds != known[2]:
+            self._readings = scene.prepare_readings(rays, visible, limits)
+            self._prepared_for = fixed, visible, rays.worlds
+        return self._readings
+
+
 class Pool:
     """The arrays of the last few frames of one sensor."""
 
     def __init__(self) -> None:
         self._kept: deque[Kept] = deque(maxlen=_MOST)
+        self._first = FirstReadings()
 
     @property
     def free_bytes(self) -> int:
@@ -212,11 +258,11 @@ class Pool:
         return sum(BYTES_PER_HIT * math.prod(self._kept[k].shape) for k in range(len(self._kept)) if self._is_free(k))
 
     def take(self, shape: tuple[int, ...], device: wp.Device) -> Kept:
-        """Arrays for a frame of this shape: those of the oldest one that nobody holds any more, or new ones.
+        """Arrays for a frame of this shape: those of the latest one that nobody holds any more, or new ones.
 
         Those of another shape that nobody holds make room for new ones.
         """
-        for k in range(len(self._kept)):
+        for k in reversed(range(len(self._kept))):
             if self._kept[k].shape == shape and self._is_free(k):
                 kept = self._kept[k]
                 del self._kept[k]
@@ -226,7 +272,7 @@ class Pool:
             for k in reversed(range(len(self._kept))):
                 if self._kept[k].shape != shape and self._is_free(k):
                     del self._kept[k]
-            kept = Kept.empty(shape, device)
+            kept = Kept.empty(shape, device, self._first if device.is_cpu else None)
         self._kept.append(kept)
         return kept
 

@@ -367,9 +367,9 @@ class Scene:
         """The first hit of each ray that is on the device already, among the visible geoms."""
         return cast(self._world.geometry, visible, rays, max_distance, _CULL[cull], out)
 
-    def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float], out: HitArrays) -> Readings:
+    def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
         """A cast whose hits are readings between these limits [m], for as long as `visible` gives these geoms."""
-        return prepare_readings(self._world.geometry, visible, rays, limits, out, self.body_of_shape)
+        return prepare_readings(self._world.geometry, visible, rays, limits, self.body_of_shape)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""

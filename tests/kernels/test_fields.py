@@ -70,14 +70,15 @@ def test_fields_are_those_of_the_hits(
     near, far = np.quantile(distance[np.isfinite(distance)], (0.2, 0.8)).tolist()
 
     hits = HitArrays.empty(rays.total, "cpu")
-    readings = prepare_readings(world.geometry, seen, rays, (near, far), hits, body_of_shape)
+    readings = prepare_readings(world.geometry, seen, rays, (near, far), body_of_shape)
     every = {
         "points": wp.full(before + rays.total, wp.vec3(7.0), dtype=wp.vec3, device="cpu"),
         "depth": wp.full(before + rays.total, 7.0, dtype=float, device="cpu"),
         "body_id": wp.full(before + rays.total, 7, dtype=int, device="cpu"),
     }
-    for name in names:
-        setattr(readings.fields, name, every[name][before:])
+    own = {name: array[before:] for name, array in every.items()}
+    readings.turn_to(hits, rays, own)
+    readings.turn_to(hits, rays, {name: own[name] for name in names})
     for launch in readings.launches:
         launch()
 

@@ -62,7 +62,9 @@ def test_what_a_cast_reads_is_its_hits_read_afterwards(packed: bool) -> None:
     near = float(np.quantile(expected.distance.numpy(), 0.2))
     read(expected, rays, near)
     no_bodies = wp.empty(0, dtype=int, device="cpu")
-    for launch_part in prepare_readings(world.geometry, visible, rays, (near, far), got, no_bodies).launches:
+    readings = prepare_readings(world.geometry, visible, rays, (near, far), no_bodies)
+    readings.turn_to(got, rays, {})
+    for launch_part in readings.launches:
         launch_part()
     assert {-INF, INF} < set(got.distance.numpy().tolist()), "seed 3: none is too near, or none too far"
     for name in ("distance", "shape", "normal"):

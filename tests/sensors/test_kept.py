@@ -11,6 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast import DepthCamera, Filter, Frame, HeightScan, InputError, Lidar, LidarFrame, Mount, Noise, Rig
+from rigcast.kernels.cast import prepare_readings
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
   <geom type="plane" size="0 0 1" pos="0 0 -1"/>
@@ -109,7 +110,8 @@ def test_what_is_held_of_one_of_many_worlds_never_changes(what: str) -> None:
 def test_arrays_that_nobody_holds_are_used_again(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(MODEL, SENSORS, "cpu")
     frames: dict[str, Frame] = {}
-    for by in (0.1, 0.2, 0.3):  # the last frames are still there while the next are made
+    # the last frames are still there while the next are made; into arrays that are used again launches are prepared
+    for by in (0.0, 0.1, 0.2, 0.3):
         frames = rig.sense(moved(by), IDEAL)
         got = {name: values(frame) for name, frame in frames.items()}
     with counted_arrays(monkeypatch) as made:
@@ -127,17 +129,16 @@ WORKED_OUT = ("points", "depth", "body_id")
 
 def by_cast(rig: Rig, name: str) -> set[str]:
     """What the cast of a sensor's last reading wrote beside hits."""
-    readings = rig._mounted[name].pool._kept[-1]._readings
-    assert readings is not None
-    return {field for field in WORKED_OUT if getattr(readings.fields, field) is not None}
+    return set(rig._mounted[name].pool._kept[-1]._written)
 
 
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
 @pytest.mark.parametrize("state", [moved, worlds], ids=["one world", "many worlds"])
 def test_a_cast_writes_what_was_asked_of_the_reading_before(
-    state: Callable[[float], Any], monkeypatch: pytest.MonkeyPatch
+    state: Callable[[float], Any], device: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = Rig(MODEL, SENSORS, "cpu")
-    expected = values(Rig(MODEL, SENSORS, "cpu").sense(state(0.5))["camera"], *WORKED_OUT)
+    rig = Rig(MODEL, SENSORS, device)
+    expected = values(Rig(MODEL, SENSORS, device).sense(state(0.5))["camera"], *WORKED_OUT)
     for asked in ((), ("depth",), WORKED_OUT, ()):
         values(rig.sense(state(0.2), ["camera"])["camera"], "range", *asked)
         values(rig.sense(state(0.4), ["camera"])["camera"], "range")
@@ -160,12 +161,29 @@ def test_what_a_cast_wrote_is_held_and_written_over_as_what_was_worked_out_later
     assert by_cast(rig, "camera") == set(WORKED_OUT)
     again = rig.sense(moved(0.7), ["camera"], out={"camera": frame})["camera"]
     assert [getattr(again, field) for field in WORKED_OUT] == held
+    assert by_cast(rig, "camera") == set(WORKED_OUT)
     expected = values(Rig(MODEL, SENSORS, "cpu").sense(moved(0.7))["camera"], *WORKED_OUT)
     del frame, again
     for by in (1.0, 1.3, 1.7):
         values(rig.sense(moved(by), ["camera"])["camera"], *WORKED_OUT)
         rig.sense(moved(by), ["camera"])
     assert_same(dict(zip(WORKED_OUT, map(seen, held), strict=True)), expected, "camera")
+
+
+def test_frames_that_are_all_kept_are_those_of_other_rigs_and_share_launches(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, prepared = Rig(MODEL, SENSORS, "cpu"), list[object]()
+
+    def counting(*args: Any) -> Any:
+        prepared.append(args)
+        return prepare_readings(*args)
+
+    monkeypatch.setattr("rigcast.sensors.scene.scene.prepare_readings", counting)
+    states = [*(moved(0.1 * k) for k in range(5)), worlds(0.6), worlds(0.7), [*worlds(0.8), moved(0.9)], moved(1.0)]
+    held = [rig.sense(state, IDEAL) for state in states]
+    assert len(prepared) == 4 * len(IDEAL)  # for one world, two, three, and one again
+    for state, frames in zip(states, held, strict=True):
+        for name, frame in Rig(MODEL, SENSORS, "cpu").sense(state, IDEAL).items():
+            assert_same(values(frames[name]), values(frame), f"{name}, {frames[name].time}")
 
 
 def test_readings_of_many_worlds_use_arrays_again() -> None:
@@ -192,9 +210,10 @@ def test_held_frames_do_not_keep_later_ones_from_being_used_again(monkeypatch: p
     rig = Rig(MODEL, SENSORS, "cpu")
     held = [rig.sense(moved(0.01 * k), ["lidar"])["lidar"].range for k in range(20)]
     before = [array.numpy().copy() for array in held]
-    rig.sense(moved(1.0), ["lidar"])
+    for by in (1.0, 1.1):  # the second of which prepares launches
+        rig.sense(moved(by), ["lidar"])
     with counted_arrays(monkeypatch) as made:
-        rig.sense(moved(1.1), ["lidar"])
+        rig.sense(moved(1.2), ["lidar"])
     assert made == []
     np.testing.assert_array_equal([array.numpy() for array in held], before)
 
