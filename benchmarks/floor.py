@@ -10,13 +10,13 @@ import numpy.typing as npt
 from rigcast.bench.casters import Floats
 from rigcast.bench.workloads import View, Workload, g1, hills, room, warehouse
 from rigcast.bench.worlds.crowd import G1_HEAD, crowd
+from rigcast.kernels.packing.warps import WARP, sort_into_warps
 from rigcast.kernels.shapes.solids import TRIANGLES
 from rigcast.kernels.trees.nodes import FIRST_PATCH
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
 
-WARP = 32
 WARPS, WORLDS = 8, 32
 NODE, BLOCK, PATCH, RAY = 224, 416, 64, 48  # bytes
 NODE_OPERATIONS, BLOCK_OPERATIONS = 8 * 15, 8 * 60
@@ -24,8 +24,8 @@ NODE_OPERATIONS, BLOCK_OPERATIONS = 8 * 15, 8 * 60
 
 @dataclass(frozen=True)
 class Visits:
-    """Nodes, blocks of meshes and patches of height fields of a ray, on average; those of the warps of 32 neighbouring
-    rays, each counted once for a warp, over its rays."""
+    """Nodes, blocks of meshes and patches of height fields of a ray, on average; and those of a warp of 32 neighbours,
+    each counted once, over its rays."""
 
     name: str
     nodes: float
@@ -63,7 +63,7 @@ def visits_in_worlds() -> Visits:
     poses: Any = Rig(model, [robots.lidar], "cpu").sense(robots.on_device(WORLDS, scene.device))["lidar"].pose
     for world, pose in enumerate(poses.numpy()):
         scene.update(robots.data(world))
-        warps = (robots.directions @ pose[:3, :3].T).reshape(-1, WARP, 3)
+        warps = _in_warps(robots.directions) @ pose[:3, :3].T
         looked.append(_looked_at(scene, seen, pose[:3, 3], warps[world % len(warps)]))
     return _average("a G1 in many worlds, lidar", looked)
 
@@ -72,9 +72,14 @@ def _visits(workload: Workload) -> Visits:
     scene = Scene(workload.model, "cpu")
     scene.update(workload.data)
     view: View = next(view for view in workload.views if view.sensor == "lidar")
-    seen, warps = Filter(geom_groups=workload.groups), view.directions.reshape(-1, WARP, 3)
+    seen, warps = Filter(geom_groups=workload.groups), _in_warps(view.directions.reshape(-1, 3))
     some = np.linspace(0, len(warps) - 1, WARPS).astype(int)
     return _average(f"{workload.name}, lidar", [_looked_at(scene, seen, view.origin, warps[k]) for k in some])
+
+
+def _in_warps(directions: Floats) -> Floats:
+    """Return rays (n / WARP, WARP, 3) as CUDA casts them."""
+    return directions[sort_into_warps(directions, "cpu").order.numpy()].reshape(-1, WARP, 3)
 
 
 _Looked = tuple[set[int], set[int]]
