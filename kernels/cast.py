@@ -9,8 +9,7 @@ import warp as wp
 
 from .geometry import Geometry, TriangleBlock
 from .hits.out import FIELD_NAMES, Out
-from .launching.recorded import recorded
-from .launching.slices import prepare_over_rays, prepare_over_tiles
+from .launching.slices import prepare_over_tiles
 from .launching.turns import end_of_run, take_run
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
 from .packets.places import Places, place_packet, stage_packet
@@ -24,7 +23,7 @@ from .poses.moving import at_firings
 from .poses.scope import scope_of
 from .rays.arrays import Rays, firing_of, origin_of, span_of
 from .shapes.triangle import CULL_NONE
-from .single.cast import RAYS_PER_RUN, Alone, Job, cast_rays, cast_turns, hold, is_castable
+from .single.cast import RAYS_PER_RUN, Alone, Job, cast_turns, is_castable
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -271,14 +270,12 @@ def _in_turns(geometry: Geometry, job: Job, which: wp.array, count: int) -> list
 
 
 def _in_threads(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
-    held = wp.empty(1, dtype=Geometry, device=which.device)
-    return [
-        recorded(hold, 1, [geometry, job, held], [], which.device),
-        prepare_over_rays(cast_rays, count, [held, job, _alone(which, count)], [], which.device),
-    ]
+    from .single.threads.cast import prepare_threads  # here, as nothing but CUDA needs it
+
+    return prepare_threads(geometry, job, which, count)
 
 
-def _alone(which: wp.array, count: int, threads: int = 0) -> Alone:
+def _alone(which: wp.array, count: int, threads: int) -> Alone:
     alone = Alone()
     alone.count, alone.which = count, which
     alone.copies = wp.empty((threads, 1), dtype=Geometry, device=which.device)
