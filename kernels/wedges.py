@@ -81,6 +81,23 @@ def lean(wedges: Wedges, k: int, block: int) -> None:
     wedges.z[k, block] = z
 
 
+# without a return type, as Warp 1.12 knows none but numbers there
+@wp.func_native("""
+    for (int i = 0; i < count; ++i) directions.data[(begin + i) * lines + line] = wp::vec3d(x[i], y[i], z[i]);
+""")
+def write_line(  # type: ignore[no-untyped-def]
+    directions: wp.array[wp.vec3d],
+    begin: int,
+    count: int,
+    lines: int,
+    line: int,
+    x: double_lanes,
+    y: double_lanes,
+    z: double_lanes,
+):
+    """The samples of a line from one on, natively: Warp would ask of every index whether it counts from the end."""
+
+
 @wp.func
 def bend_line(wedges: Wedges, line: int, block: int, directions: wp.array[wp.vec3d]) -> None:
     """Of LANES samples, or those that there are. directions: (samples * lines,)"""
@@ -112,9 +129,7 @@ def bend_line(wedges: Wedges, line: int, block: int, directions: wp.array[wp.vec
             for i in range(LANES):
                 x[i] = wp.sqrt(x[i] * x[i] - rise)
     begin = block * LANES
-    lines = wedges.lines.shape[0]
-    for i in range(wp.min(LANES, wedges.samples - begin)):
-        directions[(begin + i) * lines + line] = wp.vec3d(x[i], y[i], z[i])
+    write_line(directions, begin, wp.min(LANES, wedges.samples - begin), wedges.lines.shape[0], line, x, y, z)
 
 
 @wp.kernel
