@@ -1,4 +1,4 @@
-"""How many rays slip through meshes without holes: `python benchmarks/leaks.py [rays]`.
+"""How many rays slip through meshes without holes: `python benchmarks/leaks.py [rays] [device]`.
 
 Two tables in Markdown, as docs/casting.md quotes them: the leak rates of other forms of the ray-triangle test, and ours
 for every mesh, aim and offset, with so many rays (350 000) at each of three scales and summed over these: some 10
@@ -29,20 +29,21 @@ Form = Callable[[Corners, Corners, Corners, Corners], NDArray[np.bool_]]
 # ---- ours
 
 
-def row(name: str, aim: str, count: int) -> list[tuple[int, int]]:
+def row(name: str, aim: str, count: int, device: str) -> list[tuple[int, int]]:
     """Leaks and rays over all scales, for each of COLUMNS. Where the pose alone differs, the rays are the same."""
     cells = dict.fromkeys(COLUMNS, (0, 0))
     for seed, scale in enumerate(SCALES):
         for group in GROUPS:
-            places = [placed for column in group if (placed := watertight.place(name, scale, *column)) is not None]
-            if places:
-                leaked, cast = watertight.count_leaks(places, aim, count, seed)
+            places = [watertight.place(name, scale, *column, device) for column in group]
+            placed = [each for each in places if each is not None]
+            if placed:
+                leaked, cast = watertight.count_leaks(placed, aim, count, seed)
                 for column, found in zip(group, leaked, strict=True):
                     cells[column] = cells[column][0] + found, cells[column][1] + cast
     return list(cells.values())
 
 
-def print_ours(count: int) -> None:
+def print_ours(count: int, device: str) -> None:
     rows = [(name, aim) for name in MESHES for aim in ("points", "edges", "vertices")]
     rows += [(name, "all around") for name in MESHES[2:]] + [("fine cube", "along axes")]
     heads = [
@@ -51,7 +52,7 @@ def print_ours(count: int) -> None:
     print("|", " | ".join(["mesh", "aimed at", *heads]), "|")
     print("|---" * (2 + len(COLUMNS)) + "|")
     for name, aim in rows:
-        cells = (f"{a} of {b / 1e6:.2g} M" for a, b in row(name, aim, count))
+        cells = (f"{a} of {b / 1e6:.2g} M" for a, b in row(name, aim, count, device))
         print("|", " | ".join([name, aim, *cells]), "|", flush=True)
 
 
@@ -134,4 +135,4 @@ def print_forms(count: int) -> None:
 if __name__ == "__main__":
     rays = int(float(sys.argv[1])) if len(sys.argv) > 1 else 350_000
     print_forms(min(rays, 200_000))
-    print_ours(rays)
+    print_ours(rays, *(sys.argv[2:] or ["cpu"]))

@@ -8,10 +8,8 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .hits.fields import NAMES as FIELD_NAMES
-from .hits.out import Out
-from .launching.recorded import recorded
-from .launching.slices import prepare_over_rays, prepare_over_tiles
+from .hits.out import FIELD_NAMES, Out
+from .launching.slices import prepare_over_tiles
 from .launching.turns import end_of_run, take_run
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
 from .packets.places import Places, place_packet, stage_packet
@@ -25,7 +23,7 @@ from .poses.moving import at_firings
 from .poses.scope import scope_of
 from .rays.arrays import Rays, firing_of, origin_of, span_of
 from .shapes.triangle import CULL_NONE
-from .single.cast import RAYS_PER_RUN, Alone, Job, cast_rays, cast_turns, hold, is_castable
+from .single.cast import RAYS_PER_RUN, Alone, Job, cast_turns, is_castable
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -103,10 +101,10 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
     packets = these.packets
     own = job.rays
     out = job.out
-    fields = job.fields
     rays = these.rays[thread]
     rays[0].limit = job.limit
     rays[0].cull = job.cull
+    rays[0].fields = job.fields
     rays[0].packets = packets
     rays[0].geometry = held
     rays[0].first_slot = thread * PACKETS
@@ -154,7 +152,7 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
         for k in range(PACKETS):
             if tiles[following].across == 0:
                 prefetch_out(out, packets, following * PACKETS + k, rays[0].first_ray)
-            write_part(out, fields, rays, staged, k, these.is_streamed)
+            write_part(out, rays, staged, k, these.is_streamed)
         at += 1
         if at == end:
             at = take_run(taken, count, threads)
@@ -188,7 +186,7 @@ class Readings(NamedTuple):
     job: Job
 
     def turn_to(self, hits: HitArrays, rays: Rays, fields: Mapping[str, wp.array]) -> None:
-        """From now on write these hits and, of rigcast.kernels.hits.fields.NAMES, these fields.
+        """From now on write these hits and, of rigcast.kernels.hits.out.FIELD_NAMES, these fields.
 
         rays: those that it was prepared for, wherever they are now. Whoever launches keeps the arrays.
         """
@@ -272,14 +270,12 @@ def _in_turns(geometry: Geometry, job: Job, which: wp.array, count: int) -> list
 
 
 def _in_threads(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
-    held = wp.empty(1, dtype=Geometry, device=which.device)
-    return [
-        recorded(hold, 1, [geometry, job, held], [], which.device),
-        prepare_over_rays(cast_rays, count, [held, job, _alone(which, count)], [], which.device),
-    ]
+    from .single.threads.cast import prepare_threads  # here, as nothing but CUDA needs it
+
+    return prepare_threads(geometry, job, which, count)
 
 
-def _alone(which: wp.array, count: int, threads: int = 0) -> Alone:
+def _alone(which: wp.array, count: int, threads: int) -> Alone:
     alone = Alone()
     alone.count, alone.which = count, which
     alone.copies = wp.empty((threads, 1), dtype=Geometry, device=which.device)

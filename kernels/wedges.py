@@ -7,6 +7,7 @@ a few:
     cos(a + b) = cos a cos b - sin a sin b      sin(a + b) = sin a cos b + cos a sin b
 """
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from .host.held import references
 from .launching.slices import TURN, prepare_over_tiles
 from .launching.turns import turn_of
 from .packets.packet import LANES, TILE, Tile, double_lanes
@@ -21,6 +23,9 @@ from .packing.in_order import Packing, PackingInOrder, by_number, pack_tile
 from .packing.sorting import Packets
 
 Doubles = npt.NDArray[np.float64]
+
+_MOST = 4
+"""Readings whose arrays are kept: of a frame that is held, of one that is made, and of those that these took over."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -76,6 +81,23 @@ def lean(wedges: Wedges, k: int, block: int) -> None:
     wedges.z[k, block] = z
 
 
+# without a return type, as Warp 1.12 knows none but numbers there
+@wp.func_native("""
+    for (int i = 0; i < count; ++i) directions.data[(begin + i) * lines + line] = wp::vec3d(x[i], y[i], z[i]);
+""")
+def write_line(  # type: ignore[no-untyped-def]
+    directions: wp.array[wp.vec3d],
+    begin: int,
+    count: int,
+    lines: int,
+    line: int,
+    x: double_lanes,
+    y: double_lanes,
+    z: double_lanes,
+):
+    """The samples of a line from one on, natively: Warp would ask of every index whether it counts from the end."""
+
+
 @wp.func
 def bend_line(wedges: Wedges, line: int, block: int, directions: wp.array[wp.vec3d]) -> None:
     """Of LANES samples, or those that there are. directions: (samples * lines,)"""
@@ -107,9 +129,7 @@ def bend_line(wedges: Wedges, line: int, block: int, directions: wp.array[wp.vec
             for i in range(LANES):
                 x[i] = wp.sqrt(x[i] * x[i] - rise)
     begin = block * LANES
-    lines = wedges.lines.shape[0]
-    for i in range(wp.min(LANES, wedges.samples - begin)):
-        directions[(begin + i) * lines + line] = wp.vec3d(x[i], y[i], z[i])
+    write_line(directions, begin, wp.min(LANES, wedges.samples - begin), wedges.lines.shape[0], line, x, y, z)
 
 
 @wp.kernel
@@ -150,24 +170,53 @@ class Bending:
         )
         these.y, these.z = (wp.empty((len(wedges), blocks), dtype=double_lanes, device="cpu") for _ in range(2))
         self._turned = these.turned.numpy()
-        self._packing = PackingInOrder(*by_number(samples * len(lines), len(lines)))
-        self._no_tiles = wp.empty(0, dtype=Tile, device="cpu")
-        self._launch = prepare_over_tiles(bend_and_pack, blocks, lambda _: [these, self._packing.these])
+        self._readings: deque[_Reading] = deque(maxlen=_MOST)
 
     def reading(self, turned: Sequence[float], in_packets: bool) -> tuple[Doubles, Packets | None]:
         """(samples, lines, 3) unit: where the light goes on, and the same in packets, if these are of use.
 
-        turned: of each wedge at the first sample [rad]; at 0 its tilted face leans to +y.
+        They are written over by another reading once nobody holds any of them any more. turned: of each wedge at the
+        first sample [rad]; at 0 its tilted face leans to +y.
         """
         self._turned[:] = turned
-        directions = np.empty(self._shape)
-        rays = wp.array(directions.reshape(-1, 3), dtype=wp.vec3d, device="cpu", copy=False)
-        if in_packets:
-            self._packing.begin(rays)
-        else:
-            self._packing.these.directions, self._packing.these.tiles = rays, self._no_tiles
-        self._launch()
-        return directions, self._packing.end() if in_packets else None
+        reading = self._take(in_packets)
+        reading.launch()
+        return reading.directions, reading.packing.end() if in_packets else None
+
+    def _take(self, in_packets: bool) -> "_Reading":
+        """The last one that nobody holds any more, or a new one."""
+        for reading in reversed(self._readings):
+            if reading.in_packets == in_packets and reading.is_free:
+                return reading
+        reading = _Reading(self._wedges, self._shape, in_packets)
+        reading.settle()
+        self._readings.append(reading)
+        return reading
+
+
+class _Reading:
+    """The arrays of one reading, directions of this shape and their packets, and the launch that writes them."""
+
+    def __init__(self, wedges: Wedges, shape: tuple[int, int, int], in_packets: bool) -> None:
+        samples, lines, _ = shape
+        self.in_packets, self.directions = in_packets, np.empty(shape)
+        self.packing = PackingInOrder(*by_number(samples * lines, lines))
+        self.packing.begin(wp.array(self.directions.reshape(-1, 3), dtype=wp.vec3d, device="cpu", copy=False))
+        these = self.packing.these
+        if not in_packets:
+            these.tiles = wp.empty(0, dtype=Tile, device="cpu")
+        self._given = [self.directions, these.tiles, these.packets]
+        self._at_first: list[int] = []
+        self.launch = prepare_over_tiles(bend_and_pack, -(-samples // LANES), lambda _: [wedges, these])
+
+    def settle(self) -> None:
+        """Take note of who holds the arrays now: nobody but this."""
+        self._at_first = references(self._given)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nobody holds any of the arrays."""
+        return references(self._given) == self._at_first
 
 
 def _doubles(values: Doubles) -> wp.array:

@@ -8,13 +8,20 @@ import warp as wp
 
 
 def recorded(
-    kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], device: wp.DeviceLike
+    kernel: wp.Kernel,
+    count: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    device: wp.DeviceLike,
+    block_dim: int = 256,
 ) -> Callable[[], None]:
     """A launch whose arguments are kept for as long as it is, as Warp 1.12 does not keep them.
 
-    It reads what structs among the arguments hold by then.
+    It reads what structs among the arguments hold by then. block_dim: threads of a block, on CUDA.
     """
-    command = wp.launch(kernel, count, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
+    command = wp.launch(
+        kernel, count, inputs=inputs, outputs=outputs, device=device, record_cmd=True, block_dim=block_dim
+    )
     return (_OnCpu if wp.get_device(device).is_cpu else _OnCuda)(command, (*inputs, *outputs))
 
 

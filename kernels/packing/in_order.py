@@ -38,24 +38,23 @@ class Packing:
     is_dense: wp.array[wp.bool]
 
 
-@wp.func
-def gather(these: Packing, at: int, begin: int, end: int) -> None:
-    """Write rays begin to end - 1, fewer than LANES of which repeat the last one, as no ray, without their places."""
-    ray = int_lanes()
-    x = double_lanes()
-    y = double_lanes()
-    z = double_lanes()
-    for i in range(LANES):
-        number = these.order[wp.min(begin + i, end - 1)]
-        d = these.directions[number]
-        ray[i] = wp.where(begin + i < end, number, -1)
-        x[i] = d[0]
-        y[i] = d[1]
-        z[i] = d[2]
-    these.packets[at].ray = ray
-    these.packets[at].x = x
-    these.packets[at].y = y
-    these.packets[at].z = z
+# without a return type, as Warp 1.12 knows none but numbers there
+@wp.func_native("""
+    auto& packet = these.packets.data[at];
+    for (int i = 0; i < 16; ++i) {
+        const int number = these.order.data[begin + i < end ? begin + i : end - 1];
+        const wp::vec3d& d = these.directions.data[number];
+        packet.ray[i] = begin + i < end ? number : -1;
+        packet.x[i] = d[0];
+        packet.y[i] = d[1];
+        packet.z[i] = d[2];
+    }
+""")
+def gather(these: Packing, at: int, begin: int, end: int):  # type: ignore[no-untyped-def]
+    """Write rays begin to end - 1, fewer than LANES of which repeat the last one, as no ray, without their places.
+
+    Natively, where Warp would ask of every index whether it counts from the end.
+    """
 
 
 @wp.func

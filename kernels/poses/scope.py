@@ -59,12 +59,18 @@ def first_of_world(size: int, shapes: int, world: int) -> int:
 @inlined
 def pose_of(g: wp.array[Geometry], shape: int, scope: Scope) -> Pose:
     """Where a shape stands for a ray."""
-    entry = scope.first_pose + shape
-    if g[0].place.shape[0] > 0:
-        entry = scope.first_still + shape
-        if g[0].place[shape] >= 0:
-            entry = scope.first_pose + g[0].place[shape]
+    entry = entry_of(g[0].place, shape, scope)
     return pose_among(g[0].position, g[0].rotation, g[0].position_float, g[0].rotation_float, entry)
+
+
+@inlined
+def entry_of(place: wp.array[int], shape: int, scope: Scope) -> int:
+    """Of the shape's pose for a ray."""
+    if place.shape[0] == 0:
+        return scope.first_pose + shape
+    if place[shape] < 0:
+        return scope.first_still + shape
+    return scope.first_pose + place[shape]
 
 
 @wp.func

@@ -2,11 +2,11 @@
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry, Patch
+from rigcast.kernels.geometry import Geometry, Patch, TriangleBlock
 from rigcast.kernels.trees.nodes import FIRST_PATCH, WIDTH
 from rigcast.kernels.vectors import to_double, to_float
 
-_FIRST_IN_PATCHES = wp.constant(FIRST_PATCH * WIDTH)
+FIRST_IN_PATCHES = wp.constant(FIRST_PATCH * WIDTH)
 
 
 @wp.struct
@@ -49,14 +49,21 @@ def unit_normal(triangle: Triangle) -> wp.vec3:
 @wp.func
 def triangle_at(g: wp.array[Geometry], number: int) -> Triangle:
     triangle = Triangle()
-    if number >= _FIRST_IN_PATCHES:
-        triangle = triangle_of_patch(g[0].patches, number - _FIRST_IN_PATCHES)
+    if number >= FIRST_IN_PATCHES:
+        triangle = triangle_of_patch(g[0].patches, number - FIRST_IN_PATCHES)
     else:
-        block = number / WIDTH
-        j = number % WIDTH
-        triangle.a = wp.vec3(g[0].blocks[block].x0[j], g[0].blocks[block].y0[j], g[0].blocks[block].z0[j])
-        triangle.b = wp.vec3(g[0].blocks[block].x1[j], g[0].blocks[block].y1[j], g[0].blocks[block].z1[j])
-        triangle.c = wp.vec3(g[0].blocks[block].x2[j], g[0].blocks[block].y2[j], g[0].blocks[block].z2[j])
+        triangle = triangle_of_block(g[0].blocks, number)
+    return triangle
+
+
+@wp.func
+def triangle_of_block(blocks: wp.array[TriangleBlock], number: int) -> Triangle:
+    block = number / WIDTH
+    j = number % WIDTH
+    triangle = Triangle()
+    triangle.a = wp.vec3(blocks[block].x0[j], blocks[block].y0[j], blocks[block].z0[j])
+    triangle.b = wp.vec3(blocks[block].x1[j], blocks[block].y1[j], blocks[block].z1[j])
+    triangle.c = wp.vec3(blocks[block].x2[j], blocks[block].y2[j], blocks[block].z2[j])
     return triangle
 
 
@@ -64,8 +71,8 @@ def triangle_at(g: wp.array[Geometry], number: int) -> Triangle:
 def facet_at(g: wp.array[Geometry], entry: int, number: int) -> Facet:
     """entry: of the triangle's shape, in arrays of sizes."""
     facet = Facet()
-    if number >= _FIRST_IN_PATCHES:
-        facet = facet_of_patch(g[0].patches, number - _FIRST_IN_PATCHES, g[0].columns[entry])
+    if number >= FIRST_IN_PATCHES:
+        facet = facet_of_patch(g[0].patches, number - FIRST_IN_PATCHES, g[0].columns[entry])
     else:
         block = number / WIDTH
         j = number % WIDTH

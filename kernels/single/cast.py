@@ -1,4 +1,4 @@
-"""Rays cast one by one, whatever they have in common: on CUDA, and those with unrelated origins on the CPU.
+"""Rays cast one by one on the CPU, as those with unrelated origins are; and what they share with those cast on CUDA.
 
 Warp compiles a file's kernels together: a rig whose rays are all cast in packets does not wait for these.
 """
@@ -6,9 +6,9 @@ Warp compiles a file's kernels together: a rig whose rays are all cast in packet
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits.fields import Fields, write_fields
+from rigcast.kernels.hits.fields import write_fields
 from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
-from rigcast.kernels.hits.out import Out, read_hit, write_miss, write_place
+from rigcast.kernels.hits.out import Fields, Out, read_hit, write_miss, write_place
 from rigcast.kernels.launching.slices import TURN
 from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.poses.scope import is_within_reach, scope_of
@@ -52,32 +52,48 @@ def write_hit(g: wp.array[Geometry], out: Out, i: int, hit: Hit, ray: WorldRay) 
 
 
 @wp.func
+def ray_number(k: int, rays: RayArrays, which: wp.array[int]) -> int:
+    """Of the k-th ray of all that `which` names, of each world, or all if it is empty."""
+    if which.shape[0] == 0:
+        return k
+    return k / which.shape[0] * rays.count + which[k % which.shape[0]]
+
+
+@wp.func
+def world_ray(g: wp.array[Geometry], job: Job, i: int, firing: int) -> WorldRay:
+    rotation = job.rays.rotation[firing]
+    ray = WorldRay()
+    ray.origin = job.rays.position[firing] + rotation * origin_of(job.rays, i)
+    ray.direction = rotation * direction_of(job.rays, i)
+    ray.scope = scope_of(g, span_of(job.rays, firing), firing)
+    ray.limit = job.limit
+    ray.cull = job.cull
+    return ray
+
+
+@wp.func
+def read_ray(job: Job, i: int, firing: int) -> None:
+    """Turn what ray i hits into what it reads, if that is wanted."""
+    if job.out.is_read:
+        read_hit(job.out, i, job.rays.rotation[firing])
+        write_fields(job.fields, job.out, job.rays, i)
+
+
+@wp.func
 def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.array[int]) -> None:
     """Rays begin to end - 1, of each world those that `which` names, or all if it is empty.
 
     A loop within a function, for Warp compiles the body of a kernel twice.
     """
-    rays = job.rays
-    out = job.out
     for k in range(begin, end):
-        i = int(k)
-        if which.shape[0] > 0:
-            i = k / which.shape[0] * rays.count + which[k % which.shape[0]]
-        firing = firing_of(rays, i)
-        rotation = rays.rotation[firing]
-        ray = WorldRay()
-        ray.origin = rays.position[firing] + rotation * origin_of(rays, i)
-        ray.direction = rotation * direction_of(rays, i)
-        ray.scope = scope_of(g, span_of(rays, firing), firing)
-        ray.limit = job.limit
-        ray.cull = job.cull
+        i = ray_number(int(k), job.rays, which)
+        firing = firing_of(job.rays, i)
+        ray = world_ray(g, job, i, firing)
         if is_castable(ray):
-            write_hit(g, out, i, cast_ray(g, ray), ray)
+            write_hit(g, job.out, i, cast_ray(g, ray), ray)
         else:
-            write_miss(out, i, wp.nan)
-        if out.is_read:
-            read_hit(out, i, rotation)
-            write_fields(job.fields, out, rays, i)
+            write_miss(job.out, i, wp.nan)
+        read_ray(job, i, firing)
 
 
 @wp.struct
@@ -101,17 +117,3 @@ def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: 
             make_unit(begin, end, job.rays.vectors, job.rays.directions)
         cast_run(begin, end, alone.copies[thread], job, alone.which)
         begin = turn_of(turns) * RAYS_PER_TURN
-
-
-@wp.kernel
-def hold(g: Geometry, job: Job, held: wp.array[Geometry]) -> None:
-    """The geometry, for functions that must not copy it."""
-    g.visible = job.visible
-    held[0] = g
-
-
-@wp.kernel
-def cast_rays(first: int, held: wp.array[Geometry], job: Job, alone: Alone) -> None:
-    """On CUDA, a ray in each thread."""
-    k = first + wp.tid()
-    cast_run(k, wp.min(k + 1, alone.count), held, job, alone.which)

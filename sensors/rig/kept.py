@@ -1,7 +1,6 @@
 """The arrays of frames, which a sensor hands out again once nobody holds them any more.
 
-Whoever holds a frame, one of its arrays, or what was made of one without a copy (a view, a numpy array, a tensor),
-holds a reference that Python counts. Arrays with no more references than they had at first are held by nobody.
+Who holds them is told as rigcast.kernels.host.held says; who holds a frame holds all of them.
 """
 
 import math
@@ -16,7 +15,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HIT_NAMES, HitArrays, Readings
-from rigcast.kernels.hits.fields import NAMES
+from rigcast.kernels.hits.out import FIELD_NAMES
+from rigcast.kernels.host.held import references
 from rigcast.kernels.host.taking import PlacedFrame
 from rigcast.kernels.poses.mounts import Frames
 from rigcast.kernels.rays.arrays import Rays
@@ -26,7 +26,7 @@ from rigcast.sensors.specs.mount import BoundMount
 
 _MOST = 8  # frames of a sensor whose arrays are kept
 _MOST_AXES = 4  # of a Warp array
-_BY_CAST, _NO_FIELDS = frozenset(NAMES), frozenset[str]()
+_BY_CAST, _NO_FIELDS = frozenset(FIELD_NAMES), frozenset[str]()
 
 
 class Kept:
@@ -76,7 +76,7 @@ class Kept:
         """Whether nobody holds any of the arrays."""
         if not self._at_first:  # a reading that failed has not given any of it to anybody
             return True
-        return list(map(getrefcount, self._given)) == self._at_first
+        return references(self._given) == self._at_first
 
     def start(self) -> None:
         """Begin another reading: what was worked out of the last one does not hold any more, but was `asked` for."""
@@ -182,7 +182,7 @@ class Kept:
             if name not in self._written:
                 self._work_out(name, work_out, shown)
             self._current.add(name)
-            self._at_first += _references(self._given)[len(self._at_first) :]
+            self._at_first += references(self._given)[len(self._at_first) :]
         return self._fields[name]
 
     def _work_out(
@@ -212,11 +212,7 @@ class Kept:
     def settle(self) -> None:
         """Take note of who holds the arrays now: nobody but this, and what shares its life."""
         if not self._at_first:  # nobody can hold any of it yet
-            self._at_first = _references(self._given)
-
-
-def _references(arrays: list[wp.array]) -> list[int]:
-    return list(map(getrefcount, arrays))
+            self._at_first = references(self._given)
 
 
 class FirstReadings:

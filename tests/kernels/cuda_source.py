@@ -20,10 +20,19 @@ from warp._src.types import launch_bounds_t
 
 # Warp's own functions as on the CPU, ours with their branches for CUDA, in blocks of one thread
 _BEFORE = """
+#include <algorithm>
+#include <cmath>
+#include <cstring>
 #include <utility>
 #define __CUDA_ARCH__ 750
 #define __global__
+#define __launch_bounds__(...)
 #define __ffs __builtin_ffs
+#define __fdividef(x, y) ((x) / (y))
+#define __ldg(address) (*(address))
+using std::max, std::min;
+int __float_as_int(float x) { int bits; std::memcpy(&bits, &x, sizeof(bits)); return bits; }
+int atomicAdd(int* sum, int value) { *sum += value; return *sum - value; }
 struct { unsigned x, y, z; } blockIdx, threadIdx, gridDim = {1, 1, 1}, blockDim = {1, 1, 1};
 extern "C" int _wp_isfinite(double x) { return __builtin_isfinite(x); }
 extern "C" int _wp_isnan(double x) { return __builtin_isnan(x); }

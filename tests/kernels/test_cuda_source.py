@@ -13,12 +13,15 @@ from cuda_source import CudaSource
 from made_worlds import Hits, assert_same, cast_through, random_plan, random_rays, rays_of, unit
 
 from rigcast.kernels import cast
+from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
-from rigcast.kernels.single.cast import cast_rays
+from rigcast.kernels.single.threads import cast as threads_cast
+from rigcast.kernels.single.threads.cast import cast_rays
 from rigcast.kernels.world import World
 
+THREADS = 3
 pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="no g++ to compile CUDA's source with")
 
 
@@ -29,17 +32,17 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> CudaSource:
 
 @pytest.fixture
 def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """From when this is called, single rays are cast by CUDA's source, a thread each, in an order drawn at random."""
-    rng = np.random.default_rng(0)
+    """From when this is called, single rays are cast by CUDA's source, in threads one after the other: the first of
+    them takes all rays, and the others see that none are left."""
 
-    def prepare(
-        _kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], *_: Any
-    ) -> Callable[[], None]:
-        return lambda: source.launch(rng.permutation(count), [0, *inputs, *outputs])
+    def record(kernel: wp.Kernel, count: int, inputs: Sequence[Any], *others: Any) -> Callable[[], None]:
+        if kernel is not cast_rays:
+            return recorded(kernel, count, inputs, *others)
+        return lambda: source.launch(np.arange(THREADS), inputs)
 
     def begin() -> None:
         monkeypatch.setattr(cast, "_in_turns", cast._in_threads)
-        monkeypatch.setattr(cast, "prepare_over_rays", prepare)
+        monkeypatch.setattr(threads_cast, "recorded", record)
 
     return begin
 

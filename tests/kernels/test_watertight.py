@@ -14,12 +14,13 @@ CASES += [(name, "all around") for name in CLOSED] + [("fine cube", "along axes"
 OFFSETS = [(0.0, False), (1e3, False), (1e3, True), (1.5e5, False), (1.5e5, True)]
 
 
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
 @pytest.mark.parametrize(("offset", "is_baked"), OFFSETS)
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_no_ray_leaks(scale: float, offset: float, is_baked: bool) -> None:
+def test_no_ray_leaks(scale: float, offset: float, is_baked: bool, device: str) -> None:
     """Offset in the shape's pose or, baked, in the mesh's vertices."""
     for seed, (name, aim) in enumerate(CASES):
-        placed = place(name, scale, offset, is_baked)
+        placed = place(name, scale, offset, is_baked, device)
         if placed is None:  # float32 cannot hold 1 mm at 150 km
             assert (scale, offset, is_baked) == (1e-3, 1.5e5, True)
             continue

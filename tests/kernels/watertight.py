@@ -83,7 +83,7 @@ MESHES: dict[str, Callable[[], Mesh]] = {
 
 
 @cache
-def place(name: str, scale: float, offset: float, is_baked: bool) -> Placed | None:
+def place(name: str, scale: float, offset: float, is_baked: bool, device: str = "cpu") -> Placed | None:
     """One of MESHES in a world; None where its vertices, rounded to float32 at the offset, collapse.
 
     Args:
@@ -99,7 +99,7 @@ def place(name: str, scale: float, offset: float, is_baked: bool) -> Placed | No
     plan.add_mesh(placed, position)
     ends = np.sort(np.stack([shape.faces, np.roll(shape.faces, -1, axis=1)], axis=-1), axis=-1)
     is_closed = bool((np.unique(ends.reshape(-1, 2), axis=0, return_counts=True)[1] == 2).all())
-    return Placed(placed, plan.world(), position, middle, scale, is_closed)
+    return Placed(placed, plan.world(device), position, middle, scale, is_closed)
 
 
 # ---- what to aim at

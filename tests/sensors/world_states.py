@@ -4,6 +4,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import warp as wp
 from small_scenes import ASSETS
 
 from rigcast import (
@@ -157,9 +158,12 @@ def alone(
 
 def fields_of(frame: Frame) -> dict[str, Any]:
     """All that a frame says, as numpy arrays."""
-    arrays = {name: getattr(frame, name, None) for name in FIELDS}
-    fields = {name: array.numpy() for name, array in arrays.items() if array is not None}
-    return {**fields, "time": np.asarray(frame.time), "pose": np.asarray(frame.pose)}
+    values = {name: getattr(frame, name, None) for name in (*FIELDS, "time", "pose")}
+    return {
+        name: value.numpy() if isinstance(value, wp.array) else np.asarray(value)
+        for name, value in values.items()
+        if value is not None
+    }
 
 
 def assert_same(got: Frame, expected: Frame, where: str) -> None:

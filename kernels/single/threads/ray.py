@@ -1,0 +1,209 @@
+"""One ray through both levels of the geometry.
+
+The geometry is given twice: as it is, in which case NVIDIA's compiler makes no copies of it and no detours to its
+arrays, and in memory, for functions that all casts share.
+"""
+
+import warp as wp
+
+from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
+from rigcast.kernels.inline import noinline
+from rigcast.kernels.poses.scope import entry_of, pose_at
+from rigcast.kernels.shapes.facets import FIRST_IN_PATCHES, Triangle, triangle_of_block, triangle_of_patch
+from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
+from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, ROUNDING, triage_triangle
+from rigcast.kernels.single.ray import SMALLEST, box_margin
+from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, WIDTH
+from rigcast.kernels.vectors import lowest_bit, smaller, to_double, to_float
+
+from .leaves import passed_in_block, passed_in_patch
+from .native import on_cuda
+from .walk import address_of_nodes, leaf_of, next_leaf, top_of
+
+OVER_SHAPES, IN_SHAPE = wp.constant(0), wp.constant(1)
+"""The levels, each with a frame of its own."""
+
+
+@wp.struct
+class Frame:
+    """The ray in the frame of a tree."""
+
+    origin: wp.vec3
+    origin_rest: wp.vec3  # what is lost in rounding the origin to float32
+    direction: wp.vec3
+    inverse: wp.vec3  # 1 / direction, finite
+    margin: float  # by which boxes are widened: covers all rounding in next_leaf
+
+
+@wp.struct
+class Ray:
+    """A ray in the world, the first of its hits so far, and the shape whose triangles it is held against."""
+
+    world: WorldRay
+    best: Hit
+    shape: int
+    cull: int  # of its triangles
+
+
+@wp.func_native(on_cuda("return __fdividef(1.0f, ::fabsf(x) < smallest ? smallest : x);"))
+def inverse_of(x: float, smallest: float) -> float:  # type: ignore[empty-body]
+    """1 / x, off by at most two units in the last place, with x kept off 0 as in rigcast.kernels.single.ray."""
+
+
+@wp.func
+def frame_of(origin: wp.vec3d, direction: wp.vec3d, reach: float) -> Frame:
+    """The ray as a tree with coordinates up to reach sees it."""
+    frame = Frame()
+    frame.origin = to_float(origin)
+    frame.origin_rest = to_float(origin - to_double(frame.origin))
+    frame.direction = to_float(direction)
+    frame.inverse = wp.vec3(
+        inverse_of(frame.direction[0], SMALLEST),
+        inverse_of(frame.direction[1], SMALLEST),
+        inverse_of(frame.direction[2], SMALLEST),
+    )
+    frame.margin = box_margin(frame.origin, reach)
+    return frame
+
+
+@noinline
+def decide(held: wp.array[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
+    ray[0].best = decided(held, ray[0].best, hit, ray[0].world)
+
+
+@wp.func
+def consider(held: wp.array[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
+    """Keep the hit if it is before the best one."""
+    if is_sure(hit, ray[0].best):
+        ray[0].best = hit
+    elif not is_beyond(hit, ray[0].best):
+        decide(held, ray, hit)
+
+
+@wp.func
+def normal_in_block(g: Geometry, number: int) -> wp.vec3:
+    block = number / WIDTH
+    j = number % WIDTH
+    return wp.vec3(g.blocks[block].normal_x[j], g.blocks[block].normal_y[j], g.blocks[block].normal_z[j])
+
+
+@wp.func
+def normal_in_patch(number: int, v: Triangle) -> wp.vec3:
+    """See rigcast.kernels.shapes.patches: from corner a the triangle rises along one axis, and then along the other."""
+    is_lower = number % WIDTH < WIDTH / 2
+    beside = wp.where(is_lower, v.b, v.c)
+    far = wp.where(is_lower, v.c, v.b)
+    early = (beside[2] - v.a[2]) / (wp.where(is_lower, beside[0] - v.a[0], beside[1] - v.a[1]))
+    late = (far[2] - beside[2]) / (wp.where(is_lower, far[1] - beside[1], far[0] - beside[0]))
+    scale = 1.0 / wp.sqrt(1.0 + early * early + late * late)
+    return scale * wp.vec3(-wp.where(is_lower, early, late), -wp.where(is_lower, late, early), 1.0)
+
+
+@wp.func
+def meet_triangle(
+    g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], number: int
+) -> None:
+    v = Triangle()
+    normal = wp.vec3()
+    if number >= FIRST_IN_PATCHES:
+        v = triangle_of_patch(g.patches, number - FIRST_IN_PATCHES)
+        normal = normal_in_patch(number, v)
+    else:
+        v = triangle_of_block(g.blocks, number)
+        normal = normal_in_block(g, number)
+    origin = frames[IN_SHAPE].origin
+    rest = frames[IN_SHAPE].origin_rest
+    direction = frames[IN_SHAPE].direction
+    v0 = (v.a - origin) - rest
+    v1 = (v.b - origin) - rest
+    v2 = (v.c - origin) - rest
+    span = triage_triangle(direction, v.a - v.b, v.b - v.c, v.c - v.a, v0, v1, v2, normal, ray[0].cull)
+    consider(held, ray, hit_within(span[0], span[1], ray[0].shape, number))
+
+
+@wp.func
+def passed_in_leaf(g: Geometry, frame: Frame, leaf: int) -> int:
+    """Bit by bit, its triangles that the ray may pass inside."""
+    if leaf >= FIRST_PATCH:
+        return passed_in_patch(
+            g.patches, leaf - FIRST_PATCH, frame.origin, frame.origin_rest, frame.direction, ROUNDING
+        )
+    return passed_in_block(g.blocks, leaf, frame.origin, frame.origin_rest, frame.direction, ROUNDING)
+
+
+@wp.func
+def meet_leaf(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], leaf: int) -> None:
+    """Hold the ray against a block or a patch."""
+    passed = passed_in_leaf(g, frames[IN_SHAPE], leaf)
+    while passed != 0:
+        meet_triangle(g, held, ray, frames, leaf * WIDTH + lowest_bit(passed))
+        passed = passed & (passed - 1)
+
+
+@wp.func
+def meet_shape(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], shape: int) -> int:
+    """Hold the ray against a closed form, or take it into the frame of a shape with triangles.
+
+    Returns:
+        The root of the tree over these, or NO_CHILD.
+    """
+    world = ray[0].world
+    scope = world.scope
+    entry = scope.first_shape + shape
+    # all that may be wanted is asked for at once, so that it is waited for once
+    is_visible = g.visible[scope.first_visible + shape]
+    kind = g.kind[shape]
+    pose = pose_at(g, entry_of(g.place, shape, scope))
+    reach = g.reach[entry]
+    root = g.root[entry]
+    size = g.size[entry]
+    if not is_visible or (kind == SHEET and world.cull == CULL_FRONT):
+        return NO_CHILD
+    to_local = wp.transpose(pose.rotation)
+    origin = to_local * (world.origin - pose.position)
+    direction = to_local * world.direction
+    if has_triangles(kind):
+        frames[IN_SHAPE] = frame_of(origin, direction, reach)
+        ray[0].shape = shape
+        ray[0].cull = wp.where(kind == SHEET, CULL_NONE, world.cull)
+        return root
+    span = triage_closed_form(kind, size, to_float(origin), to_float(direction), world.cull)
+    consider(held, ray, hit_within(span[0], span[1], shape, 0))
+    return NO_CHILD
+
+
+@wp.func
+def cast_ray(
+    g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], stack: wp.uint64
+) -> None:
+    """Find the first hit of a ray among the visible shapes; it may lie beyond the limit. stack: where it begins."""
+    span = ray[0].world.scope.span
+    ray[0].best = no_hit()
+    frames[OVER_SHAPES] = frame_of(ray[0].world.origin - g.anchor[span], ray[0].world.direction, g.top_reach[span])
+    nodes = address_of_nodes(g.top)
+    level = int(OVER_SHAPES)
+    at = int(span * g.top_count)
+    top = int(0)
+    bottom = int(0)  # what is on the stack from before the shape was entered
+    is_over = bool(False)
+    while not is_over:
+        limit = smaller(ray[0].best.far * APART, ray[0].world.limit)
+        frame = frames[level]
+        found = next_leaf(nodes, at, frame.origin, frame.inverse, frame.margin, limit, stack, top, bottom)
+        top = top_of(found)
+        at = leaf_of(found)
+        if at == NO_CHILD:
+            is_over = level == OVER_SHAPES
+            level = OVER_SHAPES
+            nodes = address_of_nodes(g.top)
+            bottom = 0
+        elif level == IN_SHAPE:
+            meet_leaf(g, held, ray, frames, -1 - at)
+            at = NO_CHILD
+        else:
+            at = meet_shape(g, held, ray, frames, -1 - at)
+            if at != NO_CHILD:
+                level = IN_SHAPE
+                nodes = address_of_nodes(g.nodes)
+                bottom = top

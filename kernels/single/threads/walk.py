@@ -1,0 +1,127 @@
+"""The walk through a tree of boxes, from leaf to leaf."""
+
+import warp as wp
+
+from rigcast.kernels.trees.nodes import Node
+from rigcast.kernels.trees.tree import STACK
+
+from .native import on_cuda
+
+ENTRIES = wp.constant(2 * STACK)
+"""Of a stack for both levels."""
+
+
+@wp.func_native(on_cuda("return reinterpret_cast<wp::uint64>(nodes.data);"))
+def address_of_nodes(nodes: wp.array[Node]) -> wp.uint64:
+    """Where they begin: arrays are large to hand over and to choose between."""
+
+
+@wp.func_native(on_cuda("return reinterpret_cast<wp::uint64>(stack.data);"))
+def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
+    """Where it begins."""
+
+
+# A node is 14 times four numbers, two of each field. Along each axis a box is entered at its centre's distance less
+# half its size in steps of the ray, which are fused products; their roundings are fewer than box_margin covers. As
+# integers, floats from 0 on are in the same order, and those below are less than 0. A child that is entered becomes a
+# key: its distance, but for the last three bits, which are its number.
+@wp.func_native(
+    on_cuda("""
+    const auto* tree = reinterpret_cast<const float4*>(nodes);
+    auto* entries = reinterpret_cast<wp::uint64*>(stack);
+    const int no_child = (int)0x80000000;
+    const unsigned none = ~0u;
+    const int last = __float_as_int(limit);
+    const float ix = inverse[0], iy = inverse[1], iz = inverse[2];
+    const float sx = ::fabsf(ix), sy = ::fabsf(iy), sz = ::fabsf(iz);
+    const float ox = -origin[0] * ix, oy = -origin[1] * iy, oz = -origin[2] * iz;
+    const float mx = margin * sx, my = margin * sy, mz = margin * sz;
+    while (true) {
+        while (at == no_child && top > bottom) {
+            const wp::uint64 entry = entries[--top];
+            if ((int)(unsigned)(entry >> 32) <= last) at = (int)(unsigned)entry;
+        }
+        if (at < 0) return wp::uint64(top) << 32 | unsigned(at);
+        const float4* node = tree + 14 * at;
+        const int* child = reinterpret_cast<const int*>(node + 12);
+        unsigned key[8] = {};
+        int count = 0;
+#pragma unroll 1
+        for (int half = 1; half >= 0; --half) {
+            float number[6][4];
+#pragma unroll
+            for (int i = 0; i < 6; ++i) {
+                const float4 four = __ldg(node + 2 * i + half);
+                number[i][0] = four.x, number[i][1] = four.y, number[i][2] = four.z, number[i][3] = four.w;
+            }
+#pragma unroll
+            for (int j = 0; j < 4; ++j) {
+                key[4 + j] = key[j];
+                const float cx = ::fmaf(number[0][j], ix, ox), hx = ::fmaf(number[3][j], sx, mx);
+                const float cy = ::fmaf(number[1][j], iy, oy), hy = ::fmaf(number[4][j], sy, my);
+                const float cz = ::fmaf(number[2][j], iz, oz), hz = ::fmaf(number[5][j], sz, mz);
+                const int enter_x = __float_as_int(cx - hx), leave_x = __float_as_int(cx + hx);
+                const int enter_y = __float_as_int(cy - hy), leave_y = __float_as_int(cy + hy);
+                const int enter_z = __float_as_int(cz - hz), leave_z = __float_as_int(cz + hz);
+                const int enter = ::max(::max(::max(enter_x, enter_y), enter_z), 0);
+                const bool is_entered = enter <= ::min(::min(::min(leave_x, leave_y), leave_z), last);
+                key[j] = is_entered ? (enter & ~7) | (4 * half + j) : none;
+                count += is_entered;
+            }
+        }
+        at = no_child;
+        if (count == 0) continue;
+        // a network that sorts eight
+        auto order = [&](int a, int b) {
+            const unsigned low = ::min(key[a], key[b]);
+            key[b] = ::max(key[a], key[b]);
+            key[a] = low;
+        };
+        if (count > 1) {
+            order(0, 2), order(1, 3), order(4, 6), order(5, 7), order(0, 4), order(1, 5), order(2, 6), order(3, 7);
+            order(0, 1), order(2, 3), order(4, 5), order(6, 7), order(2, 4), order(3, 5), order(1, 4), order(3, 6);
+            order(1, 2), order(3, 4), order(5, 6);
+            top += count - 1;
+#pragma unroll
+            for (int j = 1; j < 8; ++j) {
+                if (key[j] == none) break;
+                entries[top - j] = wp::uint64(key[j]) << 32 | unsigned(__ldg(child + (key[j] & 7)));
+            }
+        } else {
+#pragma unroll
+            for (int j = 1; j < 8; ++j) key[0] = ::min(key[0], key[j]);
+        }
+        at = __ldg(child + (key[0] & 7));
+    }
+""")
+)
+def next_leaf(
+    nodes: wp.uint64,
+    at: int,
+    origin: wp.vec3,
+    inverse: wp.vec3,
+    margin: float,
+    limit: float,
+    stack: wp.uint64,
+    top: int,
+    bottom: int,
+) -> wp.uint64:
+    """From node `at` on, or NO_CHILD, to the next leaf whose box is entered no farther than the limit, nearest first.
+
+    Args:
+        nodes, stack: where they begin.
+        top, bottom: how many entries the stack has, and how many of them are to stay.
+
+    Returns:
+        The leaf, or NO_CHILD, in the lower half, and how many entries the stack has then in the upper one.
+    """
+
+
+@wp.func_native(on_cuda("return (int)(found >> 32);"))
+def top_of(found: wp.uint64) -> int:  # type: ignore[empty-body]
+    """How many entries the stack has."""
+
+
+@wp.func_native(on_cuda("return (int)(unsigned)found;"))
+def leaf_of(found: wp.uint64) -> int:  # type: ignore[empty-body]
+    """The leaf, as a node has it, or NO_CHILD."""
