@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
-from .hits.fields import NAMES as FIELD_NAMES
-from .hits.out import Out
+from .hits.out import FIELD_NAMES, Out
 from .launching.slices import prepare_over_tiles
 from .launching.turns import end_of_run, take_run
 from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
@@ -102,10 +101,10 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
     packets = these.packets
     own = job.rays
     out = job.out
-    fields = job.fields
     rays = these.rays[thread]
     rays[0].limit = job.limit
     rays[0].cull = job.cull
+    rays[0].fields = job.fields
     rays[0].packets = packets
     rays[0].geometry = held
     rays[0].first_slot = thread * PACKETS
@@ -153,7 +152,7 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
         for k in range(PACKETS):
             if tiles[following].across == 0:
                 prefetch_out(out, packets, following * PACKETS + k, rays[0].first_ray)
-            write_part(out, fields, rays, staged, k, these.is_streamed)
+            write_part(out, rays, staged, k, these.is_streamed)
         at += 1
         if at == end:
             at = take_run(taken, count, threads)
@@ -187,7 +186,7 @@ class Readings(NamedTuple):
     job: Job
 
     def turn_to(self, hits: HitArrays, rays: Rays, fields: Mapping[str, wp.array]) -> None:
-        """From now on write these hits and, of rigcast.kernels.hits.fields.NAMES, these fields.
+        """From now on write these hits and, of rigcast.kernels.hits.out.FIELD_NAMES, these fields.
 
         rays: those that it was prepared for, wherever they are now. Whoever launches keeps the arrays.
         """

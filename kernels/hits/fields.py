@@ -5,25 +5,7 @@ import warp as wp
 from rigcast.kernels.rays.arrays import RayArrays, direction_of, origin_of
 from rigcast.kernels.vectors import to_float
 
-from .out import Out
-
-
-@wp.struct
-class Fields:
-    """Where a cast writes what follows from its hits, one entry per ray; an array that is empty is not written.
-
-    points: where rays end [m], in their frame; NaN where the distance is not finite. depth: along the frame's z [m];
-    +-inf and NaN where the distance is. body_id: that of the shape in body_of_shape, -1 where nothing is hit.
-    """
-
-    points: wp.array[wp.vec3]
-    depth: wp.array[float]
-    body_id: wp.array[int]
-    body_of_shape: wp.array[int]
-
-
-NAMES = ("points", "depth", "body_id")
-"""Of the arrays that a cast writes."""
+from .out import Fields, Out
 
 
 @wp.func

@@ -20,6 +20,24 @@ class Out:
     min_range: float
 
 
+@wp.struct
+class Fields:
+    """Where a cast writes what follows from its hits, one entry per ray; an array that is empty is not written.
+
+    points: where rays end [m], in their frame; NaN where the distance is not finite. depth: along the frame's z [m];
+    +-inf and NaN where the distance is. body_id: that of the shape in body_of_shape, -1 where nothing is hit.
+    """
+
+    points: wp.array[wp.vec3]
+    depth: wp.array[float]
+    body_id: wp.array[int]
+    body_of_shape: wp.array[int]
+
+
+FIELD_NAMES = ("points", "depth", "body_id")
+"""Of the arrays that a cast writes."""
+
+
 @wp.func
 def write_miss(out: Out, i: int, distance: float) -> None:
     out.distance[i] = distance

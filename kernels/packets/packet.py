@@ -4,6 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within
+from rigcast.kernels.hits.out import Fields
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import Scope
 from rigcast.kernels.single.ray import box_margin
@@ -133,6 +134,7 @@ class TileRays:
     directions: wp.array[Directions]
     local: wp.array[Vectors]  # one, of a packet's directions in a shape's frame
     composed: wp.array[TriangleBlock]  # one, of a patch
+    fields: Fields
 
 
 @wp.struct

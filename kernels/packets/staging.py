@@ -7,7 +7,6 @@ without being read, past the cache: streamed.
 
 import warp as wp
 
-from rigcast.kernels.hits.fields import Fields
 from rigcast.kernels.hits.out import Out
 
 from .packet import LANES, PACKETS, TileRays, int_lanes, lanes
@@ -103,6 +102,7 @@ def write_row(out: Out, ray: int, staged: wp.array[PacketOut], at: int, step: in
 
 _FIELDS_OF_ONE = """
     const auto& tile = rays.data[0];
+    const auto& fields = tile.fields;
     const auto write_fields_of = [&](int ray, int k, int lane) {
         const auto& packet = tile.packets.data[tile.first_packet + k];
         const float distance = staged.data[k].distance[lane];
@@ -132,6 +132,7 @@ _FIELDS_OF_ONE = """
     typedef double doubles __attribute__((ext_vector_type(4)));
     typedef double doubles_anywhere __attribute__((ext_vector_type(4), aligned(8)));
     const auto& tile = rays.data[0];
+    const auto& fields = tile.fields;
     const auto packet_of = [&](int part) -> const auto& {{
         return tile.packets.data[tile.first_packet + (at + part * step) / 16];
     }};
@@ -172,13 +173,7 @@ _FIELDS_OF_ONE = """
 #endif
 """)
 def write_fields_of_row(  # type: ignore[no-untyped-def]
-    fields: Fields,
-    rays: wp.array[TileRays],
-    ray: int,
-    staged: wp.array[PacketOut],
-    at: int,
-    step: int,
-    is_streamed: bool,
+    rays: wp.array[TileRays], ray: int, staged: wp.array[PacketOut], at: int, step: int, is_streamed: bool
 ):
     """What follows from the hits of 16 rays from this one on, as in `write_row`."""
 
@@ -214,23 +209,21 @@ def write_one_by_one(out: Out, first_ray: int, numbers: int_lanes, staged: wp.ar
         if (numbers[i] >= 0) write_fields_of(tile.first_ray + numbers[i], k, i);
 """)
 def write_fields_one_by_one(  # type: ignore[no-untyped-def]
-    fields: Fields, rays: wp.array[TileRays], numbers: int_lanes, staged: wp.array[PacketOut], k: int
+    rays: wp.array[TileRays], numbers: int_lanes, staged: wp.array[PacketOut], k: int
 ):
     """What follows from the hits of packet k, as in `write_one_by_one`."""
 
 
 @wp.func
-def write_part(
-    out: Out, fields: Fields, rays: wp.array[TileRays], staged: wp.array[PacketOut], k: int, is_streamed: bool
-) -> None:
+def write_part(out: Out, rays: wp.array[TileRays], staged: wp.array[PacketOut], k: int, is_streamed: bool) -> None:
     """Write what row k of a tile hits, or its packet k where it has no rows, and what follows from that."""
     across = rays[0].tile.across
     if across > 0:
         at = k / across * across * LANES + k % across * 4
         ray = rays[0].first_ray + rays[0].tile.rows[k]
         write_row(out, ray, staged, at, 4 * across, is_streamed)
-        write_fields_of_row(fields, rays, ray, staged, at, 4 * across, is_streamed)
+        write_fields_of_row(rays, ray, staged, at, 4 * across, is_streamed)
     else:
         numbers = rays[0].packets[rays[0].first_packet + k].ray
         write_one_by_one(out, rays[0].first_ray, numbers, staged, k)
-        write_fields_one_by_one(fields, rays, numbers, staged, k)
+        write_fields_one_by_one(rays, numbers, staged, k)

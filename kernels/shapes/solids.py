@@ -140,18 +140,24 @@ def meet_box(o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
 
 
 @wp.func
+def closed_form_crossing(kind: int, o: Any, d: Any, size: Any, eps: Any) -> Any:
+    """From where to where a ray is within a closed form other than a plane."""
+    if kind == SPHERE:
+        return sphere_crossing(o, d, size[0], type(eps)(0.0), eps)
+    if kind == CAPSULE:
+        return capsule_crossing(o, d, size[0], size[1], eps)
+    if kind == ELLIPSOID:
+        return ellipsoid_crossing(o, d, size, eps)
+    if kind == CYLINDER:
+        return cylinder_crossing(o, d, size[0], size[1], eps)
+    return box_crossing(o, d, size, eps)
+
+
+@wp.func
 def meet_closed_form(kind: int, o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
     if kind == PLANE:
         return meet_plane(o, d, size, cull, eps)
-    if kind == SPHERE:
-        return meet_sphere(o, d, size, cull, eps)
-    if kind == CAPSULE:
-        return meet_capsule(o, d, size, cull, eps)
-    if kind == ELLIPSOID:
-        return meet_ellipsoid(o, d, size, cull, eps)
-    if kind == CYLINDER:
-        return meet_cylinder(o, d, size, cull, eps)
-    return meet_box(o, d, size, cull, eps)
+    return first_hit(closed_form_crossing(kind, o, d, size, eps), cull, o, eps)
 
 
 @wp.func

@@ -6,9 +6,9 @@ Warp compiles a file's kernels together: a rig whose rays are all cast in packet
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits.fields import Fields, write_fields
+from rigcast.kernels.hits.fields import write_fields
 from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
-from rigcast.kernels.hits.out import Out, read_hit, write_miss, write_place
+from rigcast.kernels.hits.out import Fields, Out, read_hit, write_miss, write_place
 from rigcast.kernels.launching.slices import TURN
 from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.poses.scope import is_within_reach, scope_of

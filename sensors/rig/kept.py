@@ -15,7 +15,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HIT_NAMES, HitArrays, Readings
-from rigcast.kernels.hits.fields import NAMES
+from rigcast.kernels.hits.out import FIELD_NAMES
 from rigcast.kernels.host.held import references
 from rigcast.kernels.host.taking import PlacedFrame
 from rigcast.kernels.poses.mounts import Frames
@@ -26,7 +26,7 @@ from rigcast.sensors.specs.mount import BoundMount
 
 _MOST = 8  # frames of a sensor whose arrays are kept
 _MOST_AXES = 4  # of a Warp array
-_BY_CAST, _NO_FIELDS = frozenset(NAMES), frozenset[str]()
+_BY_CAST, _NO_FIELDS = frozenset(FIELD_NAMES), frozenset[str]()
 
 
 class Kept:

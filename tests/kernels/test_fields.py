@@ -12,7 +12,7 @@ from test_packets import PATTERNS
 
 from rigcast.kernels import cast as casting
 from rigcast.kernels.cast import HitArrays, cast, prepare_readings
-from rigcast.kernels.hits.fields import NAMES
+from rigcast.kernels.hits.out import FIELD_NAMES
 from rigcast.kernels.packing.bundling import sort_into_bundles
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
@@ -55,7 +55,7 @@ def in_two_poses(rays: Rays, rng: np.random.Generator) -> Rays:
     )
 
 
-@pytest.mark.parametrize("names", [NAMES, *((name,) for name in NAMES)], ids=["all", *NAMES])
+@pytest.mark.parametrize("names", [FIELD_NAMES, *((name,) for name in FIELD_NAMES)], ids=["all", *FIELD_NAMES])
 @pytest.mark.parametrize(("streamed_from", "before"), [(0, 0), (0, 1), (2**40, 0)], ids=["streamed", "1 on", "plain"])
 @pytest.mark.parametrize("kind", RAYS)
 def test_fields_are_those_of_the_hits(

@@ -70,6 +70,6 @@ def prepare_threads(geometry: Geometry, job: Job, which: wp.array, count: int) -
     held, taken = wp.empty(1, dtype=Geometry, device=device), wp.empty(1, dtype=int, device=device)
     threads = min(count, BLOCK * BLOCKS * device.sm_count)
     return [
-        recorded(hold, 1, [geometry, job, held, taken], [], device),
+        recorded(hold, 1, [geometry, job, held, taken], [], device, BLOCK),  # as Warp compiles for one size of blocks
         recorded(cast_rays, threads, [geometry, held, job, which, count, taken], [], device, BLOCK),
     ]
