@@ -133,14 +133,17 @@ class Frame:
             raise InputError(f"Frame.world: sensor {self.sensor!r}: no world {k}, expected 0 to {count - 1}")
         return replace(self, **self._of_world(int(k)))
 
-    def room_for(self, shape: tuple[int, ...], device: wp.Device) -> Kept:
-        """The arrays, for another reading of this shape. Raises InputError where they have no room for it."""
+    def require_room(self, sensor: str, shape: tuple[int, ...], device: wp.Device) -> None:
+        """Raise InputError unless the arrays have room for another reading of this sensor, of this shape."""
+        what = f"Rig.sense: out: sensor {sensor!r}: got a frame of"
+        if self.sensor != sensor:
+            raise InputError(f"{what} sensor {self.sensor!r}, expected one of its own")
         own = self._kept.range.device
         if shape != self.shape or own != device:
-            raise InputError(
-                f"Rig.sense: out: sensor {self.sensor!r}: got a frame of shape {self.shape} on {own}, "
-                f"expected {shape} on {device}"
-            )
+            raise InputError(f"{what} shape {self.shape} on {own}, expected {shape} on {device}")
+
+    def start_again(self) -> Kept:
+        """The arrays, for another reading."""
         self._kept.start()
         return self._kept
 

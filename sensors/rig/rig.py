@@ -121,6 +121,7 @@ class Rig:
         """
         mounted = self._select(names)
         if isinstance(data, mujoco.MjData):
+            self._require_room_in(out, mounted)
             self._look(data)
             return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
         if not is_batch(data):
@@ -224,6 +225,7 @@ class Rig:
         self, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None
     ) -> dict[str, Frame]:
         worlds.require_sensors(self._mounted)
+        self._require_room_in(out, mounted, (worlds.count,))
         require_countable(worlds.count, {m.spec.name: math.prod(m.frame_shape) for m in mounted})
         standing = self.scene.bytes_per_standing_world(worlds)
         standing += max((m.bytes_per_standing_world for m in mounted), default=0)
@@ -246,14 +248,23 @@ class Rig:
 
     def _room(self, mounted: Mounted, shape: tuple[int, ...], out: Mapping[str, Frame] | None) -> Kept:
         """The arrays for a sensor's next frame, of this shape: those of its frame in `out`, or of one nobody holds."""
-        name, device = mounted.spec.name, self.scene.device
         if out is None:
-            return mounted.pool.take(shape, device)
-        if name not in out:
-            raise InputError(
-                f"Rig.sense: out: no frame of sensor {name!r}, expected a frame of each sensor that is read"
-            )
-        return out[name].room_for(shape, device)
+            return mounted.pool.take(shape, self.scene.device)
+        return out[mounted.spec.name].start_again()
+
+    def _require_room_in(
+        self, out: Mapping[str, Frame] | None, mounted: Sequence[Mounted], worlds: tuple[int, ...] = ()
+    ) -> None:
+        """Raise InputError unless `out` is None, or has a frame of each sensor's in so many worlds."""
+        if out is None:
+            return
+        require_type("Rig.sense: out", out, Mapping)
+        for m in mounted:
+            if m.spec.name not in out:
+                expected = "expected a frame of each sensor that is read"
+                raise InputError(f"Rig.sense: out: no frame of sensor {m.spec.name!r}, {expected}")
+            require_type(f"Rig.sense: out: sensor {m.spec.name!r}", out[m.spec.name], Frame)
+            out[m.spec.name].require_room(m.spec.name, worlds + m.frame_shape, self.scene.device)
 
 
 class _Delivery(NamedTuple):

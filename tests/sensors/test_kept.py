@@ -260,15 +260,27 @@ def test_fields_that_were_asked_for_are_worked_out_again_into_their_arrays() -> 
     assert_same(held, values(again.sense(moved(0.7))["noisy"], *fields), "noisy")
 
 
-@pytest.mark.parametrize(
-    ("out", "message"),
-    [
-        ({}, "out: no frame of sensor 'lidar'"),
-        ({"lidar": "scan"}, r"out: sensor 'scan': got a frame of shape \(25,\) on cpu, expected \(3, 24\) on cpu"),
-    ],
-)
-def test_out_without_room_is_refused(out: dict[str, str], message: str) -> None:
-    rig = Rig(MODEL, SENSORS, "cpu")
-    frames = rig.sense(moved(0.0))
+OUTS: dict[str, tuple[Callable[[dict[str, Frame]], Any], str]] = {
+    "none": (lambda _: {}, "out: no frame of sensor 'lidar'"),
+    "one of two": (lambda frames: {"lidar": frames["lidar"]}, "out: no frame of sensor 'camera'"),
+    "a frame": (lambda frames: frames["lidar"], "out: got LidarFrame, expected Mapping"),
+    "an array": (lambda frames: frames | {"camera": frames["camera"].range}, "'camera': got array, expected Frame"),
+    "another sensor's": (
+        lambda frames: frames | {"camera": frames["lidar"]},
+        "out: sensor 'camera': got a frame of sensor 'lidar', expected one of its own",
+    ),
+    "of many worlds": (
+        lambda frames: frames | {"camera": frames["camera in two worlds"]},
+        r"out: sensor 'camera': got a frame of shape \(2, 7, 9\) on cpu, expected \(7, 9\) on cpu",
+    ),
+}
+
+
+@pytest.mark.parametrize("given", OUTS)
+def test_out_without_room_is_refused_before_anything_is_written_over(given: str) -> None:
+    rig, (out, message) = Rig(MODEL, SENSORS, "cpu"), OUTS[given]
+    frames = rig.sense(moved(0.0)) | {"camera in two worlds": rig.sense(worlds(0.0))["camera"]}
+    before = values(frames["lidar"])
     with pytest.raises(InputError, match=message):
-        rig.sense(moved(0.1), ["lidar"], out={name: frames[given] for name, given in out.items()})
+        rig.sense(moved(0.7), ["lidar", "camera"], out(frames))
+    assert_same(values(frames["lidar"]), before, given)
