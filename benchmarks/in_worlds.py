@@ -21,12 +21,14 @@ Found = dict[str, Any]
 """An `OnDevice` as JSON has it."""
 
 
-def on_gpu(measured: Found) -> Found | None:
-    """Return what was measured on a GPU, in this run or else in the one that is kept."""
-    found: Found | None = measured.get("worlds")
-    if found is not None and found["limits"]:
-        return found
-    return json.loads(ON_GPU.read_text())["worlds"] if ON_GPU.exists() else None
+def on_gpu(measured: dict[str, Any]) -> Found | None:
+    """Return what was measured on a GPU, in this run or else in the one that is kept, and its `packages`."""
+    kept = [json.loads(ON_GPU.read_text())] if ON_GPU.exists() else []
+    for run in (measured, *kept):
+        found: Found | None = run.get("worlds")
+        if found is not None and found["limits"]:
+            return found | {"packages": ", ".join(f"{name} {version}" for name, version in run["versions"].items())}
+    return None
 
 
 def of_worlds(cpu: Found | None, gpu: Found | None, counted: Sequence[Visits], folder: Path) -> Iterator[str]:
@@ -154,7 +156,7 @@ its rays in the world, ready made; its frame is `refit_bvh` and `rays`, or the l
 GPU = """
 ## On a GPU
 
-{device}, M rays/s; *graph* is a CUDA graph of the frame, replayed:
+{device}, {packages}. M rays/s; *graph* is a CUDA graph of the frame, replayed:
 
 ![M rays per second by the number of worlds](performance/worlds.png)
 """

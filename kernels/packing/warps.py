@@ -11,6 +11,9 @@ import warp as wp
 from .sorting import CHUNK, Doubles, halved_to, in_parts
 
 WARP = 32
+EVEN = (1.0, 1.0, 1.0)
+LEVEL = (1.0, 1.0, 6.0)
+"""Of a lidar, rays of one elevation go about as far as each other, and none waits long for the slowest of its warp."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +26,9 @@ class Warps:
     order: wp.array
 
 
-def sort_into_warps(directions: Doubles, device: wp.DeviceLike) -> Warps:
-    """Sort rays from one origin with unit directions (n, 3)."""
+def sort_into_warps(directions: Doubles, device: wp.DeviceLike, weights: tuple[float, float, float] = EVEN) -> Warps:
+    """Sort rays from one origin with unit directions (n, 3). weights: of distances along x, y and z."""
+    directions = directions * weights
     chunks = in_parts(np.arange(len(directions)), directions, CHUNK)
     whole = np.array([chunk for chunk in chunks if len(chunk) == CHUNK], np.int64).reshape(-1, CHUNK)
     rest = [rays for chunk in chunks if len(chunk) != CHUNK for rays in in_parts(chunk, directions, WARP)]

@@ -66,11 +66,12 @@ def pose_of(g: wp.array[Geometry], shape: int, scope: Scope) -> Pose:
 @inlined
 def entry_of(place: wp.array[int], shape: int, scope: Scope) -> int:
     """Of the shape's pose for a ray."""
-    if place.shape[0] == 0:
-        return scope.first_pose + shape
-    if place[shape] < 0:
-        return scope.first_still + shape
-    return scope.first_pose + place[shape]
+    entry = scope.first_pose + shape
+    if place.shape[0] > 0:
+        entry = scope.first_still + shape
+        if place[shape] >= 0:
+            entry = scope.first_pose + place[shape]
+    return entry
 
 
 @wp.func

@@ -17,7 +17,7 @@ from rigcast.kernels.packing.bundling import sort_into_bundles
 from rigcast.kernels.packing.firings import groups_of, same_rows
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
-from rigcast.kernels.packing.warps import sort_into_warps
+from rigcast.kernels.packing.warps import EVEN, LEVEL, sort_into_warps
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.captured import is_captured
@@ -285,7 +285,8 @@ def _packed(pattern: Pattern, rays: Rays, scene: Scene) -> Rays:
     if _in_packets(pattern, scene):
         return replace(rays, packets=pattern.packets or _packets(pattern, rays))
     if scene.device.is_cuda and pattern.origins is None and pattern.later is None:
-        return replace(rays, packets=sort_into_warps(pattern.directions.reshape(-1, 3), scene.device))
+        weights = EVEN if pattern.ring is None else LEVEL
+        return replace(rays, packets=sort_into_warps(pattern.directions.reshape(-1, 3), scene.device, weights))
     if scene.device.is_cuda or pattern.later is not None:
         return rays
     group = same_rows(rays.directions.numpy())

@@ -8,7 +8,7 @@ import warp as wp
 from made_worlds import Doubles, Hits, assert_same, random_plan, rays_of, unit
 
 from rigcast.kernels.cast import cast
-from rigcast.kernels.packing.warps import WARP, sort_into_warps
+from rigcast.kernels.packing.warps import LEVEL, WARP, sort_into_warps
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
@@ -47,6 +47,14 @@ def test_rays_of_a_warp_are_closer_together_than_those_of_a_row(name: str, narro
     directions = PATTERNS[name][: len(PATTERNS[name]) // WARP * WARP]
     order = sort_into_warps(directions, "cpu").order.numpy()
     assert narrower * width(directions[order]) < width(directions)
+
+
+def test_warps_of_a_lidar_are_flat() -> None:
+    """Four rows of eight of a small one whose rows and columns are about as far apart."""
+    order = sort_into_warps(PATTERNS["a small lidar"], "cpu", LEVEL).order.numpy().reshape(-1, WARP)
+    rows = [len(set(warp // 64)) for warp in order]
+    assert max(rows) <= 4, rows
+    assert np.mean(rows) < 3, rows
 
 
 def width(directions: Doubles) -> float:

@@ -169,17 +169,18 @@ def test_page_says_what_a_gpu_did_or_that_there_was_none(
     gpu = of_gpu(cpu)
     monkeypatch.setattr("in_worlds.ON_GPU", tmp_path / "on_gpu.json")
     counted = [Visits("a G1 in many worlds, lidar", 9.0, 0.5, 0.5, (1.0, 0.1, 0.1))]
-    assert on_gpu({"worlds": cpu}) is None
-    assert on_gpu({"worlds": gpu}) == gpu
-    (tmp_path / "on_gpu.json").write_text(json.dumps({"worlds": gpu}))
-    assert on_gpu({"worlds": cpu}) == gpu
+    run, known = {"worlds": gpu, "versions": {"rigcast": "9", "numpy": "8"}}, gpu | {"packages": "rigcast 9, numpy 8"}
+    assert on_gpu(written[0]) is None
+    assert on_gpu(run) == known
+    (tmp_path / "on_gpu.json").write_text(json.dumps(run))
+    assert on_gpu(written[0]) == known
     without = "\n".join(of_worlds(cpu, None, counted, tmp_path))
     assert "On a GPU: not measured" in without
     assert "Some GPU" not in without
     assert not (tmp_path / "worlds.png").exists()
-    with_one = "\n".join(of_worlds(cpu, gpu, counted, tmp_path))
+    with_one = "\n".join(of_worlds(cpu, known, counted, tmp_path))
     assert "not measured" not in with_one
-    assert "Some GPU, M rays/s" in with_one
+    assert "Some GPU, rigcast 9, numpy 8. M rays/s" in with_one
     assert "| worlds | rigcast | rigcast, graph | mujoco_warp |" in with_one
     assert "| operations | " in with_one
     assert (tmp_path / "worlds.png").exists()

@@ -19,7 +19,7 @@ BLOCK = 128
 BLOCKS = 5
 """Of a multiprocessor: 20 warps, for each of whose threads there are 96 registers."""
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 8})
 
 
 @wp.kernel

@@ -1,4 +1,4 @@
-"""Which triangles of a leaf a ray may pass inside: in loops, as short code stays in the instruction cache.
+"""Which triangles of a leaf a ray may pass inside: a loop over eight, as short code stays in the instruction cache.
 
 Of an edge e = a - b, seen from the origin, s(a, b) = d . (e x (a + b)) of rigcast.kernels.shapes.triangle is
 2 e . (a x d), as a x d and b x d differ by e x d. With two roundings of a, one each of d and e, two of the fused cross
@@ -8,79 +8,61 @@ product and three of the dot product, e . (a x d) is off by less than 9u |e|_1 |
 import warp as wp
 
 from rigcast.kernels.geometry import Patch, TriangleBlock
+from rigcast.kernels.trees.nodes import FIRST_PATCH
 
 from .native import on_cuda
 
-_EDGES = """
-    struct Point { float x, y, z; };
-    struct Corner { Point at, turned; float rounded; };  // p, a x d and 16u |a|_1 with a = p - o
-    auto norm = [](Point a) { return ::fabsf(a.x) + ::fabsf(a.y) + ::fabsf(a.z); };
-    auto corner = [&](float x, float y, float z) -> Corner {
-        const Point a = {(x - origin[0]) - rest[0], (y - origin[1]) - rest[1], (z - origin[2]) - rest[2]};
-        const Point turned = {
-            ::fmaf(a.y, direction[2], -(a.z * direction[1])),
-            ::fmaf(a.z, direction[0], -(a.x * direction[2])),
-            ::fmaf(a.x, direction[1], -(a.y * direction[0])),
-        };
-        return {{x, y, z}, turned, rounding * norm(a)};
-    };
-    struct Side { float low, high; };  // from where to where s / 2 may be
-    auto side = [&](const Corner& a, const Corner& b) -> Side {
-        const Point e = {a.at.x - b.at.x, a.at.y - b.at.y, a.at.z - b.at.z};
-        const float s = ::fmaf(e.x, a.turned.x, ::fmaf(e.y, a.turned.y, e.z * a.turned.z));
-        const float r = a.rounded * norm(e);
-        return {s - r, s + r};
-    };
-    // comparisons with NaN are false: what is not there is not passed
-    auto is_passed = [](Side a, Side b, Side c) {
-        const bool is_left = a.high >= 0.0f && b.high >= 0.0f && c.high >= 0.0f;
-        const bool is_right = a.low <= 0.0f && b.low <= 0.0f && c.low <= 0.0f;
-        return is_left || is_right;
-    };
+
+# Coordinates of a block's triangle lie eight numbers apart; where those of a patch are, the first corner's, the third
+# one's and the one's across, rigcast.kernels.shapes.patches says. Comparisons with NaN are false: what is not there is
+# not passed.
+@wp.func_native(
+    on_cuda(f"""
+    struct Point {{ float x, y, z; }};
+    auto minus = [](Point a, Point b) -> Point {{ return {{a.x - b.x, a.y - b.y, a.z - b.z}}; }};
+    auto norm = [](Point a) {{ return ::fabsf(a.x) + ::fabsf(a.y) + ::fabsf(a.z); }};
+    auto seen = [&](Point p) -> Point {{
+        return {{(p.x - origin[0]) - rest[0], (p.y - origin[1]) - rest[1], (p.z - origin[2]) - rest[2]}};
+    }};
+    auto side = [&](Point e, Point a) {{
+        const float x = ::fmaf(a.y, direction[2], -(a.z * direction[1]));
+        const float y = ::fmaf(a.z, direction[0], -(a.x * direction[2]));
+        const float z = ::fmaf(a.x, direction[1], -(a.y * direction[0]));
+        return ::fmaf(e.x, x, ::fmaf(e.y, y, e.z * z));
+    }};
+    const int patch = leaf - {int(FIRST_PATCH)};
+    const float* number = patch >= 0 ? &patches.data[patch].x[0] : &blocks.data[leaf].x0[0];
+    auto point = [&](int x, int y, int z) -> Point {{
+        return {{__ldg(number + x), __ldg(number + y), __ldg(number + z)}};
+    }};
     int passed = 0;
-"""
-
-
-@wp.func_native(
-    on_cuda(f"""{_EDGES}
-    const float* number = &blocks.data[k].x0[0];
 #pragma unroll 1
-    for (int j = 0; j < 8; ++j, ++number) {{
-        const Corner a = corner(__ldg(number), __ldg(number + 8), __ldg(number + 16));
-        const Corner b = corner(__ldg(number + 24), __ldg(number + 32), __ldg(number + 40));
-        const Corner c = corner(__ldg(number + 48), __ldg(number + 56), __ldg(number + 64));
-        if (is_passed(side(a, b), side(b, c), side(c, a))) passed |= 1 << j;
+    for (int j = 0; j < 8; ++j) {{
+        int x0 = j, y0 = j + 8, z0 = j + 16, x1 = j + 24, y1 = j + 32, z1 = j + 40;
+        int x2 = j + 48, y2 = j + 56, z2 = j + 64;
+        if (patch >= 0) {{
+            const int row = j >> 1 & 1, upper = j >> 2;
+            x0 = j & 1, y0 = 3 + row, z0 = 6 + 3 * row + x0;
+            x1 = x0 + 1 - upper, y1 = y0 + upper, z1 = z0 + 1 + 2 * upper;
+            x2 = x0 + 1, y2 = y0 + 1, z2 = z0 + 4;
+        }}
+        const Point a = point(x0, y0, z0), b = point(x1, y1, z1), c = point(x2, y2, z2);
+        const Point v0 = seen(a), v1 = seen(b), v2 = seen(c), e0 = minus(a, b), e1 = minus(b, c), e2 = minus(c, a);
+        const float s0 = side(e0, v0), r0 = rounding * norm(v0) * norm(e0);
+        const float s1 = side(e1, v1), r1 = rounding * norm(v1) * norm(e1);
+        const float s2 = side(e2, v2), r2 = rounding * norm(v2) * norm(e2);
+        if ((s0 >= -r0 && s1 >= -r1 && s2 >= -r2) || (s0 <= r0 && s1 <= r1 && s2 <= r2)) passed |= 1 << j;
     }}
     return passed;
 """)
 )
-def passed_in_block(  # type: ignore[empty-body]
-    blocks: wp.array[TriangleBlock], k: int, origin: wp.vec3, rest: wp.vec3, direction: wp.vec3, rounding: float
+def passed_in_leaf(  # type: ignore[empty-body]
+    blocks: wp.array[TriangleBlock],
+    patches: wp.array[Patch],
+    leaf: int,
+    origin: wp.vec3,
+    rest: wp.vec3,
+    direction: wp.vec3,
+    rounding: float,
 ) -> int:
-    """Bit by bit, the triangles of block k all of whose edges a ray from origin + rest may pass on one side."""
-
-
-@wp.func_native(
-    on_cuda(f"""{_EDGES}
-    const float* number = &patches.data[k].x[0];
-    const float x0 = __ldg(number), x1 = __ldg(number + 1), x2 = __ldg(number + 2);
-#pragma unroll 1
-    for (int row = 0; row < 2; ++row) {{
-        const float y0 = __ldg(number + 3 + row), y1 = __ldg(number + 4 + row);
-        const float* z = number + 6 + 3 * row;
-        const Corner a = corner(x0, y0, __ldg(z)), d = corner(x0, y1, __ldg(z + 3));
-        const Corner b = corner(x1, y0, __ldg(z + 1)), e = corner(x1, y1, __ldg(z + 4));
-        const Corner c = corner(x2, y0, __ldg(z + 2)), f = corner(x2, y1, __ldg(z + 5));
-        const Side be = side(b, e), eb = {{-be.high, -be.low}}, ae = side(a, e), ea = {{-ae.high, -ae.low}};
-        const Side bf = side(b, f), fb = {{-bf.high, -bf.low}};
-        const int cells = (is_passed(side(a, b), be, ea) ? 1 : 0) | (is_passed(side(b, c), side(c, f), fb) ? 2 : 0)
-            | (is_passed(ae, side(e, d), side(d, a)) ? 16 : 0) | (is_passed(bf, side(f, e), eb) ? 32 : 0);
-        passed |= cells << 2 * row;
-    }}
-    return passed;
-""")
-)
-def passed_in_patch(  # type: ignore[empty-body]
-    patches: wp.array[Patch], k: int, origin: wp.vec3, rest: wp.vec3, direction: wp.vec3, rounding: float
-) -> int:
-    """The same of patch k, row by row of its cells."""
+    """Bit by bit, triangles of a block or patch all of whose edges a ray from origin + rest may pass on one side."""

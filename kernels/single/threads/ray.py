@@ -11,14 +11,15 @@ from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, 
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import entry_of, pose_at
 from rigcast.kernels.shapes.facets import FIRST_IN_PATCHES, Triangle, triangle_of_block, triangle_of_patch
-from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
+from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, ROUNDING, triage_triangle
 from rigcast.kernels.single.ray import SMALLEST, box_margin
-from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, WIDTH
+from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH
 from rigcast.kernels.vectors import lowest_bit, smaller, to_double, to_float
 
-from .leaves import passed_in_block, passed_in_patch
+from .leaves import passed_in_leaf
 from .native import on_cuda
+from .solids import triage_closed_form
 from .walk import address_of_nodes, leaf_of, next_leaf, top_of
 
 OVER_SHAPES, IN_SHAPE = wp.constant(0), wp.constant(1)
@@ -123,19 +124,11 @@ def meet_triangle(
 
 
 @wp.func
-def passed_in_leaf(g: Geometry, frame: Frame, leaf: int) -> int:
-    """Bit by bit, its triangles that the ray may pass inside."""
-    if leaf >= FIRST_PATCH:
-        return passed_in_patch(
-            g.patches, leaf - FIRST_PATCH, frame.origin, frame.origin_rest, frame.direction, ROUNDING
-        )
-    return passed_in_block(g.blocks, leaf, frame.origin, frame.origin_rest, frame.direction, ROUNDING)
-
-
-@wp.func
 def meet_leaf(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], leaf: int) -> None:
     """Hold the ray against a block or a patch."""
-    passed = passed_in_leaf(g, frames[IN_SHAPE], leaf)
+    origin = frames[IN_SHAPE].origin
+    rest = frames[IN_SHAPE].origin_rest
+    passed = passed_in_leaf(g.blocks, g.patches, leaf, origin, rest, frames[IN_SHAPE].direction, ROUNDING)
     while passed != 0:
         meet_triangle(g, held, ray, frames, leaf * WIDTH + lowest_bit(passed))
         passed = passed & (passed - 1)
@@ -148,27 +141,24 @@ def meet_shape(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames
     Returns:
         The root of the tree over these, or NO_CHILD.
     """
-    world = ray[0].world
-    scope = world.scope
-    entry = scope.first_shape + shape
-    # all that may be wanted is asked for at once, so that it is waited for once
-    is_visible = g.visible[scope.first_visible + shape]
-    kind = g.kind[shape]
-    pose = pose_at(g, entry_of(g.place, shape, scope))
-    reach = g.reach[entry]
-    root = g.root[entry]
-    size = g.size[entry]
-    if not is_visible or (kind == SHEET and world.cull == CULL_FRONT):
+    scope = ray[0].world.scope
+    if not g.visible[scope.first_visible + shape]:
         return NO_CHILD
+    pose = pose_at(g, entry_of(g.place, shape, scope))
     to_local = wp.transpose(pose.rotation)
-    origin = to_local * (world.origin - pose.position)
-    direction = to_local * world.direction
+    origin = to_local * (ray[0].world.origin - pose.position)
+    direction = to_local * ray[0].world.direction
+    kind = g.kind[shape]
+    cull = ray[0].world.cull
     if has_triangles(kind):
-        frames[IN_SHAPE] = frame_of(origin, direction, reach)
+        if kind == SHEET and cull == CULL_FRONT:
+            return NO_CHILD
+        frames[IN_SHAPE] = frame_of(origin, direction, g.reach[scope.first_shape + shape])
         ray[0].shape = shape
-        ray[0].cull = wp.where(kind == SHEET, CULL_NONE, world.cull)
-        return root
-    span = triage_closed_form(kind, size, to_float(origin), to_float(direction), world.cull)
+        ray[0].cull = wp.where(kind == SHEET, CULL_NONE, cull)
+        return g.root[scope.first_shape + shape]
+    size = g.size[scope.first_shape + shape]
+    span = triage_closed_form(kind, size, to_float(origin), to_float(direction), cull)
     consider(held, ray, hit_within(span[0], span[1], shape, 0))
     return NO_CHILD
 
@@ -189,8 +179,9 @@ def cast_ray(
     is_over = bool(False)
     while not is_over:
         limit = smaller(ray[0].best.far * APART, ray[0].world.limit)
-        frame = frames[level]
-        found = next_leaf(nodes, at, frame.origin, frame.inverse, frame.margin, limit, stack, top, bottom)
+        origin = frames[level].origin
+        inverse = frames[level].inverse
+        found = next_leaf(nodes, at, origin, inverse, frames[level].margin, limit, stack, top, bottom)
         top = top_of(found)
         at = leaf_of(found)
         if at == NO_CHILD:

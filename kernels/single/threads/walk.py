@@ -44,10 +44,10 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
         if (at < 0) return wp::uint64(top) << 32 | unsigned(at);
         const float4* node = tree + 14 * at;
         const int* child = reinterpret_cast<const int*>(node + 12);
-        unsigned key[8] = {};
+        unsigned key[8];
         int count = 0;
 #pragma unroll 1
-        for (int half = 1; half >= 0; --half) {
+        for (int half = 0; half < 2; ++half) {
             float number[6][4];
 #pragma unroll
             for (int i = 0; i < 6; ++i) {
@@ -56,7 +56,6 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
             }
 #pragma unroll
             for (int j = 0; j < 4; ++j) {
-                key[4 + j] = key[j];
                 const float cx = ::fmaf(number[0][j], ix, ox), hx = ::fmaf(number[3][j], sx, mx);
                 const float cy = ::fmaf(number[1][j], iy, oy), hy = ::fmaf(number[4][j], sy, my);
                 const float cz = ::fmaf(number[2][j], iz, oz), hz = ::fmaf(number[5][j], sz, mz);
@@ -65,7 +64,7 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
                 const int enter_z = __float_as_int(cz - hz), leave_z = __float_as_int(cz + hz);
                 const int enter = ::max(::max(::max(enter_x, enter_y), enter_z), 0);
                 const bool is_entered = enter <= ::min(::min(::min(leave_x, leave_y), leave_z), last);
-                key[j] = is_entered ? (enter & ~7) | (4 * half + j) : none;
+                key[4 * half + j] = is_entered ? (enter & ~7) | (4 * half + j) : none;
                 count += is_entered;
             }
         }
