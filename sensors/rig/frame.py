@@ -138,6 +138,8 @@ class Frame:
         what = f"Rig.sense: out: sensor {sensor!r}: got a frame of"
         if self.sensor != sensor:
             raise InputError(f"{what} sensor {self.sensor!r}, expected one of its own")
+        if self._kept.is_part:  # fields of the whole would be those of another reading
+            raise InputError(f"{what} one of many worlds, expected one of a reading of one world")
         own = self._kept.range.device
         if shape != self.shape or own != device:
             raise InputError(f"{what} shape {self.shape} on {own}, expected {shape} on {device}")

@@ -39,6 +39,7 @@ class Kept:
         self, hits: HitArrays, shape: tuple[int, ...], rays: Rays | None = None, first: "FirstReadings | None" = None
     ) -> None:
         self.hits, self.shape = hits, shape
+        self.is_part = False  # of those of many worlds
         self._first = first
         self.range = hits.distance.reshape(shape)
         self.shape_hit = hits.shape.reshape(shape)
@@ -207,7 +208,9 @@ class Kept:
     def of_world(self, k: int) -> "Kept":
         """Those of one of many worlds, without a copy."""
         part = slice(k, k + 1)
-        return Kept(self.hits.of_worlds(part, self.shape[0]), self.shape[1:], self.rays.of_worlds(part))
+        kept = Kept(self.hits.of_worlds(part, self.shape[0]), self.shape[1:], self.rays.of_worlds(part))
+        kept.is_part = True
+        return kept
 
     def settle(self) -> None:
         """Take note of who holds the arrays now: nobody but this, and what shares its life."""

@@ -29,7 +29,7 @@ from .kept import Kept
 from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA, ReadingOfWorlds
 from .reading import read_frame
-from .room import require_countable, require_room
+from .room import require_countable, require_room, require_room_in
 from .schedule import Schedule
 from .under_way import UnderWay
 
@@ -121,7 +121,7 @@ class Rig:
         """
         mounted = self._select(names)
         if isinstance(data, mujoco.MjData):
-            self._require_room_in(out, mounted)
+            require_room_in(out, {m.spec.name: m.frame_shape for m in mounted}, self.scene.device)
             self._look(data)
             return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
         if not is_batch(data):
@@ -225,7 +225,8 @@ class Rig:
         self, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None
     ) -> dict[str, Frame]:
         worlds.require_sensors(self._mounted)
-        self._require_room_in(out, mounted, (worlds.count,))
+        shapes = {m.spec.name: (worlds.count, *m.frame_shape) for m in mounted}
+        require_room_in(out, shapes, self.scene.device)
         require_countable(worlds.count, {m.spec.name: math.prod(m.frame_shape) for m in mounted})
         standing = self.scene.bytes_per_standing_world(worlds)
         standing += max((m.bytes_per_standing_world for m in mounted), default=0)
@@ -251,20 +252,6 @@ class Rig:
         if out is None:
             return mounted.pool.take(shape, self.scene.device)
         return out[mounted.spec.name].start_again()
-
-    def _require_room_in(
-        self, out: Mapping[str, Frame] | None, mounted: Sequence[Mounted], worlds: tuple[int, ...] = ()
-    ) -> None:
-        """Raise InputError unless `out` is None, or has a frame of each sensor's in so many worlds."""
-        if out is None:
-            return
-        require_type("Rig.sense: out", out, Mapping)
-        for m in mounted:
-            if m.spec.name not in out:
-                expected = "expected a frame of each sensor that is read"
-                raise InputError(f"Rig.sense: out: no frame of sensor {m.spec.name!r}, {expected}")
-            require_type(f"Rig.sense: out: sensor {m.spec.name!r}", out[m.spec.name], Frame)
-            out[m.spec.name].require_room(m.spec.name, worlds + m.frame_shape, self.scene.device)
 
 
 class _Delivery(NamedTuple):

@@ -1,4 +1,4 @@
-"""Whether many worlds can be read together, before anything is allocated."""
+"""Whether readings have room, before anything is allocated or written over."""
 
 import math
 import os
@@ -7,7 +7,9 @@ from collections.abc import Mapping
 import warp as wp
 
 from rigcast.sensors.captured import is_captured
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, require_type
+
+from .frame import Frame
 
 MOST_RAYS = 2**31 - 1
 """Of a frame: those of kernels are counted in 32 bits."""
@@ -21,6 +23,20 @@ def require_countable(worlds: int, rays: Mapping[str, int]) -> None:
                 f"Rig.sense: {worlds} worlds of sensor {name!r} have {worlds * of_each} rays, expected at most "
                 f"{MOST_RAYS}: {MOST_RAYS // of_each} worlds"
             )
+
+
+def require_room_in(out: Mapping[str, Frame] | None, shapes: Mapping[str, tuple[int, ...]], device: wp.Device) -> None:
+    """Raise InputError unless `out` is None, or has a frame of each of these sensors, of these shapes."""
+    if out is None:
+        return
+    require_type("Rig.sense: out", out, Mapping)
+    for name, shape in shapes.items():
+        if name not in out:
+            raise InputError(
+                f"Rig.sense: out: no frame of sensor {name!r}, expected a frame of each sensor that is read"
+            )
+        require_type(f"Rig.sense: out: sensor {name!r}", out[name], Frame)
+        out[name].require_room(name, shape, device)
 
 
 def require_room(worlds: int, needs: Mapping[str, int], meanwhile: int, device: wp.Device, kept: int) -> None:

@@ -269,6 +269,10 @@ OUTS: dict[str, tuple[Callable[[dict[str, Frame]], Any], str]] = {
         lambda frames: frames | {"camera": frames["lidar"]},
         "out: sensor 'camera': got a frame of sensor 'lidar', expected one of its own",
     ),
+    "of one of many worlds": (
+        lambda frames: frames | {"camera": frames["camera in two worlds"].world(1)},
+        "out: sensor 'camera': got a frame of one of many worlds, expected one of a reading of one world",
+    ),
     "of many worlds": (
         lambda frames: frames | {"camera": frames["camera in two worlds"]},
         r"out: sensor 'camera': got a frame of shape \(2, 7, 9\) on cpu, expected \(7, 9\) on cpu",
