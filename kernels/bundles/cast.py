@@ -6,15 +6,14 @@ from typing import Any
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
-from rigcast.kernels.hits.fields import write_fields
 from rigcast.kernels.hits.hit import WorldRay, no_hit
-from rigcast.kernels.hits.out import read_hit, write_miss
+from rigcast.kernels.hits.out import write_miss
 from rigcast.kernels.launching.slices import TURN, prepare_over_tiles
 from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.packing.bundling import MOST, Bundles
 from rigcast.kernels.poses.scope import scope_of
 from rigcast.kernels.rays.arrays import direction_of, firing_of, origin_of, span_of
-from rigcast.kernels.single.cast import Job, is_castable, write_hit
+from rigcast.kernels.single.cast import Job, is_castable, read_ray, write_hit
 
 from .bundle import Bundle, Member, cast_bundle, world_ray_of
 
@@ -67,7 +66,7 @@ def bundle_of(
                 bundle.count += 1
             else:
                 write_miss(job.out, i, wp.nan)
-                write_fields(job.fields, job.out, own, i)
+                read_ray(job, i, firing)
     return bundle
 
 
@@ -76,9 +75,7 @@ def write_bundle(g: wp.array[Geometry], job: Job, bundle: Bundle) -> None:
     for k in range(bundle.first, bundle.first + bundle.count):
         i = bundle.members[k].number
         write_hit(g, job.out, i, bundle.members[k].best, world_ray_of(bundle, k))
-        if job.out.is_read:
-            read_hit(job.out, i, job.rays.rotation[firing_of(job.rays, i)])
-            write_fields(job.fields, job.out, job.rays, i)
+        read_ray(job, i, firing_of(job.rays, i))
 
 
 @wp.func

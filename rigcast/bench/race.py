@@ -78,7 +78,7 @@ def race(workload: Workload, casters: Sequence[type[Caster]], rounds: int, sampl
 
 def _race(workload: Workload, view: View, casters: Sequence[Caster], rounds: int, sample: int) -> Result:
     directions = np.ascontiguousarray(view.directions.reshape(-1, 3))
-    some = np.unique(np.linspace(0, len(directions) - 1, min(sample, len(directions))).astype(np.intp))
+    some = spread_over(len(directions), sample)
     reference = MjRay(workload.model, workload.data, workload.groups).oracle.cast(view.origin, directions[some])
     runners, right = [], []
     for caster in casters:
@@ -134,6 +134,11 @@ def _seconds(run: Callable[[], Any], settle: Callable[[], object] = lambda: None
     run()
     settle()
     return time.perf_counter() - began, max(time.process_time() - cpu_began, 1e-9)
+
+
+def spread_over(count: int, most: int) -> Sequence[int]:
+    """Return at most so many of the numbers below count, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int)).tolist()
 
 
 def rightness(directions: Floats, answer: Answer, reference: RayHits) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from rigcast.kernels.packing.bundling import sort_into_bundles
 from rigcast.kernels.packing.firings import groups_of, same_rows
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets
-from rigcast.kernels.packing.warps import EVEN, LEVEL, sort_into_warps
+from rigcast.kernels.packing.warps import EVEN, LEVEL, Warps, sort_into_warps
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.captured import is_captured
@@ -261,11 +261,9 @@ def _firings(spec: Sensor, pattern: Pattern, scene: Scene) -> Firings | None:
     return Firings.of(times.reshape(-1), packed=scene.device.is_cpu and pattern.origins is None)
 
 
-def _in_packets(pattern: Pattern, scene: Scene) -> bool:
-    """Whether rays are cast in packets: on the CPU, where enough of them leave from one origin."""
-    if not scene.device.is_cpu or pattern.origins is None:
-        return scene.device.is_cpu
-    return _are_shared(same_rows(pattern.origins.reshape(-1, 3)))
+def _share_origins(pattern: Pattern) -> bool:
+    """Whether enough rays leave from one origin to be cast in packets."""
+    return pattern.origins is None or _are_shared(same_rows(pattern.origins.reshape(-1, 3)))
 
 
 def _are_shared(group: NDArray[np.int32]) -> bool:
@@ -280,17 +278,24 @@ def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
 
 
 def _packed(pattern: Pattern, rays: Rays, scene: Scene) -> Rays:
-    """The rays of a pattern as they are cast together: in packets, in bundles where enough run in one direction, or on
-    CUDA in warps."""
-    if _in_packets(pattern, scene):
+    """The rays of a pattern as they are cast together: on CUDA in warps, on the CPU in packets, or in bundles where
+    enough run in one direction."""
+    if scene.device.is_cuda:
+        return replace(rays, packets=_warps(pattern, scene.device))
+    if _share_origins(pattern):
         return replace(rays, packets=pattern.packets or _packets(pattern, rays))
-    if scene.device.is_cuda and pattern.origins is None and pattern.later is None:
-        weights = EVEN if pattern.ring is None else LEVEL
-        return replace(rays, packets=sort_into_warps(pattern.directions.reshape(-1, 3), scene.device, weights))
-    if scene.device.is_cuda or pattern.later is not None:
+    if pattern.later is not None:
         return rays
     group = same_rows(rays.directions.numpy())
     return replace(rays, packets=sort_into_bundles(rays.origins.numpy(), group)) if _are_shared(group) else rays
+
+
+def _warps(pattern: Pattern, device: wp.Device) -> Warps | None:
+    """The rays of a pattern in warps; None for those of several origins, or that are others in each reading."""
+    if pattern.origins is not None or pattern.later is not None:
+        return None
+    weights = EVEN if pattern.ring is None else LEVEL
+    return sort_into_warps(pattern.directions.reshape(-1, 3), device, weights)
 
 
 def _packets(pattern: Pattern, rays: Rays) -> Packets:

@@ -13,9 +13,10 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from rigcast.bench import workloads
+from rigcast.bench.race import spread_over
 from rigcast.bench.workloads import Workload
 from rigcast.bench.worlds.contenders import Rigcast, captured
-from rigcast.bench.worlds.crowd import G1_HEAD, Crowd, crowd, spread_over
+from rigcast.bench.worlds.crowd import G1_HEAD, Crowd, crowd
 from rigcast.bench.worlds.limits import limits
 from rigcast.cli import app
 

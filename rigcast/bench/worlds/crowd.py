@@ -1,6 +1,5 @@
 """What is cast in many worlds: a robot on a landscape, in each world somewhere else and in another posture."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -100,8 +99,3 @@ def _ground(model: mujoco.MjModel, geom: int, x: float, y: float) -> float:
     column = round((x + across) / (2 * across) * (columns - 1))
     row = round((y + along) / (2 * along) * (rows - 1))
     return float(model.geom_pos[geom, 2] + high * model.hfield_data[begin + row * columns + column])
-
-
-def spread_over(worlds: int, most: int) -> Sequence[int]:
-    """Return at most so many of the worlds, evenly spread."""
-    return np.unique(np.linspace(0, worlds - 1, min(worlds, most)).astype(int)).tolist()

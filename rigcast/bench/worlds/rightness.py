@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from rigcast.bench.casters import Answer, Floats
-from rigcast.bench.race import CLOSE, rightness
+from rigcast.bench.race import CLOSE, rightness, spread_over
 from rigcast.oracle import Oracle, RayHits
 from rigcast.sensors.specs.filter import Filter
 
-from .crowd import Crowd, spread_over
+from .crowd import Crowd
 
 JUDGED = 16  # worlds that are held to mj_ray
 
