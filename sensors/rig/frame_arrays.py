@@ -16,7 +16,7 @@ from rigcast.kernels.host.held import Held
 from rigcast.kernels.poses.mounts import Frames
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.scene.rays.placed import in_pose
-from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.mount import BoundMount
 
 from .launches import Launches
@@ -118,7 +118,7 @@ class FrameArrays:
             aimed = self._aimed = Aimed(fixed, position, rays)
         return aimed.rays
 
-    def read(self, scene: Scene, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
+    def read(self, scene: Stage, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
         """A reading without errors, of what is between these limits [m]."""
         aimed = self._aimed
         fixed = aimed.fixed if aimed is not None and rays is aimed.rays else rays
