@@ -24,14 +24,15 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
 # A node is 14 times four numbers, two of each field. Along each axis a box is entered at its centre's distance less
 # half its size in steps of the ray, which are fused products; their roundings are fewer than box_margin covers. As
 # integers, floats from 0 on are in the same order, and those below are less than 0. A child that is entered becomes a
-# key: its distance, but for the last three bits, which are its number.
+# key: its distance, but for the last three bits, which are its number. The limit has all three, so that no key that is
+# as near is beyond it, and is 0 where it is -0.
 @wp.func_native(
     on_cuda("""
     const auto* tree = reinterpret_cast<const float4*>(nodes);
     auto* entries = reinterpret_cast<wp::uint64*>(stack);
     const int no_child = (int)0x80000000;
     const unsigned none = ~0u;
-    const int last = __float_as_int(limit);
+    const int last = ::max(__float_as_int(limit), 0) | 7;
     const float ix = inverse[0], iy = inverse[1], iz = inverse[2];
     const float sx = ::fabsf(ix), sy = ::fabsf(iy), sz = ::fabsf(iz);
     const float ox = -origin[0] * ix, oy = -origin[1] * iy, oz = -origin[2] * iz;
