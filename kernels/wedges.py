@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .host.held import references
+from .host.held import Held
 from .launching.slices import TURN, prepare_over_tiles
 from .launching.turns import turn_of
 from .packets.packet import LANES, TILE, Tile, double_lanes
@@ -186,10 +186,10 @@ class Bending:
     def _take(self, in_packets: bool) -> "_Reading":
         """The last one that nobody holds any more, or a new one."""
         for reading in reversed(self._readings):
-            if reading.in_packets == in_packets and reading.is_free:
+            if reading.in_packets == in_packets and not reading.held.by_others:
                 return reading
         reading = _Reading(self._wedges, self._shape, in_packets)
-        reading.settle()
+        reading.held.settle()
         self._readings.append(reading)
         return reading
 
@@ -205,18 +205,8 @@ class _Reading:
         these = self.packing.these
         if not in_packets:
             these.tiles = wp.empty(0, dtype=Tile, device="cpu")
-        self._given = [self.directions, these.tiles, these.packets]
-        self._at_first: list[int] = []
+        self.held = Held(self.directions, these.tiles, these.packets)
         self.launch = prepare_over_tiles(bend_and_pack, -(-samples // LANES), lambda _: [wedges, these])
-
-    def settle(self) -> None:
-        """Take note of who holds the arrays now: nobody but this."""
-        self._at_first = references(self._given)
-
-    @property
-    def is_free(self) -> bool:
-        """Whether nobody holds any of the arrays."""
-        return references(self._given) == self._at_first
 
 
 def _doubles(values: Doubles) -> wp.array:

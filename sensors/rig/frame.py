@@ -18,7 +18,7 @@ from rigcast.sensors.scene.shape_ids import ShapeIds
 from rigcast.sensors.specs.cameras.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 
-from .kept import Kept
+from .frame_arrays import FrameArrays
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +58,7 @@ class Frame:
     time: float | wp.array
     pose: NDArray[np.float64] | wp.array
     shape: tuple[int, ...]
-    _kept: Kept
+    _arrays: FrameArrays
     _source: Source
 
     def __repr__(self) -> str:
@@ -72,12 +72,12 @@ class Frame:
     @property
     def range(self) -> wp.array:
         """(...) float32 [m]: distance along the ray; +inf nothing in range, -inf too near, NaN invalid (REP-117)."""
-        return self._kept.range
+        return self._arrays.range
 
     @property
     def normal(self) -> wp.array:
         """(..., 3) float32: unit outward normal of what was hit, in the sensor's frame; 0 where nothing was."""
-        return self._kept.normal
+        return self._arrays.normal
 
     @cached_property
     def geom_id(self) -> wp.array:
@@ -102,22 +102,22 @@ class Frame:
     @cached_property
     def body_id(self) -> wp.array:
         """(...) int32: MuJoCo's id of the body of what was hit, -1 where nothing was, or a thing of several bodies."""
-        return self._values("body_id", partial(reading.take, self._source.body_of_shape, self._kept.hits.shape))
+        return self._values("body_id", partial(reading.take, self._source.body_of_shape, self._arrays.hits.shape))
 
     @cached_property
     def points(self) -> wp.array:
         """(..., 3) float32 [m], in the sensor's frame; NaN where the range is not finite."""
-        return self._vectors("points", wp.float32, reading.points)
+        return self._of_rays("points", reading.points)
 
     @cached_property
     def points_world(self) -> wp.array:
         """(..., 3) float64 [m], in the world; NaN where the range is not finite."""
-        return self._vectors("points_world", wp.float64, reading.world_points)
+        return self._of_rays("points_world", reading.world_points)
 
     @cached_property
     def stamp(self) -> wp.array:
         """(...) float64 [s]: when each ray was fired, `time` plus its firing time in the pattern."""
-        distance = self._kept.hits.distance
+        distance = self._arrays.hits.distance
         begun = self.time
         if not isinstance(begun, wp.array):
             begun = wp.full(1, begun, dtype=wp.float64, device=distance.device)
@@ -138,16 +138,16 @@ class Frame:
         what = f"Rig.sense: out: sensor {sensor!r}: got a frame of"
         if self.sensor != sensor:
             raise InputError(f"{what} sensor {self.sensor!r}, expected one of its own")
-        if self._kept.is_part:  # fields of the whole would be those of another reading
+        if self._arrays.is_part:  # fields of the whole would be those of another reading
             raise InputError(f"{what} one of many worlds, expected one of a reading of one world")
-        own = self._kept.range.device
+        own = self._arrays.range.device
         if shape != self.shape or own != device:
             raise InputError(f"{what} shape {self.shape} on {own}, expected {shape} on {device}")
 
-    def start_again(self) -> Kept:
+    def start_again(self) -> FrameArrays:
         """The arrays, for another reading."""
-        self._kept.start()
-        return self._kept
+        self._arrays.start_again()
+        return self._arrays
 
     def require_one_world(self) -> None:
         """Raise InputError for a frame of many worlds."""
@@ -165,7 +165,7 @@ class Frame:
             "time": float(time[k : k + 1].numpy()[0]),
             "pose": pose[k : k + 1].numpy()[0],
             "shape": self.shape[1:],
-            "_kept": self._kept.of_world(k),
+            "_arrays": self._arrays.of_world(k),
         }
 
     def picture(self) -> "Image.Image":
@@ -203,15 +203,14 @@ class Frame:
         if owner not in ids.of_shape:
             return None
         if ids.are_shapes(owner):
-            return self._kept.shape_hit
-        return self._values(f"{owner}_id", partial(ids.look_up, owner, self._kept.hits.shape))
+            return self._arrays.shape_hit
+        return self._values(f"{owner}_id", partial(ids.look_up, owner, self._arrays.hits.shape))
 
     def _values(self, name: str, work_out: Callable[[wp.array | None], wp.array]) -> wp.array:
-        return self._kept.field(name, work_out, self._kept.scalars)
+        return self._arrays.field(name, work_out, self._arrays.in_shape)
 
-    def _vectors(self, name: str, scalar: type, work_out: Callable[..., wp.array]) -> wp.array:
-        kept = self._kept
-        return kept.field(name, partial(work_out, kept.hits.distance, kept.rays), partial(kept.vectors, scalar=scalar))
+    def _of_rays(self, name: str, work_out: Callable[..., wp.array]) -> wp.array:
+        return self._values(name, partial(work_out, self._arrays.hits.distance, self._arrays.rays))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -254,7 +253,7 @@ class CameraFrame(Frame):
     @cached_property
     def depth(self) -> wp.array:
         """(height, width) float32 [m]: z-depth in the optical frame; +-inf and NaN where the range is."""
-        return self._values("depth", partial(reading.z_depth, self._kept.hits.distance, self._kept.rays))
+        return self._of_rays("depth", reading.z_depth)
 
     @cached_property
     def depth_16bit(self) -> wp.array:

@@ -38,8 +38,9 @@ from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 
 from .frame import Source
-from .kept import Kept, Pool
+from .frame_arrays import FrameArrays
 from .motion import FEWEST, Firings, Track
+from .pool import Pool
 
 if TYPE_CHECKING:
     from rigcast.sensors.physics.depth_camera import DepthPhysics
@@ -64,7 +65,7 @@ class Aim(NamedTuple):
     time: float | wp.array
     pose: NDArray[np.float64] | wp.array
     rays: Rays
-    kept: Kept
+    arrays: FrameArrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,10 +189,10 @@ class Mounted:
         """Its rays, all fired now."""
         return in_pose(self.rays_at_once, self.pose(data))
 
-    def aim(self, data: mujoco.MjData, time: float, kept: Kept) -> Aim:
+    def aim(self, data: mujoco.MjData, time: float, arrays: FrameArrays) -> Aim:
         """Its rays, all fired now, for a reading at `time` [s]."""
-        pose, rays = kept.aim(self.rays_at_once, self.mount, self.spec.yaw_aligned, data)
-        return Aim(time, pose, rays, kept)
+        pose, rays = arrays.aim(self.rays_at_once, self.mount, self.spec.yaw_aligned, data)
+        return Aim(time, pose, rays, arrays)
 
     def rays_along(self, track: Track) -> Rays:
         """The rays of a sensor that moves, which is on this track at the times of its firings."""
@@ -214,12 +215,11 @@ class Mounted:
         ring, column = _same_in_each(fired.ring, worlds.count), _same_in_each(fired.column, worlds.count)
         return replace(fired, ring=ring, column=column, filter=worlds.filter_of(self.spec))
 
-    def aim_in_worlds(self, worlds: Standing, kept: Kept) -> Rays:
+    def aim_in_worlds(self, worlds: Standing, arrays: FrameArrays) -> Rays:
         """Its rays, where it is in these worlds."""
         at = worlds.attached(self.spec, self.attached)
-        frames, carriers = kept.frames(worlds.count), worlds.carriers(at)
-        frames.place(0, carriers, at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
-        return kept.aim_in_worlds(self.rays_at_once)
+        arrays.frames.place(0, worlds.carriers(at), at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
+        return arrays.aim_in_worlds(self.rays_at_once)
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)

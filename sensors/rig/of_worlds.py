@@ -12,7 +12,7 @@ from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import Worlds
 
 from .frame import Frame
-from .kept import Kept
+from .frame_arrays import FrameArrays
 from .mounted import Aim, Mounted
 from .reading import Brightness, frame_of, read
 
@@ -24,8 +24,8 @@ more rays at a time than a CPU."""
 class ReadingOfWorlds:
     """A reading into arrays for all worlds; what poses, trees and errors take meanwhile is there for some at a time."""
 
-    def __init__(self, mounted: Mounted, worlds: Worlds, kept: Kept, seed: int) -> None:
-        self._mounted, self._worlds, self._kept, self._seed = mounted, worlds, kept, seed
+    def __init__(self, mounted: Mounted, worlds: Worlds, arrays: FrameArrays, seed: int) -> None:
+        self._mounted, self._worlds, self._arrays, self._seed = mounted, worlds, arrays, seed
         self._brightness: list[tuple[slice, Brightness]] = []
 
     @cached_property
@@ -35,25 +35,26 @@ class ReadingOfWorlds:
 
     def read(self, standing: Standing) -> None:
         """Read in those worlds that stand in the scene now. A world may be read again, which changes nothing."""
-        kept, (fired, number) = self._kept.part(standing.part), self._fired
-        rays = fired.aim_in_worlds(standing, kept)
+        arrays, (fired, number) = self._arrays.of_worlds(standing.part), self._fired
+        rays = fired.aim_in_worlds(standing, arrays)
         name, of_each = fired.spec.name, math.prod(fired.pattern.shape)
         random = partial(random_source, self._seed, name, number, standing.ids, of_each)
-        brightness = read(fired, rays, kept, random)
+        brightness = read(fired, rays, arrays, random)
         if brightness is not None:
             self._brightness.append((standing.part, brightness))
         scene = fired.scene
         if is_captured(scene.device):
-            self._kept.hold(fired, standing, kept, kept.launches, fired.visible(), *scene.on_device)
+            self._arrays.keep(fired, standing, arrays, arrays.launches, fired.visible(), *scene.on_device)
 
     def frame(self) -> Frame:
         """The frame of all worlds, when they have been read."""
-        fired, kept = self._fired[0], self._kept
-        frames, device = kept.frames(self._worlds.count), kept.range.device
-        time = kept.field("time", partial(self._worlds.times, device))
-        aim = Aim(time, kept.field("pose", frames.poses), kept.aim_in_worlds(fired.rays_at_once), kept)
-        kept.settle()
-        brightness = partial(_joined, self._brightness, kept.range.size, device) if self._brightness else None
+        fired, arrays, device = self._fired[0], self._arrays, self._arrays.range.device
+        time, pose = (
+            arrays.field("time", partial(self._worlds.times, device)),
+            arrays.field("pose", arrays.frames.poses),
+        )
+        aim = Aim(time, pose, arrays.aim_in_worlds(fired.rays_at_once), arrays)
+        brightness = partial(_joined, self._brightness, arrays.range.size, device) if self._brightness else None
         return frame_of(fired, aim, brightness)
 
 

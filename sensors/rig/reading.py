@@ -13,7 +13,7 @@ from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.lidars.lidar import Lidar
 
 from .frame import CameraFrame, Frame, LidarFrame
-from .kept import Kept
+from .frame_arrays import FrameArrays
 from .mounted import Aim, Mounted
 
 Brightness = Callable[[wp.array | None], wp.array]
@@ -23,39 +23,39 @@ Brightness = Callable[[wp.array | None], wp.array]
 def read_frame(mounted: Mounted, aim: Aim, seed: int) -> Frame:
     """What a sensor reads in the world as its scene stands. seed: of the errors of all readings."""
     random = partial(random_source, seed, mounted.spec.name, next(mounted.frames))
-    return frame_of(mounted, aim, read(mounted, aim.rays, aim.kept, random))
+    return frame_of(mounted, aim, read(mounted, aim.rays, aim.arrays, random))
 
 
-def read(mounted: Mounted, rays: Rays, kept: Kept, random: Callable[[], RandomSource]) -> Brightness | None:
+def read(mounted: Mounted, rays: Rays, arrays: FrameArrays, random: Callable[[], RandomSource]) -> Brightness | None:
     """One reading into these arrays. Gives None where brightness follows from what was hit, without errors."""
     visible = mounted.visible()
     if mounted.physics is not None:
         reading = mounted.physics.read(rays, visible, random())
-        kept.take(reading.hits, rays)
+        arrays.take(reading.hits, rays)
         return partial(_copied, reading.intensity)
     if mounted.depth_physics is not None:
         measured = mounted.depth_physics.read(rays, visible, random())
-        kept.take(measured.hits, rays)
+        arrays.take(measured.hits, rays)
         return partial(infrared, measured.seen, rays.directions, mounted.scene.looks().reflectivity)
-    kept.read(mounted.scene, rays, visible, (mounted.spec.min_range, mounted.spec.max_range))
+    arrays.read(mounted.scene, rays, visible, (mounted.spec.min_range, mounted.spec.max_range))
     return None
 
 
 def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame:
     """The frame of what was read."""
-    spec, kept, looks = mounted.spec, aim.kept, mounted.scene.looks
-    common = aim.time, aim.pose, kept.shape, kept, mounted.source
+    spec, arrays, looks = mounted.spec, aim.arrays, mounted.scene.looks
+    common = aim.time, aim.pose, arrays.shape, arrays, mounted.source
     if isinstance(spec, Lidar):
-        bright = brightness or partial(intensity, kept.hits, aim.rays, looks().surfaces)
+        bright = brightness or partial(intensity, arrays.hits, aim.rays, looks().surfaces)
         frame: Frame = LidarFrame(*common, mounted.ring, mounted.column, bright)
     elif isinstance(spec, DepthCamera):
-        bright = brightness or partial(infrared, kept.hits, aim.rays.directions, looks().reflectivity)
+        bright = brightness or partial(infrared, arrays.hits, aim.rays.directions, looks().reflectivity)
         pattern = mounted.pattern
         assert pattern.intrinsics is not None
         frame = CameraFrame(*common, pattern.intrinsics, pattern.lens, spec.depth_scale, bright)
     else:
         frame = Frame(*common)
-    for field in kept.asked:
+    for field in arrays.asked:
         getattr(frame, field)  # which writes over what it was
     return frame
 

@@ -25,7 +25,7 @@ from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
 from .frame import Frame
-from .kept import Kept
+from .frame_arrays import FrameArrays
 from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA, ReadingOfWorlds
 from .reading import read_frame
@@ -244,10 +244,10 @@ class Rig:
         return {name: reading.frame() for name, reading in readings.items()}
 
     def _reading_of_worlds(self, mounted: Mounted, worlds: Worlds, out: Mapping[str, Frame] | None) -> ReadingOfWorlds:
-        kept = self._room(mounted, (worlds.count, *mounted.frame_shape), out)
-        return ReadingOfWorlds(mounted, worlds, kept, self.seed)
+        arrays = self._room(mounted, (worlds.count, *mounted.frame_shape), out)
+        return ReadingOfWorlds(mounted, worlds, arrays, self.seed)
 
-    def _room(self, mounted: Mounted, shape: tuple[int, ...], out: Mapping[str, Frame] | None) -> Kept:
+    def _room(self, mounted: Mounted, shape: tuple[int, ...], out: Mapping[str, Frame] | None) -> FrameArrays:
         """The arrays for a sensor's next frame, of this shape: those of its frame in `out`, or of one nobody holds."""
         if out is None:
             return mounted.pool.take(shape, self.scene.device)

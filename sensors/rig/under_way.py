@@ -8,7 +8,7 @@ import numpy as np
 
 from rigcast.sensors.scene.scene import Scene
 
-from .kept import Kept
+from .frame_arrays import FrameArrays
 from .motion import History, Knot, Track
 from .mounted import Aim, Mounted
 
@@ -53,7 +53,7 @@ class UnderWay:
         self._begun = [each for each in self._begun if each not in over]
         return over
 
-    def aim(self, begun: Begun, kept: Kept) -> Aim:
+    def aim(self, begun: Begun, arrays: FrameArrays) -> Aim:
         """Bring the scene to the steps that a reading spans; its rays through them, and the arrays for its frame."""
         name, firings = begun.mounted.spec.name, begun.mounted.firings
         assert firings is not None
@@ -61,4 +61,4 @@ class UnderWay:
         self._scene.sweep([knot.shapes for knot in knots])
         pose = Track.along(knots, name, np.array([begun.time])).pose()
         rays = begun.mounted.rays_along(Track.along(knots, name, begun.time + firings.times))
-        return Aim(begun.time, pose, rays, kept)
+        return Aim(begun.time, pose, rays, arrays)

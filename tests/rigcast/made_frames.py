@@ -42,10 +42,10 @@ def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -
     sensor, time = given.pop("sensor", "eye"), given.pop("time", 0.1)
     fields = _random_fields(kind, distance) | {"range": distance} | given
     arrays = {name: wp.array(array, device="cpu") for name, array in fields.items()}
-    kept: Any = SimpleNamespace(range=arrays.pop("range"), normal=arrays.pop("normal"))
+    hit: Any = SimpleNamespace(range=arrays.pop("range"), normal=arrays.pop("normal"))
     nothing: Any = None
     source = Source(sensor, shape_ids=ShapeIds({}), body_of_shape=nothing, firing_times=None, pattern=nothing)
-    frame = kind(time=time, pose=POSE, shape=distance.shape, _kept=kept, _source=source, **own)
+    frame = kind(time=time, pose=POSE, shape=distance.shape, _arrays=hit, _source=source, **own)
     vars(frame).update(arrays)
     if kind is not Frame and "intensity" not in given:
         vars(frame)["intensity"] = None

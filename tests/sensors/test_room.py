@@ -73,7 +73,7 @@ def taken_by_worlds(rig: Rig, batch_of: Callable[[mujoco.MjModel, int], Any]) ->
         frames: Any = rig.sense(batch)
         taken[worlds] = allocated() - before
         del frames
-        rig._mounted["one"].pool._kept.clear()  # which serve for later frames
+        rig._mounted["one"].pool._last.clear()  # which serve for later frames
         kept[worlds] = allocated() - before
     stays = kept[1010] - kept[10]
     return stays / 1000, (taken[1010] - taken[10] - stays) / 1000

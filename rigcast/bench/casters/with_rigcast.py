@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.oracle import Things
-from rigcast.sensors.rig.kept import Pool
+from rigcast.sensors.rig.pool import Pool
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.parts.part import OWNERS
 from rigcast.sensors.scene.rays.placed import rays_in_frame
@@ -49,10 +49,10 @@ class RigcastCaster:
 
         def frame() -> Answer:
             self.scene.update(self._data)
-            kept = pool.take(shape, self.scene.device)
-            kept.read(self.scene, rays, self.scene.visible(self._filter), (0.0, np.inf))
-            numbers = kept.shape_hit if are_geoms else self._numbers(self.scene.hits(kept.hits, shape))
-            return Answer(np.asarray(kept.range), np.asarray(numbers), np.asarray(kept.normal))
+            arrays = pool.take(shape, self.scene.device)
+            arrays.read(self.scene, rays, self.scene.visible(self._filter), (0.0, np.inf))
+            numbers = arrays.shape_hit if are_geoms else self._numbers(self.scene.hits(arrays.hits, shape))
+            return Answer(np.asarray(arrays.range), np.asarray(numbers), np.asarray(arrays.normal))
 
         return frame
 

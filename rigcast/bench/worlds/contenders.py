@@ -49,7 +49,7 @@ class Rigcast:
 
     def cast(self) -> None:
         """Only casting and reading, at what was brought up to date before."""
-        for launch in self._frame._kept.launches:
+        for launch in self._frame._arrays.launches:
             launch()
 
     def answer(self) -> Answer:

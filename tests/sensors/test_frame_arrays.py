@@ -129,7 +129,7 @@ WORKED_OUT = ("points", "depth", "body_id")
 
 def by_cast(rig: Rig, name: str) -> set[str]:
     """What the cast of a sensor's last reading wrote beside hits."""
-    return set(rig._mounted[name].pool._kept[-1]._written)
+    return set(rig._mounted[name].pool._last[-1]._written)
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
@@ -231,7 +231,7 @@ def test_arrays_for_another_number_of_worlds_are_let_go() -> None:
     rig = Rig(MODEL, SENSORS[:1], "cpu")
     for count in (2, 3, 4, 5):
         rig.sense([moved(0.1)] * count)
-    assert [kept.shape[0] for kept in rig._mounted["lidar"].pool._kept] == [5]
+    assert [arrays.shape[0] for arrays in rig._mounted["lidar"].pool._last] == [5]
 
 
 @pytest.mark.parametrize("state", [moved, worlds], ids=["one world", "many worlds"])

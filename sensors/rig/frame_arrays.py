@@ -1,0 +1,198 @@
+"""The arrays of a frame: what its rays hit, and what is worked out of that for who asks."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels.cast import HIT_NAMES, HitArrays, Readings
+from rigcast.kernels.hits.out import FIELD_NAMES
+from rigcast.kernels.host.held import Held
+from rigcast.kernels.poses.mounts import Frames
+from rigcast.kernels.rays.arrays import Rays
+from rigcast.sensors.scene.rays.placed import in_pose
+from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.specs.mount import BoundMount
+
+from .launches import Launches
+
+_MOST_AXES = 4  # of a Warp array
+_SCALARS = {wp.vec3: wp.float32, wp.vec3d: wp.float64}
+_BY_CAST, _NO_FIELDS = frozenset(FIELD_NAMES), frozenset[str]()
+
+
+class Aimed(NamedTuple):
+    """Rays that are fixed to a sensor, and the same where it is. position: the array of where; None if it changes."""
+
+    fixed: Rays
+    position: wp.array | None
+    rays: Rays
+
+
+class FrameArrays:
+    """The arrays of one frame of this shape, which a later reading writes over when nobody holds them any more.
+
+    hits: of the present reading, one entry per ray. range, shape_hit: (...), normal: (..., 3): the same as a frame
+    shows them. is_part: whether they are part of the arrays of many worlds. asked: the fields that the frame of the
+    present reading works out at once.
+
+    shared: launches for the first reading, which are turned to these arrays after others. Once arrays are written over
+    they have launches of their own, which need not be turned each time. None: from the first reading on.
+    """
+
+    def __init__(
+        self, hits: HitArrays, shape: tuple[int, ...], rays: Rays | None = None, shared: Launches | None = None
+    ) -> None:
+        self.hits, self.shape, self.is_part = hits, shape, False
+        self.range = hits.distance.reshape(shape)
+        self.shape_hit = hits.shape.reshape(shape)
+        self.normal = self.in_shape(hits.normal)
+        self.asked: set[str] = set()
+        self._held = Held(hits.distance, hits.shape, hits.normal, self.range, self.shape_hit, self.normal)
+        self._used: list[object] = []
+        self._launches, self._are_shared = shared or Launches(), shared is not None
+        self._rays = rays
+        self._aimed: Aimed | None = None
+        self._turned: tuple[Readings | None, Rays | None, frozenset[str]] = (None, None, _NO_FIELDS)
+        # fields by their names, as they are worked out and as a frame shows them:
+        self._worked_out: dict[str, wp.array] = {}
+        self._shown: dict[str, wp.array] = {}
+        # those asked of the present reading, of the one before, and written by the present one's cast:
+        self._current, self._before, self._written = set[str](), set[str](), _NO_FIELDS
+
+    @property
+    def rays(self) -> Rays:
+        """Of the present reading."""
+        assert self._rays is not None
+        return self._rays
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nobody holds any of the arrays, as nobody does those of a reading that failed."""
+        return not self._held.by_others
+
+    def start(self) -> None:
+        """Begin another reading, of which nothing has been asked for yet.
+
+        What was asked of the last one the cast writes as far as it can, in less time than it takes later.
+        """
+        self._before, self._current, self._written, self.asked = self._current, set(), _NO_FIELDS, set()
+        if self._are_shared:
+            self._launches, self._are_shared = Launches(), False
+
+    def start_again(self) -> None:
+        """Begin another reading for who holds what was asked of the last one, all of which its frame works out anew."""
+        self.start()
+        self.asked = self._before
+
+    def aim(
+        self, fixed: Rays, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData
+    ) -> tuple[NDArray[np.float64], Rays]:
+        """Where a sensor on this mount is in `data`, (4, 4), and its rays there."""
+        pose, frame = self._launches.place(mount, yaw_aligned, data, self.range.device)
+        if self._are_shared:  # and the frame's arrays with them
+            self._aimed = Aimed(fixed, None, in_pose(fixed, pose))
+            return pose, self._aimed.rays
+        return pose, self._aimed_at(frame.position, frame.rotation, 1, fixed)
+
+    @cached_property
+    def frames(self) -> Frames:
+        """For the sensor's poses in many worlds."""
+        return Frames.empty(self.shape[0], 1, self.range.device)
+
+    def aim_in_worlds(self, fixed: Rays) -> Rays:
+        """Those rays in the poses of `frames`."""
+        self._rays = self._aimed_at(self.frames.position, self.frames.rotation, self.shape[0], fixed)
+        return self._rays
+
+    def _aimed_at(self, position: wp.array, rotation: wp.array, worlds: int, fixed: Rays) -> Rays:
+        """The same object for as long as these are, whatever poses they hold."""
+        aimed = self._aimed
+        if aimed is None or fixed is not aimed.fixed or position is not aimed.position:
+            rays = replace(fixed, position=position.flatten(), rotation=rotation.flatten(), worlds=worlds)
+            aimed = self._aimed = Aimed(fixed, position, rays)
+        return aimed.rays
+
+    def read(self, scene: Scene, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
+        """A reading without errors, of what is between these limits [m]."""
+        aimed = self._aimed
+        fixed = aimed.fixed if aimed is not None and rays is aimed.rays else rays
+        readings = self._launches.prepared(scene, fixed, rays, visible, limits)
+        self._rays, self._written = rays, _BY_CAST & self._before
+        turned = self._turned
+        if self._are_shared or readings is not turned[0] or rays is not turned[1] or self._written != turned[2]:
+            readings.turn_to(self.hits, rays, {name: self._worked_out[name] for name in self._written})
+            self._turned = readings, rays, self._written
+        for launch in readings.launches:
+            launch()
+        self._held.settle()
+
+    def take(self, hits: HitArrays, rays: Rays) -> None:
+        """A reading of other arrays, copied here."""
+        for name in HIT_NAMES:
+            wp.copy(getattr(self.hits, name), getattr(hits, name))
+        self._rays = rays
+        self._held.settle()
+
+    @property
+    def launches(self) -> Sequence[Callable[[], object]]:
+        """Those that cast in the last reading, which hold what they read."""
+        return self._launches.of_cast
+
+    def keep(self, *used: object) -> None:
+        """What a reading has used, for a graph that repeats it for as long as its frame is there."""
+        self._used += used
+
+    def field(
+        self,
+        name: str,
+        work_out: Callable[[wp.array | None], wp.array],
+        shown: Callable[[wp.array], wp.array] = lambda array: array,
+    ) -> wp.array:
+        """What is worked out of a reading, once, into the array of an earlier one, or of None a new one; as shown."""
+        if name not in self._current:
+            if name not in self._written:
+                self._work_out(name, work_out, shown)
+            self._current.add(name)
+            self._held.settle()
+        return self._shown[name]
+
+    def _work_out(
+        self, name: str, work_out: Callable[[wp.array | None], wp.array], shown: Callable[[wp.array], wp.array]
+    ) -> None:
+        known = self._worked_out.get(name)
+        array = work_out(known)
+        if array is not known:
+            self._worked_out[name], self._shown[name] = array, shown(array)
+            self._held.add(array, self._shown[name])
+
+    def in_shape(self, array: wp.array) -> wp.array:
+        """One entry per ray in the frame's shape, without a copy: scalars (...), vectors (..., 3).
+
+        Vectors stay vectors (...) where they would have one axis too many.
+        """
+        scalar = _SCALARS.get(array.dtype)
+        if scalar is None or len(self.shape) == _MOST_AXES:
+            return array.reshape(self.shape)
+        return array.view(scalar).reshape((*self.shape, 3))
+
+    def of_worlds(self, part: slice) -> "FrameArrays":
+        """For a reading of some of many worlds, in the same memory; themselves, of all."""
+        worlds = self.shape[0]
+        if part == slice(0, worlds):
+            return self
+        arrays = FrameArrays(self.hits.of_worlds(part, worlds), (part.stop - part.start, *self.shape[1:]))
+        arrays.frames = self.frames.of_worlds(part)
+        return arrays
+
+    def of_world(self, k: int) -> "FrameArrays":
+        """What was read in one of many worlds, in the same memory."""
+        part = slice(k, k + 1)
+        arrays = FrameArrays(self.hits.of_worlds(part, self.shape[0]), self.shape[1:], self.rays.of_worlds(part))
+        arrays.is_part = True
+        return arrays

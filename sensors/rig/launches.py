@@ -1,0 +1,53 @@
+"""What is launched for each reading of a sensor, prepared once for many of them."""
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels.cast import Readings
+from rigcast.kernels.host.taking import PlacedFrame
+from rigcast.kernels.rays.arrays import Rays
+from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.specs.mount import BoundMount
+
+
+class Launches:
+    """What finds where a sensor is, and what casts and reads its rays there, without errors.
+
+    To prepare a cast takes longer than a small frame, so it is done when something else is to be read, and not before.
+    """
+
+    def __init__(self) -> None:
+        self._frame: PlacedFrame | None = None
+        self._mount: BoundMount | None = None
+        self._readings: Readings | None = None
+        self._prepared_for: tuple[Rays | None, wp.array | None, int] = (None, None, 0)
+
+    @property
+    def of_cast(self) -> Sequence[Callable[[], object]]:
+        """Those of the last reading, which hold what they read."""
+        return [] if self._readings is None else self._readings.launches
+
+    def place(
+        self, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData, device: wp.Device
+    ) -> tuple[NDArray[np.float64], PlacedFrame]:
+        """Where a sensor on this mount is in `data`: its pose (4, 4), and the same on the device until the next."""
+        if self._frame is None or self._mount is not mount:
+            self._frame, self._mount = PlacedFrame(mount.id, mount.offset, yaw_aligned, device), mount
+        return self._frame.place(*mount.carriers(data)), self._frame
+
+    def prepared(
+        self, scene: Scene, fixed: Rays, rays: Rays, visible: wp.array, limits: tuple[float, float]
+    ) -> Readings:
+        """A cast of these rays, which are the fixed ones where the sensor is now, between these limits [m].
+
+        It is to be turned to what it writes, and to where the rays are.
+        """
+        known = self._prepared_for
+        if self._readings is None or fixed is not known[0] or visible is not known[1] or rays.worlds != known[2]:
+            self._readings = scene.prepare_readings(rays, visible, limits)
+            self._prepared_for = fixed, visible, rays.worlds
+        return self._readings
