@@ -4,47 +4,52 @@ on_gpu.json is that of a run on a GPU, kept because not every machine has one:
 rigcast bench worlds --caster mujoco_warp --json benchmarks/on_gpu.json
 """
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from floor import Visits
 
 from rigcast.bench.charts import draw_worlds
 from rigcast.bench.figure import Spread
-from rigcast.bench.scaling import Series
+from rigcast.bench.record import Record
+from rigcast.bench.worlds.measure import Batch, OnDevice
 
 ON_GPU = Path(__file__).parent / "on_gpu.json"
 WORLDS = 4096
-Found = dict[str, Any]
-"""An `OnDevice` as JSON has it."""
 
 
-def on_gpu(measured: dict[str, Any]) -> Found | None:
-    """Return what was measured on a GPU, in this run or else in the one that is kept, and its `packages`."""
-    kept = [json.loads(ON_GPU.read_text())] if ON_GPU.exists() else []
+class OnGpu(NamedTuple):
+    """What was measured on a GPU, with these packages."""
+
+    found: OnDevice
+    packages: str
+
+
+def on_gpu(measured: Record) -> OnGpu | None:
+    """Return what was measured on a GPU, in this run or else in the one that is kept."""
+    kept = [Record.read(ON_GPU)] if ON_GPU.exists() else []
     for run in (measured, *kept):
-        found: Found | None = run.get("worlds")
-        if found is not None and found["limits"]:
-            return found | {"packages": ", ".join(f"{name} {version}" for name, version in run["versions"].items())}
+        if run.worlds is not None and run.worlds.limits:
+            return OnGpu(run.worlds, run.packages)
     return None
 
 
-def of_worlds(cpu: Found | None, gpu: Found | None, counted: Sequence[Visits], folder: Path) -> Iterator[str]:
+def of_worlds(cpu: OnDevice | None, gpu: OnGpu | None, counted: Sequence[Visits], folder: Path) -> Iterator[str]:
     """Yield both sections, and draw the GPU's chart. counted: the lidar in many worlds first, where it could be."""
-    if cpu is not None or gpu is not None:
-        yield WORLDS_HEAD.format(**_seen(gpu or cpu))
-    if cpu is not None and not cpu["limits"]:
+    either = cpu if gpu is None else gpu.found
+    if either is not None:
+        yield WORLDS_HEAD.format(geoms=either.geoms, triangles=either.triangles, shares=_shares(either))
+    if cpu is not None and not cpu.limits:
         yield "On the CPU, where mujoco_warp runs on one thread, M rays/s:\n"
         yield from _speeds(cpu)
     if gpu is None:
         yield NOT_MEASURED
     else:
-        draw_worlds(_by_way(gpu), folder / "worlds.png")
-        yield GPU.format(**gpu)
-        yield from _speeds(gpu)
-        yield from _parts(gpu)
+        draw_worlds(gpu.found.by_way(), folder / "worlds.png")
+        yield GPU.format(device=gpu.found.device, packages=gpu.packages)
+        yield from _speeds(gpu.found)
+        yield from _parts(gpu.found)
     yield FLOOR
     yield "| scene and rays | nodes | blocks | patches | bytes | bytes, once a warp | operations |"
     yield "|---|--:|--:|--:|--:|--:|--:|"
@@ -54,69 +59,79 @@ def of_worlds(cpu: Found | None, gpu: Found | None, counted: Sequence[Visits], f
     if gpu is None:
         yield FLOOR_OF_DATA_SHEET.format(rays=1e-9 * 4.8e12 / max(one.bytes for one in counted))
     elif counted[0].name.startswith("a G1"):
-        yield from _distance(gpu, counted[0])
+        yield from _distance(gpu.found, counted[0])
 
 
-def bars(gpu: Found | None) -> Iterator[tuple[str, str, float, bool]]:
+def bars(gpu: OnGpu | None) -> Iterator[tuple[str, str, float, bool]]:
     """Yield what was to be reached on a GPU: what, bar, measured, reached."""
     if gpu is None:
         return
-    batch, where = _batch(gpu), f"{gpu['device']}, {_batch(gpu)['worlds']} worlds of 1024 rays"
-    speed = 1e-3 * max(mrays for name, mrays in _mrays(batch).items() if name.startswith("rigcast"))
+    batch = _batch(gpu.found)
+    where, speed = f"{gpu.found.device}, {batch.worlds} worlds of 1024 rays", _grays(batch)
     yield f"{where}: rays/s", ">= 1.5 G/s", speed, speed >= 1.5
     for ours, theirs in _pairs(batch):
         ratio = _mrays(batch)[ours] / _mrays(batch)[theirs]
         yield f"{where}: rays/s of {ours} over those of {theirs}", ">= 3", ratio, ratio >= 3
 
 
-def _batch(found: Found) -> dict[str, Any]:
+def _batch(found: OnDevice) -> Batch:
     """The batch of WORLDS, or else the largest."""
-    batches: list[dict[str, Any]] = sorted(found["batches"], key=lambda batch: int(batch["worlds"]))
-    return next((batch for batch in batches if batch["worlds"] == WORLDS), batches[-1])
+    batches = sorted(found.batches, key=lambda batch: batch.worlds)
+    return next((batch for batch in batches if batch.worlds == WORLDS), batches[-1])
 
 
-def _mrays(batch: dict[str, Any]) -> dict[str, float]:
-    return {way["name"]: way["mrays"]["median"] for way in batch["ways"]}
+def _mrays(batch: Batch) -> dict[str, float]:
+    return {way.name: way.mrays.median for way in batch.ways}
 
 
-def _pairs(batch: dict[str, Any]) -> list[tuple[str, str]]:
+def _grays(batch: Batch) -> float:
+    """G rays/s of the fastest way of rigcast."""
+    return 1e-3 * max(mrays for name, mrays in _mrays(batch).items() if name.startswith("rigcast"))
+
+
+def _pairs(batch: Batch) -> list[tuple[str, str]]:
     """Ways of rigcast's and the same of mujoco_warp's, so far as they were measured."""
     ways = _mrays(batch)
     pairs = [("rigcast", "mujoco_warp"), ("rigcast, graph", "mujoco_warp, graph")]
     return [(ours, theirs) for ours, theirs in pairs if ours in ways and theirs in ways]
 
 
-def _speeds(found: Found) -> Iterator[str]:
-    ways, pairs = list(_mrays(found["batches"][0])), _pairs(found["batches"][0])
+def _speeds(found: OnDevice) -> Iterator[str]:
+    ways, pairs = list(_mrays(found.batches[0])), _pairs(found.batches[0])
     ratios = [f"rigcast / mujoco_warp{', of graphs' if 'graph' in ours else ''}" for ours, _ in pairs]
     yield f"| worlds | {' | '.join([*ways, *ratios])} |\n|--:|{'--:|' * (len(ways) + len(ratios))}"
-    for batch in found["batches"]:
+    for batch in found.batches:
         mrays = _mrays(batch)
         speeds = [f"{speed:.3g}" for speed in mrays.values()]
         speeds += [f"{mrays[ours] / mrays[theirs]:.2f}" for ours, theirs in pairs]
-        yield f"| {batch['worlds']} | {' | '.join(speeds)} |"
+        yield f"| {batch.worlds} | {' | '.join(speeds)} |"
 
 
-def _parts(found: Found) -> Iterator[str]:
+def _parts(found: OnDevice) -> Iterator[str]:
     batch = _batch(found)
-    yield f"\nOf {batch['worlds']} worlds:\n"
+    yield f"\nOf {batch.worlds} worlds:\n"
     yield "| | median | lowest | highest | |\n|---|--:|--:|--:|---|"
-    frames = [(f"{way['name']}: a frame", way["ms"], "ms") for way in batch["ways"]]
-    for what, value, unit in [*frames, *((part["what"], part["value"], part["unit"]) for part in batch["parts"])]:
-        yield f"| {what} | {' | '.join(f'{value[name]:.3g}' for name in ('median', 'lowest', 'highest'))} | {unit} |"
+    for way in batch.ways:
+        yield f"| {way.name}: a frame | {cells(way.ms)} | ms |"
+    for part in batch.parts:
+        yield f"| {part.what} | {cells(part.value)} | {part.unit} |"
     yield "\n| of the rays in 16 of the worlds | distance as mj_ray's | to 1 cm | geom |\n|---|--:|--:|--:|"
-    for right in batch["right"]:
-        yield f"| {right['caster']} | {right['agree']:.3%} | {right['close']:.3%} | {right['geom']:.3%} |"
-    if batch["same"] is not None:
-        yield f"\nOf all rays both casters have {batch['same']:.4%} alike, the geom and the distance to 1 cm."
+    for right in batch.right:
+        yield f"| {right.caster} | {right.agree:.3%} | {right.close:.3%} | {right.geom:.3%} |"
+    if batch.same is not None:
+        yield f"\nOf all rays both casters have {batch.same:.4%} alike, the geom and the distance to 1 cm."
 
 
-def _distance(found: Found, one: Visits) -> Iterator[str]:
+def cells(value: Spread) -> str:
+    """The cells of a table with the median, the lowest and the highest."""
+    return f"{value.median:.3g} | {value.lowest:.3g} | {value.highest:.3g}"
+
+
+def _distance(found: OnDevice, one: Visits) -> Iterator[str]:
     """What the device would allow at most, and how far from it rigcast is."""
     batch = _batch(found)
-    grays = 1e-3 * max(mrays for name, mrays in _mrays(batch).items() if name.startswith("rigcast"))
-    limits = {limit["key"]: limit for limit in found["limits"]}
-    yield DISTANCE.format(grays=grays, **batch)
+    grays, limits = _grays(batch), {limit.key: limit for limit in found.limits}
+    yield DISTANCE.format(grays=grays, worlds=batch.worlds)
     yield "| | of a ray | of the device | G rays/s at most | measured, of that |\n|---|--:|--:|--:|--:|"
     for key, what, needs in (
         ("memory", "bytes from memory, each ray for itself", one.bytes),
@@ -125,22 +140,13 @@ def _distance(found: Found, one: Visits) -> Iterator[str]:
         ("cache", "bytes from the second-level cache, once a warp", one.bytes_in_warp),
         ("operations", "operations", one.operations),
     ):
-        has, unit = limits[key]["value"]["median"], limits[key]["unit"]
+        has, unit = limits[key].value.median, limits[key].unit
         yield f"| {what} | {needs:.0f} | {has:.0f} {unit} | {has / needs:.2f} | {grays * needs / has:.1%} |"
 
 
-def _by_way(found: Found) -> dict[str, Series]:
-    sizes, series = tuple(batch["worlds"] for batch in found["batches"]), {}
-    for name in _mrays(found["batches"][0]):
-        ways = [way for batch in found["batches"] for way in batch["ways"] if way["name"] == name]
-        series[name] = Series("worlds", sizes, tuple(Spread(**way["mrays"]) for way in ways))
-    return series
-
-
-def _seen(found: Found | None) -> dict[str, str]:
-    assert found is not None
-    shares = ", ".join(f"{100 * share:.0f} % {what}" for what, share in _batch(found)["seen"].items())
-    return {"geoms": found["geoms"], "triangles": found["triangles"], "shares": shares}
+def _shares(found: OnDevice) -> str:
+    """What is seen, in percent of the rays."""
+    return ", ".join(f"{100 * share:.0f} % {what}" for what, share in _batch(found).seen.items())
 
 
 WORLDS_HEAD = """

@@ -4,24 +4,21 @@ python benchmarks/performance.py            measures, for about ten minutes; nee
 python benchmarks/performance.py FILE       from the JSON of `rigcast bench all --triangles 10000000 --json FILE`
 """
 
-import json
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from floor import Visits, visits, visits_in_worlds
-from in_worlds import Found, of_worlds, on_gpu
+from in_worlds import OnGpu, cells, of_worlds, on_gpu
 from in_worlds import bars as bars_on_gpu
 from steps import Step, steps
 
 from rigcast.bench.charts import draw_results, draw_scaling
-from rigcast.bench.figure import Spread
 from rigcast.bench.race import Result, Speed
-from rigcast.bench.scaling import Series
+from rigcast.bench.record import Record
 from rigcast.bench.workloads import Unavailable
 from rigcast.quiet import quiet_warp
 
@@ -30,7 +27,6 @@ PAGE = ROOT / "docs" / "performance.md"
 FOLDER = ROOT / "docs" / "performance"
 PROSE = ROOT / "benchmarks" / "prose"
 MEASURED = ROOT / "out" / "bench.json"
-SPREADS = ("mrays", "ratio", "cpu_ratio")
 COMMAND = ("all", "--triangles", "10000000", "--json", str(MEASURED))
 
 
@@ -40,40 +36,34 @@ def main(arguments: Sequence[str]) -> None:
     if not arguments:
         MEASURED.parent.mkdir(exist_ok=True)
         subprocess.run([str(Path(sys.executable).parent / "rigcast"), "bench", *COMMAND], check=True)
-    measured = json.loads(path.read_text())
-    results, scaling = list(map(_result, measured["results"])), list(map(_series, measured["scaling"]))
+    measured = Record.read(path)
     FOLDER.mkdir(exist_ok=True)
-    draw_results(results, FOLDER / "casters.png")
-    draw_scaling(scaling, FOLDER / "scaling.png")
+    draw_results(measured.results, FOLDER / "casters.png")
+    draw_scaling(measured.scaling, FOLDER / "scaling.png")
     quiet_warp()
     gpu = on_gpu(measured)
     lines = [
-        *page(measured, results, scaling, gpu),
-        *of_worlds(measured.get("worlds"), gpu, _counted(), FOLDER),
+        *page(measured, gpu),
+        *of_worlds(measured.worlds, gpu, _counted(), FOLDER),
         *of_steps(steps()),
     ]
     PAGE.write_text("\n".join(lines) + "\n")
 
 
-def page(
-    measured: dict[str, Any], results: Sequence[Result], scaling: Sequence[Series], gpu: Found | None
-) -> Iterator[str]:
+def page(measured: Record, gpu: OnGpu | None) -> Iterator[str]:
     """Yield the lines that come of the measurements in one world, and what was to be reached."""
-    figures = {figure["key"]: figure for figure in measured["figures"]}
-    versions = ", ".join(f"{name} {version}" for name, version in measured["versions"].items())
-    yield HEAD.format(**measured, packages=versions, meanwhile=_meanwhile(measured["load"], measured["cores"]))
-    yield from _comparison(results)
+    yield HEAD.format(**vars(measured), packages=measured.packages, meanwhile=_meanwhile(measured.load, measured.cores))
+    yield from _comparison(measured.results)
     yield BARS
     yield "| | bar | measured | reached |\n|---|---|---|---|"
-    yield from bars(results, figures, scaling)
+    yield from bars(measured)
     for bar in bars_on_gpu(gpu):
         yield _bar(*bar)
     yield (PROSE / "limits.md").read_text().rstrip()
     yield FIGURES
     yield "| | median | lowest | highest | |\n|---|--:|--:|--:|---|"
-    for figure in figures.values():
-        values = " | ".join(f"{figure['value'][name]:.3g}" for name in ("median", "lowest", "highest"))
-        yield f"| {figure['what']} | {values} | {figure['unit']} |"
+    for figure in measured.figures:
+        yield f"| {figure.what} | {cells(figure.value)} | {figure.unit} |"
     yield GROWTH
 
 
@@ -108,21 +98,21 @@ def geometric_mean(results: Sequence[Result], caster: str) -> float:
     return float(np.exp(np.mean(np.log(ratios)))) if ratios else float("nan")
 
 
-def bars(results: Sequence[Result], figures: dict[str, Any], scaling: Sequence[Series]) -> Iterator[str]:
+def bars(measured: Record) -> Iterator[str]:
     """Yield the lines of the table of what was to be reached."""
-    embree = [s.ratio.median for r in results for s in r.speeds if s.caster == "Open3D"]
+    embree = [s.ratio.median for r in measured.results for s in r.speeds if s.caster == "Open3D"]
     if embree:
         yield _bar("rays/s over Embree's, the lowest of all scenes", ">= 2", min(embree), min(embree) >= 2)
     for caster, least in (("Open3D", 3), ("mj_multiRay", 100), ("MuJoCo-LiDAR", 12), ("mujoco_warp", 12)):
-        mean = geometric_mean(results, caster)
+        mean = geometric_mean(measured.results, caster)
         yield _bar(f"rays/s over those of {caster}, geometric mean", f">= {least}", mean, mean >= least)
-    for key, bar in FIGURE_BARS:
-        if key in figures:
-            value = figures[key]["value"]["median"]
-            sign, limit = bar.split()
-            reached = value <= float(limit) if sign == "<=" else value >= float(limit)
-            yield _bar(figures[key]["what"], f"{bar} {figures[key]['unit']}", value, reached)
-    for series in scaling:
+    figures = {figure.key: figure for figure in measured.figures}
+    for figure, bar in ((figures[key], bar) for key, bar in FIGURE_BARS if key in figures):
+        value = figure.value.median
+        sign, limit = bar.split()
+        reached = value <= float(limit) if sign == "<=" else value >= float(limit)
+        yield _bar(figure.what, f"{bar} {figure.unit}", value, reached)
+    for series in measured.scaling:
         if series.varies == "triangles" and len(series.sizes) > 1:
             speed = [mrays.median for mrays in series.mrays]
             worst = max(a / b for a, b in pairwise(speed))
@@ -175,19 +165,6 @@ def _meanwhile(load: float, cores: int) -> str:
     if load < 0.25 * cores:
         return "Nothing else ran on the machine."
     return f"Meanwhile other work ran on the machine ({load:.1f} threads for {cores} cores): trust ratios, not speeds."
-
-
-def _spread(read: dict[str, float]) -> Spread:
-    return Spread(**read)
-
-
-def _result(read: dict[str, Any]) -> Result:
-    speeds = [Speed(**(speed | {key: _spread(speed[key]) for key in SPREADS})) for speed in read["speeds"]]
-    return Result(**(read | {"shape": tuple(read["shape"]), "speeds": tuple(speeds)}))
-
-
-def _series(read: dict[str, Any]) -> Series:
-    return Series(read["varies"], tuple(read["sizes"]), tuple(map(_spread, read["mrays"])))
 
 
 HEAD = """# Performance

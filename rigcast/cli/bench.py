@@ -1,12 +1,8 @@
 """`rigcast bench`: how fast rigcast is here, beside other ray casters."""
 
-import json
-import os
-import platform
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
-from importlib.metadata import PackageNotFoundError, version
-from itertools import chain
+from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +17,7 @@ from rigcast.bench.figure import Figure, Spread
 from rigcast.bench.of_casting import origins, outputs, patterns
 from rigcast.bench.of_rest import memory, small, start, trees, update
 from rigcast.bench.race import Result, race
+from rigcast.bench.record import Record
 from rigcast.bench.scaling import Series, scaling
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
 from rigcast.bench.worlds.crowd import G1_HEAD, crowd
@@ -36,7 +33,6 @@ from rigcast.sensors.threads import set_threads
 _FIGURES = {each.__name__: each for each in (patterns, outputs, origins, update, small, trees, memory, start)}
 _PARTS = (*WORKLOADS, *_FIGURES, "scaling", "worlds")
 _SIZES, _SIZES_ON_CUDA = (16, 64), (64, 256, 1024, 4096, 16384)
-_PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "open3d", "mujoco-lidar", "mujoco-warp")
 
 
 @dataclass(frozen=True)
@@ -47,16 +43,6 @@ class Extent:
     triangles: int
     worlds: Sequence[int] | None
     device: str | None
-
-
-@dataclass
-class Measured:
-    """All that was measured."""
-
-    results: list[Result] = field(default_factory=list)
-    figures: list[Figure] = field(default_factory=list)
-    scaling: list[Series] = field(default_factory=list)
-    worlds: OnDevice | None = None
 
 
 def bench(
@@ -94,33 +80,32 @@ def bench(
     for line in missing:
         console.print(f"left out: {line}", markup=False)
     console.print(f"rigcast {version('rigcast')} on {thread_count()} CPU threads, {rounds} rounds in turn")
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    extent = Extent(rounds, triangles, worlds, device)
-    measured = measure(console, parts, casters, extent)
+    record = Record.begun(rounds)
+    measure(console, parts, casters, Extent(rounds, triangles, worlds, device), record)
     if chart is not None:
-        draw_results(measured.results, chart)
+        draw_results(record.results, chart)
     if scaling_chart is not None:
-        draw_scaling(measured.scaling, scaling_chart)
-    if worlds_chart is not None and measured.worlds is not None:
-        draw_worlds(measured.worlds.by_way(), worlds_chart)
+        draw_scaling(record.scaling, scaling_chart)
+    if worlds_chart is not None and record.worlds is not None:
+        draw_worlds(record.worlds.by_way(), worlds_chart)
     if json_file is not None:
-        write_json(json_file, as_json(measured, rounds, load))
+        write_json(json_file, record.as_json())
 
 
-def measure(console: Console, parts: Sequence[str], casters: Sequence[type[Caster]], extent: Extent) -> Measured:
-    """Measure the parts, and show each when it is done."""
-    measured = Measured()
+def measure(
+    console: Console, parts: Sequence[str], casters: Sequence[type[Caster]], extent: Extent, record: Record
+) -> None:
+    """Measure the parts into the record, and show each when it is done."""
     for part in parts:
         with console.status(part):
             if part in WORKLOADS:
-                measured.results += _race(console, part, casters, extent)
+                record.results += _race(console, part, casters, extent)
             elif part in _FIGURES:
-                measured.figures += _shown(console, _FIGURES[part](extent.rounds))
+                record.figures += _shown(console, _FIGURES[part](extent.rounds))
             elif part == "scaling":
-                measured.scaling += _plotted(console, scaling(extent.rounds, extent.triangles))
+                record.scaling += _plotted(console, scaling(extent.rounds, extent.triangles))
             else:
-                measured.worlds = _in_worlds(console, casters, extent)
-    return measured
+                record.worlds = _in_worlds(console, casters, extent)
 
 
 def _as_parts(what: Sequence[str]) -> list[str]:
@@ -217,36 +202,3 @@ def _about_worlds(found: OnDevice) -> Iterator[str]:
             yield f"{batch.worlds} worlds: both casters alike to 1 cm, geom and all: {batch.same:.3%}"
     for figure in found.limits:
         yield f"{figure.what}: {_spread(figure.value)} {figure.unit}"
-
-
-def as_json(measured: Measured, rounds: int, load: float) -> str:
-    """Return all of it as JSON, with what it was measured on. Speeds are in M rays/s.
-
-    load: how many threads wanted to run on the machine before it began, NaN where that is not known.
-    """
-    about = {
-        "machine": platform.machine(),
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-        "threads": thread_count(),
-        "rounds": rounds,
-        "load": load,
-        "versions": dict(chain.from_iterable(map(_version, _PACKAGES))),
-    }
-    return json.dumps(about | asdict(measured), indent=1) + "\n"
-
-
-def _version(package: str) -> Iterator[tuple[str, str]]:
-    try:
-        yield package, version(package)
-    except PackageNotFoundError:
-        return
-
-
-def _processor() -> str:
-    """Return the CPU's name where Linux says it, else what Python knows."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")

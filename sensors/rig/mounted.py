@@ -29,7 +29,7 @@ from rigcast.sensors.scene.batch.worlds import Worlds
 from rigcast.sensors.scene.cache.packets import cached_packets
 from rigcast.sensors.scene.rays.given import lend
 from rigcast.sensors.scene.rays.placed import in_pose, rays_in_frame
-from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
@@ -76,7 +76,7 @@ class Mounted:
     frames: numbers readings whose errors are drawn, batches: those of many worlds. pool: the arrays of its frames.
     """
 
-    scene: Scene
+    scene: Stage
     spec: Sensor
     mount: BoundMount
     pattern: Pattern
@@ -94,7 +94,7 @@ class Mounted:
     attached: Attached
 
     @staticmethod
-    def on(scene: Scene, spec: Sensor) -> "Mounted":
+    def on(scene: Stage, spec: Sensor) -> "Mounted":
         pattern = spec.pattern(scene.model)
         rays = _upload_rays(pattern, scene)
         mount = spec.mount.bind(scene.model).turned(spec.frame_rotation)
@@ -238,7 +238,7 @@ def _same_in_each(values: wp.array | None, worlds: int) -> wp.array | None:
     return repeated
 
 
-def _lidar_physics(scene: Scene, spec: Sensor, count: int) -> "LidarPhysics | None":
+def _lidar_physics(scene: Stage, spec: Sensor, count: int) -> "LidarPhysics | None":
     if not isinstance(spec, Lidar) or not spec.has_effects:
         return None
     from rigcast.sensors.physics.lidar import LidarPhysics  # here, as sensors without effects need none of its kernels
@@ -246,7 +246,7 @@ def _lidar_physics(scene: Scene, spec: Sensor, count: int) -> "LidarPhysics | No
     return LidarPhysics(scene, spec, count)
 
 
-def _depth_physics(scene: Scene, spec: Sensor, pattern: Pattern) -> "DepthPhysics | None":
+def _depth_physics(scene: Stage, spec: Sensor, pattern: Pattern) -> "DepthPhysics | None":
     if not isinstance(spec, DepthCamera) or not spec.has_effects:
         return None
     from rigcast.sensors.physics.depth_camera import DepthPhysics  # here, as for lidars
@@ -254,7 +254,7 @@ def _depth_physics(scene: Scene, spec: Sensor, pattern: Pattern) -> "DepthPhysic
     return DepthPhysics(scene, spec, pattern)
 
 
-def _firings(spec: Sensor, pattern: Pattern, scene: Scene) -> Firings | None:
+def _firings(spec: Sensor, pattern: Pattern, scene: Stage) -> Firings | None:
     if not spec.moves:
         return None
     times = np.zeros(pattern.shape) if pattern.firing_times is None else pattern.firing_times
@@ -271,13 +271,13 @@ def _are_shared(group: NDArray[np.int32]) -> bool:
     return FEWEST * (group.max(initial=-1) + 1) <= len(group)
 
 
-def _upload_rays(pattern: Pattern, scene: Scene) -> Rays:
+def _upload_rays(pattern: Pattern, scene: Stage) -> Rays:
     """The rays of a pattern on the device."""
     origins = np.zeros((1, 3)) if pattern.origins is None else pattern.origins
     return _packed(pattern, rays_in_frame(pattern.directions, origins, np.eye(4), scene.device), scene)
 
 
-def _packed(pattern: Pattern, rays: Rays, scene: Scene) -> Rays:
+def _packed(pattern: Pattern, rays: Rays, scene: Stage) -> Rays:
     """The rays of a pattern as they are cast together: on CUDA in warps, on the CPU in packets, or in bundles where
     enough run in one direction."""
     if scene.device.is_cuda:

@@ -121,7 +121,8 @@ class Rig:
         """
         mounted = self._select(names)
         if isinstance(data, mujoco.MjData):
-            require_room_in(out, {m.spec.name: m.frame_shape for m in mounted}, self.scene.device)
+            if out is not None:
+                require_room_in(out, {m.spec.name: m.frame_shape for m in mounted}, self.scene.device)
             self._look(data)
             return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
         if not is_batch(data):
@@ -227,8 +228,8 @@ class Rig:
         self, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None
     ) -> dict[str, Frame]:
         worlds.require_sensors(self._mounted)
-        shapes = {m.spec.name: (worlds.count, *m.frame_shape) for m in mounted}
-        require_room_in(out, shapes, self.scene.device)
+        if out is not None:
+            require_room_in(out, {m.spec.name: (worlds.count, *m.frame_shape) for m in mounted}, self.scene.device)
         require_countable(worlds.count, {m.spec.name: math.prod(m.frame_shape) for m in mounted})
         standing = self.scene.bytes_per_standing_world(worlds)
         standing += max((m.bytes_per_standing_world for m in mounted), default=0)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.scene.stage import Stage
 
 from .frame_arrays import FrameArrays
 from .motion import History, Knot, Track
@@ -32,7 +32,7 @@ class UnderWay:
     rounding: by how much less than a time [s] the clock may show when it has reached it, for each sensor.
     """
 
-    def __init__(self, scene: Scene, moving: Sequence[Mounted], rounding: Mapping[str, float]) -> None:
+    def __init__(self, scene: Stage, moving: Sequence[Mounted], rounding: Mapping[str, float]) -> None:
         self.moving = moving
         self._scene, self._rounding = scene, rounding
         self._history = History()

@@ -10,7 +10,8 @@ import pytest
 import warp as wp
 import watertight
 from cuda_source import CudaSource
-from made_worlds import Hits, assert_same, cast_through, random_plan, random_rays, rays_of, unit
+from made_worlds import Hits, assert_same, random_plan, rays_of, unit
+from various_scenes import SCENES, Scene, every_seventh_is_hidden
 
 from rigcast.kernels import cast
 from rigcast.kernels.launching.recorded import recorded
@@ -47,18 +48,20 @@ def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[
     return begin
 
 
-def hits_of(world: World, rays: Rays) -> Hits:
-    seen = wp.full(len(world.geometry.kind), True, dtype=wp.bool, device="cpu")
-    hits = cast.cast(world.geometry, seen, rays, np.inf, CULL_NONE)
+def hits_of(world: World, rays: Rays, limit: float = np.inf, cull: int = CULL_NONE) -> Hits:
+    hits = cast.cast(world.geometry, every_seventh_is_hidden(world), rays, limit, cull)
     return Hits(hits.distance.numpy(), hits.shape.numpy(), hits.face.numpy(), hits.normal.numpy())
 
 
-@pytest.mark.parametrize("cull", [CULL_NONE, CULL_BACK, CULL_FRONT])
-def test_it_hits_what_single_rays_hit(cull: int, begin_cuda: Callable[[], None]) -> None:
-    world, rays = random_plan(0).world(), random_rays(0, 20_000)
-    expected = cast_through(world, *rays, cull=cull, limit=5.0)
+@pytest.mark.parametrize(("limit", "cull"), [(np.inf, CULL_NONE), (3.0, CULL_BACK), (np.inf, CULL_FRONT)])
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
+def test_it_hits_what_single_rays_hit(
+    scene: Callable[[], Scene], limit: float, cull: int, begin_cuda: Callable[[], None]
+) -> None:
+    world, rays = scene()
+    expected = hits_of(world, rays, limit, cull)
     begin_cuda()
-    assert_same(cast_through(world, *rays, cull=cull, limit=5.0), expected)
+    assert_same(hits_of(world, rays, limit, cull), expected)
 
 
 def test_it_hits_what_packets_hit(begin_cuda: Callable[[], None]) -> None:
@@ -77,12 +80,3 @@ def test_no_ray_slips_through(aim: str, offset: float, is_baked: bool, begin_cud
     begin_cuda()
     (leaked,), rays = watertight.count_leaks([placed], aim, 10_000, seed=2)
     assert leaked == 0, f"{leaked} of {rays} rays"
-
-
-def test_rays_that_are_not_finite_give_nan(begin_cuda: Callable[[], None]) -> None:
-    origins, directions = random_rays(3, 300)
-    origins[::3, 0], directions[1::3, 1] = np.nan, np.inf
-    begin_cuda()
-    got = cast_through(random_plan(3).world(), origins, directions)
-    np.testing.assert_array_equal(np.isnan(got.distance), np.arange(300) % 3 < 2)
-    assert (got.shape[np.isnan(got.distance)] == -1).all()

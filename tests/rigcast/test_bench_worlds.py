@@ -2,8 +2,8 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,17 +13,20 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from rigcast.bench import workloads
+from rigcast.bench.figure import Figure, Spread
 from rigcast.bench.race import spread_over
+from rigcast.bench.record import Record
 from rigcast.bench.workloads import Workload
 from rigcast.bench.worlds.contenders import Rigcast, captured
 from rigcast.bench.worlds.crowd import G1_HEAD, Crowd, crowd
 from rigcast.bench.worlds.limits import limits
+from rigcast.bench.worlds.measure import OnDevice
 from rigcast.cli import app
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 import floor
 from floor import Visits, visits_in_worlds
-from in_worlds import bars, of_worlds, on_gpu
+from in_worlds import OnGpu, bars, of_worlds, on_gpu
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco>
   <asset><hfield name="ground" nrow="9" ncol="5" size="4 3 2 1"/></asset>
@@ -47,8 +50,8 @@ def small_crowd(worlds: int = 5, seed: int = 0) -> Crowd:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
-    """The JSON of a run on the CPU, and its chart."""
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The JSON file of a run on the CPU, and its chart."""
     out = tmp_path_factory.mktemp("worlds")
     file, chart = out / "worlds.json", out / "worlds.png"
     sizes = [part for size in SIZES for part in ("--worlds", str(size))]
@@ -57,12 +60,12 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], P
         patch.setitem(workloads.WORKLOADS, "g1", small_workload)
         done = CliRunner().invoke(app, [*arguments, "--json", str(file), "--worlds-chart", str(chart)])
     assert done.exit_code == 0, done.output
-    return json.loads(file.read_text()), chart
+    return file, chart
 
 
-def test_json_has_every_way_in_every_batch(written: tuple[dict[str, Any], Path]) -> None:
+def test_json_has_every_way_in_every_batch(written: tuple[Path, Path]) -> None:
     pytest.importorskip("mujoco_warp")
-    found = written[0]["worlds"]
+    found = json.loads(written[0].read_text())["worlds"]
     assert set(found) == {"device", "workload", "geoms", "triangles", "batches", "limits"}
     assert (found["device"], found["workload"], found["geoms"], found["limits"]) == ("CPU", "small", 4, [])
     assert [(batch["worlds"], batch["rays"]) for batch in found["batches"]] == [(n, 1024 * n) for n in SIZES]
@@ -79,9 +82,9 @@ def test_json_has_every_way_in_every_batch(written: tuple[dict[str, Any], Path])
         assert all(share > 0 for share in batch["seen"].values()), batch["seen"]
 
 
-def test_casters_are_held_to_mj_ray_and_to_each_other(written: tuple[dict[str, Any], Path]) -> None:
+def test_casters_are_held_to_mj_ray_and_to_each_other(written: tuple[Path, Path]) -> None:
     pytest.importorskip("mujoco_warp")
-    for batch in written[0]["worlds"]["batches"]:
+    for batch in json.loads(written[0].read_text())["worlds"]["batches"]:
         ours, theirs = batch["right"]
         assert (ours["caster"], theirs["caster"]) == ("rigcast", "mujoco_warp")
         assert ours["agree"] == ours["close"] == ours["geom"] == 1
@@ -89,7 +92,7 @@ def test_casters_are_held_to_mj_ray_and_to_each_other(written: tuple[dict[str, A
         assert batch["same"] > 0.99
 
 
-def test_chart_is_drawn(written: tuple[dict[str, Any], Path]) -> None:
+def test_chart_is_drawn(written: tuple[Path, Path]) -> None:
     with Image.open(written[1]) as image:
         assert image.size[0] > 500
 
@@ -150,31 +153,31 @@ def test_rays_of_a_warp_share_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert counted.bytes_in_warp < counted.bytes
 
 
-def of_gpu(found: dict[str, Any]) -> dict[str, Any]:
+def of_gpu(found: OnDevice) -> OnDevice:
     """The same as if a GPU had done it: with graphs and limits."""
     batches = [
-        batch | {"ways": [way | {"name": way["name"] + end} for way in batch["ways"] for end in ("", ", graph")]}
-        for batch in found["batches"]
+        replace(batch, ways=tuple(replace(way, name=way.name + end) for way in batch.ways for end in ("", ", graph")))
+        for batch in found.batches
     ]
-    limits = [
-        {"key": key, "unit": "G/s", "value": {"median": 1e3}, "what": key} for key in ("memory", "cache", "operations")
-    ]
-    return found | {"device": "Some GPU", "batches": batches, "limits": limits}
+    limits = [Figure(key, key, "G/s", Spread.of(1e3)) for key in ("memory", "cache", "operations")]
+    return replace(found, device="Some GPU", batches=tuple(batches), limits=tuple(limits))
 
 
 def test_page_says_what_a_gpu_did_or_that_there_was_none(
-    written: tuple[dict[str, Any], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    written: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("mujoco_warp")
-    cpu = written[0]["worlds"]
-    gpu = of_gpu(cpu)
+    run = Record.read(written[0])
+    cpu = run.worlds
+    assert cpu is not None
     monkeypatch.setattr("in_worlds.ON_GPU", tmp_path / "on_gpu.json")
     counted = [Visits("a G1 in many worlds, lidar", 9.0, 0.5, 0.5, (1.0, 0.1, 0.1))]
-    run, known = {"worlds": gpu, "versions": {"rigcast": "9", "numpy": "8"}}, gpu | {"packages": "rigcast 9, numpy 8"}
-    assert on_gpu(written[0]) is None
+    run_there = replace(run, worlds=of_gpu(cpu), versions={"rigcast": "9", "numpy": "8"})
+    known = OnGpu(of_gpu(cpu), "rigcast 9, numpy 8")
+    assert on_gpu(run) is None
+    assert on_gpu(run_there) == known
+    (tmp_path / "on_gpu.json").write_text(run_there.as_json())
     assert on_gpu(run) == known
-    (tmp_path / "on_gpu.json").write_text(json.dumps(run))
-    assert on_gpu(written[0]) == known
     without = "\n".join(of_worlds(cpu, None, counted, tmp_path))
     assert "On a GPU: not measured" in without
     assert "Some GPU" not in without
@@ -186,4 +189,4 @@ def test_page_says_what_a_gpu_did_or_that_there_was_none(
     assert "| operations | " in with_one
     assert (tmp_path / "worlds.png").exists()
     assert list(bars(None)) == []
-    assert [bar for _, bar, _, _ in bars(gpu)] == [">= 1.5 G/s", ">= 3", ">= 3"]
+    assert [bar for _, bar, _, _ in bars(known)] == [">= 1.5 G/s", ">= 3", ">= 3"]

@@ -1,8 +1,17 @@
-"""Which triangles of a leaf a ray may pass inside: a loop over eight, as short code stays in the instruction cache.
+"""Which triangles of a leaf a ray may pass inside: in loops of a few, as short code stays in the instruction cache.
 
-Of an edge e = a - b, seen from the origin, s(a, b) = d . (e x (a + b)) of rigcast.kernels.shapes.triangle is
-2 e . (a x d), as a x d and b x d differ by e x d. With two roundings of a, one each of d and e, two of the fused cross
-product and three of the dot product, e . (a x d) is off by less than 9u |e|_1 |a|_1. It counts as 0 within 16u of that.
+Seen along a ray from O, a point P is at (p . (P - O), q . (P - O)), with p and q across the ray, and the ray meets a
+triangle that has (0, 0) inside: where a_0 b_1 - a_1 b_0 has one sign for all its edges from a to b. The vectors
+(0, z, -y), (-z, 0, x) and (y, -x, 0) are exactly across d = (x, y, z), and p and q the two that have its largest
+component in them, of size m.
+
+With |O| and |P| for the largest coordinates, and u = eps / 2, p . O is off by 3u m |O|, and the sums for p . P - p . O
+are by u m (|P| + 2|O|) and 2u m (|P| + |O|). The ray is not quite at (0, 0), as d is rounded and may be tilted (see
+rigcast.kernels.shapes.triangle): it is off by 1.5u m a metre, up to where it meets the triangle, 1.8 (|P| + |O|) away
+at most. Altogether these are less than 10u m (|P| + |O|). If coordinates are off by e, the difference of an edge is off
+by e times the sum of its four coordinates and 2e^2 more; its own three roundings, of products with coordinates up to
+2m (|P| + |O|), are less than 4u m (|P| + |O|) times that sum. So a difference counts as 0 within what comes of
+e = 16u m (|P| + |O|), which is 2m times what boxes are widened by, and of the coordinates of all three corners.
 """
 
 import warp as wp
@@ -13,45 +22,63 @@ from rigcast.kernels.trees.nodes import FIRST_PATCH
 from .native import on_cuda
 
 
-# Coordinates of a block's triangle lie eight numbers apart; where those of a patch are, the first corner's, the third
-# one's and the one's across, rigcast.kernels.shapes.patches says. Comparisons with NaN are false: what is not there is
-# not passed.
+# Coordinates of a block's triangle lie eight numbers apart; where those of a patch are, its cells and their triangles,
+# rigcast.kernels.shapes.patches says. Comparisons with NaN are false: what is not there is not passed.
 @wp.func_native(
     on_cuda(f"""
-    struct Point {{ float x, y, z; }};
-    auto minus = [](Point a, Point b) -> Point {{ return {{a.x - b.x, a.y - b.y, a.z - b.z}}; }};
-    auto norm = [](Point a) {{ return ::fabsf(a.x) + ::fabsf(a.y) + ::fabsf(a.z); }};
-    auto seen = [&](Point p) -> Point {{
-        return {{(p.x - origin[0]) - rest[0], (p.y - origin[1]) - rest[1], (p.z - origin[2]) - rest[2]}};
+    const float x = direction[0], y = direction[1], z = direction[2];
+    const float m = ::fmaxf(::fabsf(x), ::fmaxf(::fabsf(y), ::fabsf(z)));
+    const bool is_x = ::fabsf(x) == m, is_y = !is_x && ::fabsf(y) == m;
+    const float px = is_x ? y : 0.0f, py = is_x ? -x : z, pz = is_x ? 0.0f : -y;
+    const float qx = is_y ? y : -z, qy = is_y ? -x : 0.0f, qz = is_y ? 0.0f : x;
+    auto dot = [](float ax, float ay, float az, const auto& b, float sum) {{
+        return ::fmaf(ax, b[0], ::fmaf(ay, b[1], ::fmaf(az, b[2], sum)));
     }};
-    auto side = [&](Point e, Point a) {{
-        const float x = ::fmaf(a.y, direction[2], -(a.z * direction[1]));
-        const float y = ::fmaf(a.z, direction[0], -(a.x * direction[2]));
-        const float z = ::fmaf(a.x, direction[1], -(a.y * direction[0]));
-        return ::fmaf(e.x, x, ::fmaf(e.y, y, e.z * z));
+    const float pO = dot(px, py, pz, origin, dot(px, py, pz, rest, 0.0f));
+    const float qO = dot(qx, qy, qz, origin, dot(qx, qy, qz, rest, 0.0f));
+    const float off = 2.0f * m * margin, twice_squared = 2.0f * off * off;
+    struct Place {{ float u, v; }};
+    auto place = [&](float x, float y, float z) -> Place {{
+        return {{
+            ::fmaf(pz, z, ::fmaf(py, y, ::fmaf(px, x, -pO))),
+            ::fmaf(qz, z, ::fmaf(qy, y, ::fmaf(qx, x, -qO))),
+        }};
     }};
-    const int patch = leaf - {int(FIRST_PATCH)};
-    const float* number = patch >= 0 ? &patches.data[patch].x[0] : &blocks.data[leaf].x0[0];
-    auto point = [&](int x, int y, int z) -> Point {{
-        return {{__ldg(number + x), __ldg(number + y), __ldg(number + z)}};
+    auto is_passed = [&](Place a, Place b, Place c) {{
+        const float s0 = ::fmaf(a.u, b.v, -(a.v * b.u));
+        const float s1 = ::fmaf(b.u, c.v, -(b.v * c.u));
+        const float s2 = ::fmaf(c.u, a.v, -(c.v * a.u));
+        const float sum = (::fabsf(a.u) + ::fabsf(a.v)) + (::fabsf(c.u) + ::fabsf(c.v)) + (::fabsf(b.u) + ::fabsf(b.v));
+        const float zero = ::fmaf(off, sum, twice_squared);
+        const float most = ::fmaxf(s0, ::fmaxf(s1, s2)), least = ::fminf(s0, ::fminf(s1, s2));
+        return ::fminf(most, -least) <= zero;
     }};
     int passed = 0;
+    if (leaf < {int(FIRST_PATCH)}) {{
+        const float* number = &blocks.data[leaf].x0[0];
 #pragma unroll 1
-    for (int j = 0; j < 8; ++j) {{
-        int x0 = j, y0 = j + 8, z0 = j + 16, x1 = j + 24, y1 = j + 32, z1 = j + 40;
-        int x2 = j + 48, y2 = j + 56, z2 = j + 64;
-        if (patch >= 0) {{
-            const int row = j >> 1 & 1, upper = j >> 2;
-            x0 = j & 1, y0 = 3 + row, z0 = 6 + 3 * row + x0;
-            x1 = x0 + 1 - upper, y1 = y0 + upper, z1 = z0 + 1 + 2 * upper;
-            x2 = x0 + 1, y2 = y0 + 1, z2 = z0 + 4;
+        for (int j = 0; j < 8; ++j, ++number) {{
+            const Place a = place(__ldg(number), __ldg(number + 8), __ldg(number + 16));
+            const Place b = place(__ldg(number + 24), __ldg(number + 32), __ldg(number + 40));
+            const Place c = place(__ldg(number + 48), __ldg(number + 56), __ldg(number + 64));
+            passed |= is_passed(a, b, c) << j;
         }}
-        const Point a = point(x0, y0, z0), b = point(x1, y1, z1), c = point(x2, y2, z2);
-        const Point v0 = seen(a), v1 = seen(b), v2 = seen(c), e0 = minus(a, b), e1 = minus(b, c), e2 = minus(c, a);
-        const float s0 = side(e0, v0), r0 = rounding * norm(v0) * norm(e0);
-        const float s1 = side(e1, v1), r1 = rounding * norm(v1) * norm(e1);
-        const float s2 = side(e2, v2), r2 = rounding * norm(v2) * norm(e2);
-        if ((s0 >= -r0 && s1 >= -r1 && s2 >= -r2) || (s0 <= r0 && s1 <= r1 && s2 <= r2)) passed |= 1 << j;
+    }} else {{
+        const float* number = &patches.data[leaf - {int(FIRST_PATCH)}].x[0];
+#pragma unroll 1
+        for (int row = 1; row >= 0; --row) {{
+            const float *y = number + 3 + row, *z = number + 6 + 3 * row;
+            auto corner = [&](int column, int above) {{
+                return place(__ldg(number + column), __ldg(y + above), __ldg(z + 3 * above + column));
+            }};
+            Place b = corner(2, 0), c = corner(2, 1);
+#pragma unroll 1
+            for (int column = 1; column >= 0; --column) {{
+                const Place a = corner(column, 0), d = corner(column, 1);
+                passed = 2 * passed + is_passed(a, b, c) + 16 * is_passed(a, c, d);
+                b = a, c = d;
+            }}
+        }}
     }}
     return passed;
 """)
@@ -63,6 +90,10 @@ def passed_in_leaf(  # type: ignore[empty-body]
     origin: wp.vec3,
     rest: wp.vec3,
     direction: wp.vec3,
-    rounding: float,
+    margin: float,
 ) -> int:
-    """Bit by bit, triangles of a block or patch all of whose edges a ray from origin + rest may pass on one side."""
+    """Bit by bit, triangles of a block or patch all of whose edges a ray from origin + rest may pass on one side.
+
+    Args:
+        margin: 8u (|P| + |O|), as boxes are widened by.
+    """

@@ -12,7 +12,7 @@ from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import entry_of, pose_at
 from rigcast.kernels.shapes.facets import FIRST_IN_PATCHES, Triangle, triangle_of_block, triangle_of_patch
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
-from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, ROUNDING, triage_triangle
+from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
 from rigcast.kernels.single.ray import SMALLEST, box_margin
 from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH
 from rigcast.kernels.vectors import lowest_bit, smaller, to_double, to_float
@@ -34,7 +34,7 @@ class Frame:
     origin_rest: wp.vec3  # what is lost in rounding the origin to float32
     direction: wp.vec3
     inverse: wp.vec3  # 1 / direction, finite
-    margin: float  # by which boxes are widened: covers all rounding in next_leaf
+    margin: float  # by which boxes are widened, see box_margin: covers all rounding in next_leaf
 
 
 @wp.struct
@@ -128,7 +128,9 @@ def meet_leaf(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames:
     """Hold the ray against a block or a patch."""
     origin = frames[IN_SHAPE].origin
     rest = frames[IN_SHAPE].origin_rest
-    passed = passed_in_leaf(g.blocks, g.patches, leaf, origin, rest, frames[IN_SHAPE].direction, ROUNDING)
+    passed = passed_in_leaf(
+        g.blocks, g.patches, leaf, origin, rest, frames[IN_SHAPE].direction, frames[IN_SHAPE].margin
+    )
     while passed != 0:
         meet_triangle(g, held, ray, frames, leaf * WIDTH + lowest_bit(passed))
         passed = passed & (passed - 1)

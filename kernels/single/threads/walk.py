@@ -24,14 +24,15 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
 # A node is 14 times four numbers, two of each field. Along each axis a box is entered at its centre's distance less
 # half its size in steps of the ray, which are fused products; their roundings are fewer than box_margin covers. As
 # integers, floats from 0 on are in the same order, and those below are less than 0. A child that is entered becomes a
-# key: its distance, but for the last three bits, which are its number.
+# key: its distance, but for the last three bits, which are its number; the others have a key whose first bit is 1. The
+# limit has the last three, so that no key that is as near is beyond it, and is 0 where it is -0.
 @wp.func_native(
     on_cuda("""
     const auto* tree = reinterpret_cast<const float4*>(nodes);
     auto* entries = reinterpret_cast<wp::uint64*>(stack);
     const int no_child = (int)0x80000000;
     const unsigned none = ~0u;
-    const int last = __float_as_int(limit);
+    const int last = ::max(__float_as_int(limit), 0) | 7;
     const float ix = inverse[0], iy = inverse[1], iz = inverse[2];
     const float sx = ::fabsf(ix), sy = ::fabsf(iy), sz = ::fabsf(iz);
     const float ox = -origin[0] * ix, oy = -origin[1] * iy, oz = -origin[2] * iz;
@@ -44,8 +45,8 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
         if (at < 0) return wp::uint64(top) << 32 | unsigned(at);
         const float4* node = tree + 14 * at;
         const int* child = reinterpret_cast<const int*>(node + 12);
-        unsigned key[8];
-        int count = 0;
+        unsigned keys[8];
+        unsigned missed = 0;
 #pragma unroll 1
         for (int half = 0; half < 2; ++half) {
             float number[6][4];
@@ -64,12 +65,16 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
                 const int enter_z = __float_as_int(cz - hz), leave_z = __float_as_int(cz + hz);
                 const int enter = ::max(::max(::max(enter_x, enter_y), enter_z), 0);
                 const bool is_entered = enter <= ::min(::min(::min(leave_x, leave_y), leave_z), last);
-                key[4 * half + j] = is_entered ? (enter & ~7) | (4 * half + j) : none;
-                count += is_entered;
+                keys[4 * half + j] = is_entered ? (enter & ~7) | (4 * half + j) : none;
+                missed += keys[4 * half + j] >> 31;
             }
         }
+        const int count = 8 - missed;
         at = no_child;
         if (count == 0) continue;
+        unsigned key[8];
+#pragma unroll
+        for (int j = 0; j < 8; ++j) key[j] = keys[j];
         // a network that sorts eight
         auto order = [&](int a, int b) {
             const unsigned low = ::min(key[a], key[b]);
@@ -81,10 +86,12 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
             order(0, 1), order(2, 3), order(4, 5), order(6, 7), order(2, 4), order(3, 5), order(1, 4), order(3, 6);
             order(1, 2), order(3, 4), order(5, 6);
             top += count - 1;
+#pragma unroll 1
+            for (int to = top - 1; key[1] != none; --to) {
+                entries[to] = wp::uint64(key[1]) << 32 | unsigned(__ldg(child + (key[1] & 7)));
 #pragma unroll
-            for (int j = 1; j < 8; ++j) {
-                if (key[j] == none) break;
-                entries[top - j] = wp::uint64(key[j]) << 32 | unsigned(__ldg(child + (key[j] & 7)));
+                for (int j = 1; j < 7; ++j) key[j] = key[j + 1];
+                key[7] = none;
             }
         } else {
 #pragma unroll

@@ -13,6 +13,27 @@ from mujoco_warp._src.types import vec6
 from .caster import EVERY_GROUP, Answer, Floats, Frame
 
 
+class Rays:
+    """mujoco_warp's `rays` of origins and directions (nworld, n, 3) in the world, into the same arrays each time."""
+
+    def __init__(self, origins: Floats, directions: Floats) -> None:
+        shape = directions.shape[:2]
+        self._rays = [wp.array(part.astype(np.float32), dtype=wp.vec3) for part in (origins, directions)]
+        self._seen = vec6(*[-1.0] * 6), True, wp.full(shape[1], -1, dtype=int)
+        self._out = wp.empty(shape, dtype=float), wp.empty(shape, dtype=int), wp.empty(shape, dtype=wp.vec3)
+
+    def cast(self, model: mjw.Model, state: mjw.Data, context: mjw.RenderContext) -> None:
+        """As everything stands in the BVH of the context."""
+        mjw.rays(model, state, *self._rays, *self._seen, *self._out, context)
+
+    def answer(self) -> Answer:
+        """What was hit last: world after world."""
+        distance, geom_id, normal = (out.numpy() for out in self._out)
+        missed = geom_id.ravel() < 0
+        normals = np.where(missed[:, None], 0.0, normal.reshape(-1, 3))
+        return Answer(np.where(missed, np.inf, distance.ravel()), geom_id.ravel(), normals)
+
+
 class MujocoWarp:
     name = "mujoco_warp"
     version = version("mujoco-warp")
@@ -25,23 +46,15 @@ class MujocoWarp:
             self._context = mjw.create_render_context(model, enabled_geom_groups=list(groups))
 
     def aim(self, origins: Floats, directions: Floats) -> Frame:
-        count = len(directions)
-        starts = np.broadcast_to(origins, directions.shape)
         with wp.ScopedDevice("cpu"):
-            rays = [wp.array(part.reshape(1, -1, 3), dtype=wp.vec3) for part in (starts, directions)]
-            excluded = wp.full(count, -1, dtype=int)
-            distance, geom_id = wp.empty((1, count), dtype=float), wp.empty((1, count), dtype=int)
-            normal = wp.empty((1, count), dtype=wp.vec3)
+            rays = Rays(np.broadcast_to(origins, directions.shape)[None], directions[None])
 
         def frame() -> Answer:
             with wp.ScopedDevice("cpu"):
                 self._update()
                 mjw.refit_bvh(self._model, self._state, self._context)
-                seen = vec6(*[-1.0] * 6), True, excluded
-                mjw.rays(self._model, self._state, *rays, *seen, distance, geom_id, normal, self._context)
-            t, ids, normals = (out.numpy()[0] for out in (distance, geom_id, normal))
-            missed = ids < 0
-            return Answer(np.where(missed, np.inf, t), ids, np.where(missed[:, None], 0.0, normals))
+                rays.cast(self._model, self._state, self._context)
+            return rays.answer()
 
         return frame
 

@@ -70,12 +70,12 @@ class MujocoWarp:
 
     def __init__(self, crowd: Crowd, worlds: int, device: wp.Device, poses: Floats) -> None:
         import mujoco_warp as mjw
-        from mujoco_warp._src.types import vec6
+
+        from rigcast.bench.casters.with_mujoco_warp import Rays  # here, as it imports mujoco_warp too
 
         self.device, self._mjw, model = device, mjw, crowd.workload.model
         directions = crowd.directions @ poses[:, :3, :3].transpose(0, 2, 1)
         origins = np.broadcast_to(poses[:, None, :3, 3], directions.shape)
-        shape = directions.shape[:2]
         with wp.ScopedDevice(device):
             self._model = mjw.put_model(model)
             self._state = mjw.make_data(model, nworld=worlds, nconmax=1, njmax=1)
@@ -84,9 +84,7 @@ class MujocoWarp:
             self._context: Any = mjw.create_render_context(
                 model, nworld=worlds, enabled_geom_groups=list(crowd.workload.groups), cam_active=[]
             )
-            self._rays = [wp.array(each.astype(np.float32), dtype=wp.vec3) for each in (origins, directions)]
-            self._seen = vec6(*[-1.0] * 6), True, wp.full(shape[1], -1, dtype=int)
-            self._out = wp.empty(shape, dtype=float), wp.empty(shape, dtype=int), wp.empty(shape, dtype=wp.vec3)
+            self._rays = Rays(origins, directions)
         self.frame()
 
     def frame(self) -> None:
@@ -98,12 +96,11 @@ class MujocoWarp:
     def cast(self) -> None:
         """Only the latter."""
         with wp.ScopedDevice(self.device):
-            self._mjw.rays(self._model, self._state, *self._rays, *self._seen, *self._out, self._context)
+            self._rays.cast(self._model, self._state, self._context)
 
     def answer(self) -> Answer:
-        distance, geom_id, normal = (each.numpy() for each in self._out)
-        missed = geom_id.ravel() < 0
-        return Answer(np.where(missed, np.inf, distance.ravel()), geom_id.ravel(), normal.reshape(-1, 3))
+        """What was hit last: world after world."""
+        return self._rays.answer()
 
 
 def captured(run: Run, device: wp.Device) -> Run:
