@@ -135,6 +135,7 @@ def test_a_library_that_is_missing_is_named_with_what_brings_it(
         Recorder(tmp_path, made_frames.model(), RIG, [name, "ply"])
 
 
+@pytest.mark.usefixtures("no_older_objects")
 @pytest.mark.parametrize("name", ALL)
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path, name: str) -> None:
     """A frame takes 4 kB here. What stays, 235 bytes of each, is an MCAP's index, which is written at its end."""
