@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import mujoco
@@ -129,7 +129,7 @@ class Rig:
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
         return self._sense_worlds(mounted, as_worlds(data), out)
 
-    def step(self, data: mujoco.MjData) -> Iterator[Frame]:
+    def step(self, data: mujoco.MjData) -> list[Frame]:
         """The frames that came in since the last call, in the order in which they did; call it after each `mj_step`.
 
         A sensor with `rate_hz` falls due at phase + k / rate_hz for every k on the clock `data.time`, one without it
@@ -154,7 +154,7 @@ class Rig:
             self._move_on(data, [(time, m) for time, m in due if m.spec.moves])
         arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
         self._undelivered = [each for each in self._undelivered if each not in arrived]
-        return iter([each.frame for each in sorted(arrived, key=lambda each: each.time)])
+        return [each.frame for each in sorted(arrived, key=lambda each: each.time)]
 
     def _move_on(self, data: mujoco.MjData, due: list[tuple[float, Mounted]]) -> None:
         """Begin readings of sensors that move; take those whose last ray has been fired."""
@@ -215,7 +215,9 @@ class Rig:
     def _require_own(self, data: mujoco.MjData) -> None:
         require_type("Rig: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
-            raise InputError("Rig: data belongs to another model than the rig")
+            raise InputError(
+                "Rig: data belongs to another model than the rig; one that was compiled anew needs a new Rig"
+            )
 
     def _frame(self, mounted: Mounted, time: float, out: Mapping[str, Frame] | None = None) -> Frame:
         """What a sensor reads in the world as it stands."""
