@@ -32,7 +32,7 @@ def main(seconds: float) -> None:
         mujoco.mj_step(model, data)
         for name, rig in rigs.items():
             start = time.process_time()
-            gave_a_frame = bool(list(rig.step(data)))
+            gave_a_frame = bool(rig.step(data))
             spent.setdefault((name, gave_a_frame), []).append(1e3 * (time.process_time() - start))
     median = {key: float(np.median(times[1:])) for key, times in spent.items()}  # the first ones compile
     for name in rigs:

@@ -57,7 +57,7 @@ def refuse(owner: str, faults: Iterable[Fault]) -> None:
 
 def faults_of(error: ValidationError, spec: type[BaseModel]) -> list[Fault]:
     """The faults that pydantic found in data for `spec`."""
-    return [_fault(detail, spec) for detail in error.errors(include_url=False)]
+    return list(dict.fromkeys(_fault(detail, spec) for detail in error.errors(include_url=False)))
 
 
 def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
@@ -73,7 +73,8 @@ def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
     if kind in ("too_long", "too_short"):
         return Fault(where, _length_message(detail))
     if kind == "missing" and isinstance(where[-1], int):
-        return Fault(where[:-1], f"must have value {where[-1] + 1} too, got {len(given)} value(s)")
+        values = get_args(_resolve(spec, detail["loc"][:-1])[2])
+        return Fault(where[:-1], f"must have {len(values)} values, got {len(given)}")
     if kind == "missing":
         return Fault(where, "required, but not given")
     if kind == "value_error":

@@ -14,9 +14,15 @@ _SHOWN = 12  # names listed in a message before it is cut short
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """The end of a message that proposes the nearest of `names`, or "" when none is near."""
     candidates = list(names)
-    nearest = difflib.get_close_matches(name, candidates, n=1)
+    nearest = [candidate for candidate in candidates if _bare(candidate) == _bare(name)]
+    nearest += difflib.get_close_matches(name, candidates, n=1)
     nearest += [candidate for candidate in candidates if name and name.lower() in candidate.lower()]
     return f"; did you mean {nearest[0]!r}?" if nearest else ""
+
+
+def _bare(name: str) -> str:
+    """A name without its unit and underscores: whoever knows `fovy` means `fov_y_deg`."""
+    return re.sub(r"_(deg|hz|us)$", "", name.lower()).replace("_", "")
 
 
 def expected_one_of(name: str, names: Sequence[str]) -> str:

@@ -45,14 +45,14 @@ class _OnCpu:
         self._compiled = command.hooks.forward
         self._calls: list[tuple[Any, ...]] = []
         self._packed: ctypes.Structure | None = None
-        self._structs: list[tuple[str, ctypes.Structure]] = []
+        self._structs: list[tuple[memoryview, memoryview]] = []  # in the copy, and as they are by now
 
     def __call__(self) -> None:
         if self._packed is None:
             self._launch_by_warp()
             return
-        for name, struct in self._structs:
-            setattr(self._packed, name, struct)
+        for copy, struct in self._structs:
+            copy[:] = struct
         self._compiled(*self._calls[0])
 
     def _launch_by_warp(self) -> None:
@@ -65,7 +65,7 @@ class _OnCpu:
             names = [field[0] for field in packed._fields_]
             given = zip(names, self._command.params[1:], self._arguments, strict=True)
             self._structs = [
-                (name, value)
+                (_bytes_of(packed, getattr(type(packed), name).offset, ctypes.sizeof(value)), _bytes_of(value))
                 for name, value, argument in given
                 if isinstance(value, ctypes.Structure) and not isinstance(argument, wp.array)  # which stays as it is
             ]
@@ -75,3 +75,9 @@ class _OnCpu:
         """Called by Warp in place of the compiled function."""
         self._calls.append(arguments)
         self._compiled(*arguments)
+
+
+def _bytes_of(struct: ctypes.Structure, first: int = 0, count: int | None = None) -> memoryview:
+    """So many bytes of a struct where they are, all of them where count is None."""
+    size = ctypes.sizeof(struct) if count is None else count
+    return memoryview((ctypes.c_ubyte * size).from_buffer(struct, first)).cast("B")

@@ -52,7 +52,7 @@ def _simulate(rig: Rig, data: mujoco.MjData, node: RosNode, steps: int | None, s
     node.step(data, ())
     for _ in itertools.count() if steps is None else range(steps):
         mujoco.mj_step(rig.model, data)
-        frames = list(rig.step(data))
+        frames = rig.step(data)
         node.step(data, frames)
         count += len(frames)
         sleep(max(0.0, (data.time - start) / speed - (perf_counter() - began)))

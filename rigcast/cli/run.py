@@ -101,7 +101,7 @@ def simulate(
         mujoco.mj_step(rig.model, data)
         _refuse_divergence(rig.model, data, time, recorder)
         stepped = perf_counter()
-        frames = list(rig.step(data))
+        frames = rig.step(data)
         sensed = perf_counter()
         recorder.step(data, frames)
         spent.stepping += stepped - start

@@ -124,7 +124,7 @@ def _simulate(episode: Episode, shard: Shard, spent: Spent) -> None:
         start = perf_counter()
         episode.step()
         stepped = perf_counter()
-        frames = list(episode.rig.step(episode.data))
+        frames = episode.rig.step(episode.data)
         sensed = perf_counter()
         for frame in frames:
             shard.write(frame)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
-import trimesh
 from numpy.typing import NDArray
+from trimesh.exchange.ply import load_ply
 
 from rigcast.export.recorder import INDEX_NAME
 from rigcast.sensors.errors import InputError
@@ -85,8 +85,8 @@ def _lens(header: dict[str, Any]) -> Lens | None:
 
 
 def _read_ply(path: Path) -> dict[str, Any]:
-    cloud = trimesh.load(path, process=False)
-    points = np.asarray(cloud.vertices, dtype=np.float32)
-    rows = cloud.metadata["_ply_raw"]["vertex"]["data"]
-    arrays = {name: np.asarray(rows[name]).reshape(-1) for name in VALUES if name in (rows.dtype.names or ())}
+    with path.open("rb") as file:
+        rows = load_ply(file)["metadata"]["_ply_raw"]["vertex"]["data"]  # a cloud without points has no vertices
+    points = np.stack([rows[axis].reshape(-1) for axis in "xyz"], axis=-1).astype(np.float32)
+    arrays = {name: rows[name].reshape(-1) for name in VALUES if name in (rows.dtype.names or ())}
     return {"points": points, "range": np.linalg.norm(points, axis=-1), **arrays}

@@ -12,7 +12,7 @@ from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import bound, read
 from rigcast.sensors.scene.rays.given import upload
-from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.cameras.ranging import Ranging, Stereo, TimeOfFlight
 from rigcast.sensors.specs.pattern import Pattern
@@ -34,7 +34,7 @@ class DepthReading:
 class _Look:
     """One look of a camera through its rays."""
 
-    scene: Scene
+    scene: Stage
     rays: Rays
     visible: wp.array
     source: RandomSource
@@ -59,7 +59,7 @@ class _Look:
 class DepthPhysics:
     """The errors that the specification of one camera asks for, ready on the device of a scene."""
 
-    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern) -> None:
+    def __init__(self, scene: Stage, spec: DepthCamera, pattern: Pattern) -> None:
         self._scene, self._spec = scene, spec
         self._read = _ReadStereo(spec.stereo, pattern) if spec.stereo else _ReadTimeOfFlight(scene, spec, pattern)
 
@@ -125,7 +125,7 @@ class _ReadStereo:
 
 
 class _ReadTimeOfFlight:
-    def __init__(self, scene: Scene, spec: DepthCamera, pattern: Pattern) -> None:
+    def __init__(self, scene: Stage, spec: DepthCamera, pattern: Pattern) -> None:
         assert spec.time_of_flight is not None
         self._spec: TimeOfFlight = spec.time_of_flight
         self._subrays = None

@@ -12,7 +12,7 @@ from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
-from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.lidars.effects import Noise, Weather
 from rigcast.sensors.specs.lidars.lidar import Lidar
 
@@ -38,7 +38,7 @@ class Reading:
 class LidarPhysics:
     """The effects that the specification of one lidar of `count` rays asks for, ready on the device of a scene."""
 
-    def __init__(self, scene: Scene, spec: Lidar, count: int) -> None:
+    def __init__(self, scene: Stage, spec: Lidar, count: int) -> None:
         self.scene, self.spec, self.count = scene, spec, count
         noise = spec.noise or Noise()
         angles, weights = _sub_rays(spec)

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from rigcast.kernels.cast import HIT_NAMES, HitArrays, Readings
 from rigcast.kernels.hits.out import FIELD_NAMES
 from rigcast.kernels.host.held import Held
+from rigcast.kernels.host.shown import shown
 from rigcast.kernels.poses.mounts import Frames
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.scene.rays.placed import in_pose
-from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.mount import BoundMount
 
 from .launches import Launches
@@ -49,8 +50,8 @@ class FrameArrays:
         self, hits: HitArrays, shape: tuple[int, ...], rays: Rays | None = None, shared: Launches | None = None
     ) -> None:
         self.hits, self.shape, self.is_part = hits, shape, False
-        self.range = hits.distance.reshape(shape)
-        self.shape_hit = hits.shape.reshape(shape)
+        self.range = self.in_shape(hits.distance)
+        self.shape_hit = self.in_shape(hits.shape)
         self.normal = self.in_shape(hits.normal)
         self.asked: set[str] = set()
         self._held = Held(hits.distance, hits.shape, hits.normal, self.range, self.shape_hit, self.normal)
@@ -118,7 +119,7 @@ class FrameArrays:
             aimed = self._aimed = Aimed(fixed, position, rays)
         return aimed.rays
 
-    def read(self, scene: Scene, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
+    def read(self, scene: Stage, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
         """A reading without errors, of what is between these limits [m]."""
         aimed = self._aimed
         fixed = aimed.fixed if aimed is not None and rays is aimed.rays else rays
@@ -178,8 +179,8 @@ class FrameArrays:
         """
         scalar = _SCALARS.get(array.dtype)
         if scalar is None or len(self.shape) == _MOST_AXES:
-            return array.reshape(self.shape)
-        return array.view(scalar).reshape((*self.shape, 3))
+            return shown(array, array.dtype, self.shape)
+        return shown(array, scalar, (*self.shape, 3))
 
     def of_worlds(self, part: slice) -> "FrameArrays":
         """For a reading of some of many worlds, in the same memory; themselves, of all."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rigcast.kernels.cast import Readings
 from rigcast.kernels.host.taking import PlacedFrame
 from rigcast.kernels.rays.arrays import Rays
-from rigcast.sensors.scene.scene import Scene
+from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.mount import BoundMount
 
 
@@ -40,7 +40,7 @@ class Launches:
         return self._frame.place(*mount.carriers(data)), self._frame
 
     def prepared(
-        self, scene: Scene, fixed: Rays, rays: Rays, visible: wp.array, limits: tuple[float, float]
+        self, scene: Stage, fixed: Rays, rays: Rays, visible: wp.array, limits: tuple[float, float]
     ) -> Readings:
         """A cast of these rays, which are the fixed ones where the sensor is now, between these limits [m].
 

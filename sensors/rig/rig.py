@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import mujoco
@@ -30,8 +30,8 @@ from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA, ReadingOfWorlds
 from .reading import read_frame
 from .room import require_countable, require_room, require_room_in
-from .schedule import Schedule
-from .under_way import UnderWay
+from .timing.schedule import Schedule
+from .timing.under_way import UnderWay
 
 _STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
 """What poses are worked out of."""
@@ -121,14 +121,15 @@ class Rig:
         """
         mounted = self._select(names)
         if isinstance(data, mujoco.MjData):
-            require_room_in(out, {m.spec.name: m.frame_shape for m in mounted}, self.scene.device)
+            if out is not None:
+                require_room_in(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
             self._look(data)
             return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
         if not is_batch(data):
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
         return self._sense_worlds(mounted, as_worlds(data), out)
 
-    def step(self, data: mujoco.MjData) -> Iterator[Frame]:
+    def step(self, data: mujoco.MjData) -> list[Frame]:
         """The frames that came in since the last call, in the order in which they did; call it after each `mj_step`.
 
         A sensor with `rate_hz` falls due at phase + k / rate_hz for every k on the clock `data.time`, one without it
@@ -153,7 +154,7 @@ class Rig:
             self._move_on(data, [(time, m) for time, m in due if m.spec.moves])
         arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
         self._undelivered = [each for each in self._undelivered if each not in arrived]
-        return iter([each.frame for each in sorted(arrived, key=lambda each: each.time)])
+        return [each.frame for each in sorted(arrived, key=lambda each: each.time)]
 
     def _move_on(self, data: mujoco.MjData, due: list[tuple[float, Mounted]]) -> None:
         """Begin readings of sensors that move; take those whose last ray has been fired."""
@@ -161,7 +162,7 @@ class Rig:
         over = self._under_way.step(self._data, [(time, m.at(time)) for time, m in due])
         for begun in over:
             m = begun.mounted
-            aim = self._under_way.aim(begun, m.pool.take(m.frame_shape, self.scene.device))
+            aim = self._under_way.aim(begun, m.pool.take(m.pattern.frame_shape, self.scene.device))
             self._deliver(m, begun.end, read_frame(m, aim, self.seed))
         if over:
             self.scene.take(self._data)  # which was swept
@@ -214,20 +215,26 @@ class Rig:
     def _require_own(self, data: mujoco.MjData) -> None:
         require_type("Rig: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
-            raise InputError("Rig: data belongs to another model than the rig")
+            raise InputError(
+                "Rig: data belongs to another model than the rig; one that was compiled anew needs a new Rig"
+            )
 
     def _frame(self, mounted: Mounted, time: float, out: Mapping[str, Frame] | None = None) -> Frame:
         """What a sensor reads in the world as it stands."""
         fired = mounted.at(time)
-        return read_frame(fired, fired.aim(self._data, time, self._room(fired, fired.frame_shape, out)), self.seed)
+        return read_frame(
+            fired, fired.aim(self._data, time, self._room(fired, fired.pattern.frame_shape, out)), self.seed
+        )
 
     def _sense_worlds(
         self, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None
     ) -> dict[str, Frame]:
         worlds.require_sensors(self._mounted)
-        shapes = {m.spec.name: (worlds.count, *m.frame_shape) for m in mounted}
-        require_room_in(out, shapes, self.scene.device)
-        require_countable(worlds.count, {m.spec.name: math.prod(m.frame_shape) for m in mounted})
+        if out is not None:
+            require_room_in(
+                out, {m.spec.name: (worlds.count, *m.pattern.frame_shape) for m in mounted}, self.scene.device
+            )
+        require_countable(worlds.count, {m.spec.name: math.prod(m.pattern.frame_shape) for m in mounted})
         standing = self.scene.bytes_per_standing_world(worlds)
         standing += max((m.bytes_per_standing_world for m in mounted), default=0)
         at_once = BYTES_AT_ONCE_ON_CUDA if self.scene.device.is_cuda else BYTES_AT_ONCE
@@ -244,7 +251,7 @@ class Rig:
         return {name: reading.frame() for name, reading in readings.items()}
 
     def _reading_of_worlds(self, mounted: Mounted, worlds: Worlds, out: Mapping[str, Frame] | None) -> ReadingOfWorlds:
-        arrays = self._room(mounted, (worlds.count, *mounted.frame_shape), out)
+        arrays = self._room(mounted, (worlds.count, *mounted.pattern.frame_shape), out)
         return ReadingOfWorlds(mounted, worlds, arrays, self.seed)
 
     def _room(self, mounted: Mounted, shape: tuple[int, ...], out: Mapping[str, Frame] | None) -> FrameArrays:

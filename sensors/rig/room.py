@@ -25,10 +25,8 @@ def require_countable(worlds: int, rays: Mapping[str, int]) -> None:
             )
 
 
-def require_room_in(out: Mapping[str, Frame] | None, shapes: Mapping[str, tuple[int, ...]], device: wp.Device) -> None:
-    """Raise InputError unless `out` is None, or has a frame of each of these sensors, of these shapes."""
-    if out is None:
-        return
+def require_room_in(out: Mapping[str, Frame], shapes: Mapping[str, tuple[int, ...]], device: wp.Device) -> None:
+    """Raise InputError unless `out` has a frame of each of these sensors, of these shapes."""
     require_type("Rig.sense: out", out, Mapping)
     for name, shape in shapes.items():
         if name not in out:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from rigcast.sensors.faults import Fault, refuse
 from rigcast.sensors.names import expected_one_of, model_names
@@ -35,6 +35,15 @@ class Filter(Spec):
         default="all",
         description="visual: geoms with contype and conaffinity 0; collision: the others",
     )
+
+    @field_validator("geom_groups")
+    @classmethod
+    def _each_group_once(cls, groups: Sequence[int] | None) -> Sequence[int] | None:
+        if groups is None or len(set(groups)) == len(groups):
+            return groups
+        flags = len(groups) == 6 and set(groups) <= {0, 1}
+        meant = f"; of six flags, as mj_ray takes, {[i for i in range(6) if groups[i]]}" if flags else ""
+        raise ValueError(f"must have each group once, got {list(groups)}{meant}")
 
     @model_validator(mode="after")
     def _subtree_of_something(self) -> "Filter":

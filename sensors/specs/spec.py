@@ -50,6 +50,12 @@ class Spec(BaseModel, metaclass=_RefusesInput):
         lines = [f"    {name}: {field.description}." for name, field in cls.model_fields.items() if field.description]
         cls.__doc__ = "\n".join([cleandoc(cls.__doc__ or ""), "", "Args:", *lines])
 
+    if not TYPE_CHECKING:  # a type checker knows that it is frozen
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            owner = type(self).__name__
+            raise InputError(f"{owner}: {name} cannot be set; {owner}.model_copy(update=...) gives another {owner}")
+
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:  # noqa: ARG002
         """The same, with the values of `update` in place of its own.
 

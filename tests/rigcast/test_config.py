@@ -179,7 +179,7 @@ FAULTS = [
     (ONE + ", §filter: }", r"sensors\[0\].filter: must be a mapping of geom_groups, .*, got nothing \(null\)"),
     (ONE + ", filter: {static: §2020-01-01}}", "filter.static: must be a boolean, got '2020-01-01'"),
     (ONE + "}\n  - {name: §a, " + LIDAR + ", mount: {}}", "'a' is the name of sensors.0. already"),
-    (ONE.replace("torso", "torso, pos: §[1, 2]") + "}", "mount.pos: must have value 3 too, got 2"),
+    (ONE.replace("torso", "torso, pos: §[1, 2]") + "}", "mount.pos: must have 3 values, got 2"),
     (ONE.replace("body", "§bdy") + "}", r"sensors\[0\].mount.bdy: unknown key 'bdy', .*'body'?"),
     (ONE.replace("velodyne_vlp16", "§velodyne_vlp61") + "}", "preset: unknown preset .*'velodyne_vlp16'?"),
     (ONE.replace("name: a", "name: §a/b") + "}", r"sensors\[0\].name: must match .* got 'a/b'"),

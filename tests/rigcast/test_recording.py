@@ -214,7 +214,7 @@ def ctrl_c_interrupts() -> Iterator[None]:
 
 def interrupting(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Press Ctrl-C while the second frame is being written in a format."""
-    module: Any = import_module("rigcast.export.ply")
+    module: Any = import_module("rigcast.export.frames.ply")
     usual, calls = getattr(module, name), [0]
 
     def export(*args: Any, **kwargs: Any) -> Any:

@@ -74,7 +74,7 @@ class Recording:
             for step in range(STEPS):
                 mujoco.mj_step(model, data)
                 data.mocap_pos[0] = [2, 1 - 0.01 * step, 1]
-                frames = list(rig.step(data))
+                frames = rig.step(data)
                 recorder.step(data, frames)
                 self.frames += frames
         self.model = model

@@ -101,7 +101,8 @@ def test_makers_clouds_hold_the_hits_in_the_order_of_firing(layout: str, intensi
 
 
 def test_an_ouster_cloud_has_every_ray_in_its_place() -> None:
-    frame = lidar_frame(True)
+    frame = lidar_frame(True, seed=5)
+    assert all(np.isin([np.inf, -np.inf], frame.range.numpy())), "some too far, some too near"
     message = sent(LIDAR, frame, point_layout="ouster")["/top/points"]
     assert [(f.name, f.offset, f.datatype) for f in message.fields] == OUSTER
     assert (message.point_step, message.height, message.width, message.is_dense) == (48, 3, 8, False)

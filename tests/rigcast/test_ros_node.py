@@ -68,7 +68,7 @@ def test_the_node_publishes_what_the_bag_holds(rclpy: Any, rig_file: Path, tmp_p
     ):
         for _ in range(10):
             mujoco.mj_step(rig.model, data)
-            frames = list(rig.step(data))
+            frames = rig.step(data)
             node.step(data, frames)
             recorder.step(data, frames)
     assert rclpy.log == ["init", "destroy_node", "shutdown"]

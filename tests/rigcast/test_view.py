@@ -69,7 +69,7 @@ def frames(folder: Path) -> list[rigcast.Frame]:
     seen = []
     for _ in range(20):
         mujoco.mj_step(rig.model, data)
-        seen += list(rig.step(data))
+        seen += rig.step(data)
     return seen
 
 
@@ -159,6 +159,17 @@ def test_a_run_is_read_back(folder: Path, frames: list[rigcast.Frame], formats: 
         np.testing.assert_array_equal(shot.values["geom_id"], expected.values["geom_id"])
         np.testing.assert_allclose(shot.values["range"], expected.values["range"], rtol=1e-5)
         assert (shot.depth is None) == (expected.depth is None)
+
+
+@pytest.mark.parametrize("formats", ["npz", "ply"])
+def test_a_run_that_hit_nothing_is_read_back(folder: Path, formats: str) -> None:
+    out = folder / "nothing" / formats
+    near = ("--duration", "0.06", "--set", "sensors.*.max_range=0.01")
+    code, output = call("run", folder / "cart.yaml", *near, "--out", out, "--format", formats)
+    assert code == 0, output
+    code, output = call("view", out, "--save", out / "nothing.html")
+    assert code == 0, output
+    assert [len(points_in(page, shot)) for page in [data_of(out / "nothing.html")] for shot in page["shots"]] == [0, 0]
 
 
 @pytest.mark.parametrize(

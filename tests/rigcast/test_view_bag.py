@@ -56,7 +56,7 @@ def record(folder: Path, formats: list[str], **options: Any) -> list[Shot]:
         recorder.step(data, ())
         for _ in range(20):
             mujoco.mj_step(model, data)
-            frames = list(rig.step(data))
+            frames = rig.step(data)
             recorder.step(data, frames)
             seen += [shot_of(frame) for frame in frames]
     return seen

@@ -218,6 +218,11 @@ def test_refresh_proposes_the_nearest_name() -> None:
         Scene(one_of("mesh")).refresh("cubes")
 
 
+def test_a_name_that_is_none_is_refused() -> None:
+    with pytest.raises(InputError, match=r"Scene\.refresh: name: got NoneType, expected str"):
+        Scene(one_of("mesh")).refresh(None)  # type: ignore[arg-type]
+
+
 def nan_elevation(model: mujoco.MjModel) -> None:
     model.hfield_data[5] = np.nan
 

@@ -265,6 +265,7 @@ def test_unfit_mjcf_cameras_are_refused(model: mujoco.MjModel, arguments: dict[s
         ({**FOCAL, "distortion": {"type": "plumb_bob"}}, "distortion.type: unknown type 'plumb_bob'"),
         ({**FOCAL, "distortion": {"type": "kannala_brandt", "k5": 1.0}}, "distortion.k5: unknown key 'k5'"),
         ({**FOCAL, "distortion": {"type": "brown_conrady", "k1": "a"}}, "distortion.k1: must be a number, got 'a'"),
+        ({"fovy": 60.0}, "unknown key 'fovy', .*did you mean 'fov_y_deg'"),
         ({**FOCAL, "stereo": {"base": 1.0}}, "stereo.base: unknown key 'base', .*did you mean 'baseline'"),
         ({"fov_y_deg": 180}, "fov_y_deg: must be less than 180, got 180"),
         ({"fov_y_deg": 0}, "fov_y_deg: must be greater than 0, got 0"),

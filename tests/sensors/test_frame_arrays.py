@@ -177,7 +177,7 @@ def test_frames_that_are_all_kept_are_those_of_other_rigs_and_share_launches(mon
         prepared.append(args)
         return prepare_readings(*args)
 
-    monkeypatch.setattr("rigcast.sensors.scene.scene.prepare_readings", counting)
+    monkeypatch.setattr("rigcast.sensors.scene.stage.prepare_readings", counting)
     states = [*(moved(0.1 * k) for k in range(5)), worlds(0.6), worlds(0.7), [*worlds(0.8), moved(0.9)], moved(1.0)]
     held = [rig.sense(state, IDEAL) for state in states]
     assert len(prepared) == 4 * len(IDEAL)  # for one world, two, three, and one again
@@ -264,7 +264,7 @@ OUTS: dict[str, tuple[Callable[[dict[str, Frame]], Any], str]] = {
     "none": (lambda _: {}, "out: no frame of sensor 'lidar'"),
     "one of two": (lambda frames: {"lidar": frames["lidar"]}, "out: no frame of sensor 'camera'"),
     "a frame": (lambda frames: frames["lidar"], "out: got LidarFrame, expected Mapping"),
-    "an array": (lambda frames: frames | {"camera": frames["camera"].range}, "'camera': got array, expected Frame"),
+    "an array": (lambda frames: frames | {"camera": frames["camera"].range}, "'camera': got HostArray, expected Frame"),
     "another sensor's": (
         lambda frames: frames | {"camera": frames["lidar"]},
         "out: sensor 'camera': got a frame of sensor 'lidar', expected one of its own",

@@ -151,7 +151,9 @@ def test_everything_but_the_optics_defaults_to_the_ideal() -> None:
 def test_specs_are_equal_by_value_and_cannot_be_changed() -> None:
     assert lidar() == lidar(elevation_deg=np.zeros(1))
     assert hash(lidar()) == hash(lidar())
-    with pytest.raises(ValueError, match="frozen"):
+    with pytest.raises(
+        InputError, match=r"^Lidar: columns cannot be set; Lidar\.model_copy\(update=...\) gives another"
+    ):
         lidar().columns = 5
 
 

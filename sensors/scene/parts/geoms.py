@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from rigcast.kernels.geometry import FARTHEST, Shapes, TriangleTree
 from rigcast.kernels.host.taking import TakenPoses
 from rigcast.kernels.host.watching import Watched
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.specs.filter import Filter
 
@@ -62,6 +62,7 @@ class Geoms:
 
     def refresh(self, name: str) -> None:
         """See `Scene.refresh`."""
+        require_type("Scene.refresh: name", name, str)  # MuJoCo would read what None points to
         ids = {
             "mesh": mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_MESH, name),
             "hfield": mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_HFIELD, name),

@@ -89,7 +89,7 @@ def _host_rays(origins: ArrayLike | wp.array, directions: ArrayLike) -> tuple[ND
     """Origins and directions, float64."""
     d, o = _vectors("directions", directions), _vectors("origins", origins)
     if o.shape not in ((3,), d.shape):
-        raise InputError(f"Scene.cast: origins: got shape {o.shape}, expected (3,) or {d.shape}")
+        raise InputError(f"Scene.cast: origins: got shape {o.shape}, expected (3,) or that of directions, {d.shape}")
     return o, d
 
 

@@ -1,0 +1,257 @@
+"""A MuJoCo model on a device, as the rays of sensors meet it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels.cast import HitArrays, Readings, cast, prepare_readings
+from rigcast.kernels.host.gather import Gathered
+from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
+from rigcast.kernels.rays.arrays import Rays
+from rigcast.kernels.shapes.triangle import CULL_NONE
+from rigcast.kernels.world import World
+from rigcast.sensors.captured import is_captured, require_as_before, require_on_device
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.specs.filter import Filter
+from rigcast.sensors.specs.prop import Prop
+from rigcast.sensors.specs.surface import Surface
+
+from .batch.differences import Differences
+from .batch.per_world import PerWorld
+from .batch.standing import Standing
+from .batch.worlds import Worlds
+from .freed_memory import give_back_freed_memory
+from .hits import Hits
+from .looks import Looks, LooksTable
+from .parts.flexes import Flexes
+from .parts.geoms import Geoms, are_within_reach, has_finite_pose
+from .parts.lost import Lost
+from .parts.part import Part, ShapePoses, Snapshot, joined_poses, joined_shapes, owners_and_ids
+from .parts.props import Props
+from .parts.skins import Skins
+from .shape_ids import ShapeIds
+from .sight import Sight
+
+_NO_DIFFERENCES = Differences()
+_UNDER_WAY = "the last update failed"  # as it did if a cast sees this: it may have taken some poses
+_BYTES_PER_SIZE = 48  # of a shape, with its tree, its box and its reach
+
+
+class Stage:
+    """The geoms, flexes, skins and props of a model on a device, where they stood when they were last taken.
+
+    Sensors cast their rays at it: what they give is of its model and on its device. `Scene` is a stage that users cast
+    at, and checks what they give.
+
+    shape_ids: what it is that a ray hits. body_of_shape: (shapes,) int32, whose shape it is, -1 where it is no one
+    body's.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, device: wp.Device, props: Sequence[Prop], surfaces: Sequence[Surface]
+    ) -> None:
+        self.model, self.device = model, device
+        self._geoms, self._props = Geoms(model), Props(model, props, self.device)
+        self._parts: list[Part] = [
+            self._geoms,
+            *([Flexes(model)] if model.nflex else []),
+            *([Skins(model)] if model.nskin else []),
+            *([self._props] if props else []),
+        ]
+        # where poses of geoms are taken to, to be used there if there is nothing else
+        self._in_place = self._geoms.poses if self.device.is_cpu and self._parts == [self._geoms] else None
+        self._world = self._make_world()
+        owners, ids = owners_and_ids(self._parts)
+        self.shape_ids = ShapeIds.of(owners, ids, self.device)
+        bodies = np.concatenate([part.bodies for part in self._parts])
+        table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
+        self._sight = Sight(model, self._parts, table, self.device)
+        self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
+        self._stale = "no poses yet"  # why nothing can be cast at, if so
+        self._worlds: int | None = None  # how many there are, if it is a batch of them
+        self._gathered: dict[str, Gathered] = {}  # where poses of several MjData are copied together
+        self._part: slice | None = None  # which of the worlds stand, if not all
+        self._differences = _NO_DIFFERENCES
+        self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
+
+    def _make_world(self) -> World:
+        """A world of all parts, which take over its trees: their triangles are held once."""
+        world = World([tree for part in self._parts for tree in part.trees], joined_shapes(self._parts), self.device)
+        trees = iter(world.trees)
+        for part in self._parts:
+            part.trees = [next(trees) for _ in part.trees]
+        give_back_freed_memory()  # what building takes meanwhile is more than the trees
+        return world
+
+    def take(self, data: mujoco.MjData) -> None:
+        """Take everything as it stands in `data`: what `Scene.update` does with one world."""
+        self._stale = _UNDER_WAY
+        snapshots = self._snapshots(data)
+        if self._in_place is None:
+            self._world.update(*joined_poses(snapshots))
+        else:
+            self._world.update(self._in_place.position, self._in_place.rotation)
+        self._stale, self._worlds, self._part = "", None, None
+
+    def read(self, data: mujoco.MjData) -> ShapePoses:
+        """Where everything stands in `data`, for a `sweep`.
+
+        Rays are still cast at what was there before, until the next `update` or `sweep`.
+        """
+        taken = [array.numpy() for array in (self._geoms.poses.position, self._geoms.poses.rotation)]
+        standing = [values.copy() for values in taken]  # those that rays may be cast at in place
+        try:
+            poses = joined_poses(self._snapshots(data))
+            return ShapePoses(poses.position.copy(), poses.rotation.copy())
+        finally:
+            for values, before in zip(taken, standing, strict=True):
+                values[...] = before
+
+    def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
+        """Of all parts as they stand in `data`; their sizes and trees are taken."""
+        if self.device.is_cuda:
+            require_on_device("Scene.update: data", "MjData", self.device)
+        self._sight.update()
+        snapshots, is_as_it_was = [], self._differences is _NO_DIFFERENCES
+        for part in self._parts:
+            snapshot = part.update(data)
+            snapshots.append(snapshot)
+            is_as_it_was = is_as_it_was and snapshot.shapes is None
+        if not is_as_it_was:
+            self._take_shapes(snapshots)
+        return snapshots
+
+    def _take_shapes(self, snapshots: Sequence[Snapshot]) -> None:
+        first_tree = 0
+        for part, snapshot in zip(self._parts, snapshots, strict=True):
+            for index, tree in snapshot.trees.items():
+                self._world.set_tree(first_tree + index, tree)
+            if snapshot.shapes is not None:
+                part.shapes = snapshot.shapes
+            first_tree += len(part.trees)
+        self._world.set_shapes(joined_shapes(self._parts))
+        self._differences = _NO_DIFFERENCES
+        self._sight.forget_visible()
+
+    def sweep(self, poses: Sequence[ShapePoses]) -> None:
+        """Take the world as it moves through these poses, of a `read` each, in as many spans less one.
+
+        Until the next `update`, rays are cast at what stands there at their `span` and `fraction`. Sizes, flexes and
+        skins are those of the last `read`.
+        """
+        self._world.sweep(np.array([each.position for each in poses]), np.array([each.rotation for each in poses]))
+
+    def take_worlds(self, worlds: Worlds) -> None:
+        """Take what many worlds say besides poses, and what has changed in the model.
+
+        Raises:
+            InputError: worlds of another model, or a model with flexes or skins.
+        """
+        worlds.require_model(self.model)
+        self._stale = _UNDER_WAY
+        self._sight.update()
+        deforming = [part.owner for part in self._parts if part.owner in ("flex", "skin")]
+        if deforming:
+            raise InputError(f"Scene: many worlds of a model with a {deforming[0]}, expected a model without one")
+        self._take_differences(worlds)
+
+    def _take_differences(self, worlds: Worlds) -> None:
+        """Take what has changed in the model, and the sizes and meshes in which worlds differ."""
+        differences = worlds.differences
+        if is_captured(self.device) and (self._geoms.have_changed() or not differences.same_as(self._differences)):
+            require_as_before("Scene: sizes, meshes or what is visible are others", self.device)
+        if differences.dataid is not None and self._geoms.add_assets(differences.dataid):
+            self._world, self._differences = self._make_world(), _NO_DIFFERENCES
+        renewed = self._geoms.renew()
+        for index, tree in (renewed or {}).items():
+            self._world.set_tree(index, tree)
+        if renewed is None and differences.same_as(self._differences):
+            return
+        self._world.set_shapes(
+            differences.shapes(self._geoms, self._props.shapes, worlds.count)
+            if differences.of_shapes
+            else joined_shapes(self._parts)
+        )
+        self._differences = differences
+        self._sight.forget_visible()
+
+    def stand(self, worlds: Worlds, part: slice) -> Standing:
+        """Take some of the worlds that were taken, or all, as they stand. `cast` needs all."""
+        standing = Standing(worlds, part, self.model, self.device, self._gathered)
+        position, rotation = standing.geoms
+        if isinstance(position, np.ndarray):
+            self._warn_of_lost(position, rotation, part.start)
+        if self._props.ids.size:
+            frames = self._props.poses_after_geoms(standing)
+            position, rotation = frames.position, frames.rotation
+        self._part = None if part == worlds.all else part
+        self._world.update(position, rotation, self._part)
+        self._stale = "" if self._part is None else "only some of many worlds stand in it"
+        self._worlds = worlds.count
+        return standing
+
+    def _warn_of_lost(
+        self, position: NDArray[np.floating[Any]], rotation: NDArray[np.floating[Any]], first: int
+    ) -> None:
+        """Of geoms of worlds from the `first` on."""
+        if self._lost_in_worlds.any or not (are_within_reach(position) and are_within_reach(rotation)):
+            is_finite = has_finite_pose(position.reshape(-1, 3), rotation.reshape(-1, 9))
+            self._lost_in_worlds.warn(None, is_finite, first * self.model.ngeom)
+
+    def bytes_per_world(self, worlds: Worlds) -> int:
+        """What each of many worlds takes, beside what is read in it: sizes and meshes of its own."""
+        return self.body_of_shape.size * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
+
+    def bytes_per_standing_world(self, worlds: Worlds) -> int:
+        """What each of those that stand at one time takes: its poses, and the tree over its shapes."""
+        geoms, props = self.model.ngeom, len(self._props.ids)
+        copied = geoms * worlds.bytes_per_pose
+        if props:  # the poses of all in one array, and of what carries the props
+            copied += (geoms + 2 * props) * BYTES_PER_FRAME
+        return self._world.bytes_per_world + copied
+
+    @property
+    def on_device(self) -> list[object]:
+        """What it has on its device by now, for whoever repeats its launches."""
+        return [*self._world.on_device, *self._sight.on_device]
+
+    def visible(self, filter: Filter | PerWorld[Filter]) -> wp.array:
+        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit.
+
+        Of the worlds that stand.
+        """
+        visible = self._sight.visible(filter, lambda: self._differences.present(self._geoms))
+        shapes = self.body_of_shape.size
+        if self._part is None or visible.size == shapes:
+            return visible
+        return visible[self._part.start * shapes : self._part.stop * shapes]
+
+    def looks(self) -> Looks:
+        """How the shapes look to a sensor's light."""
+        return self._sight.looks()
+
+    def cast_rays(
+        self,
+        rays: Rays,
+        visible: wp.array,
+        max_distance: float,
+        cull: int = CULL_NONE,
+        out: HitArrays | None = None,
+    ) -> HitArrays:
+        """The first hit of each ray among the visible geoms.
+
+        cull: CULL_NONE, CULL_BACK or CULL_FRONT of rigcast.kernels.shapes.triangle.
+        """
+        return cast(self._world.geometry, visible, rays, max_distance, cull, out)
+
+    def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
+        """A cast whose hits are readings between these limits [m], for as long as `visible` gives these geoms."""
+        return prepare_readings(self._world.geometry, visible, rays, limits, self.body_of_shape)
+
+    def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
+        """The arrays of a cast, for rays of this shape."""
+        return Hits(shape, arrays, self.shape_ids)
