@@ -15,7 +15,7 @@ import warp as wp
 from .geometry import Geometry, Patch, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
 from .host.upload import Upload
 from .packets.prefetch import CACHE_LINE
-from .trees.nodes import Node, moved_nodes
+from .trees.nodes import Node, by_ends, moved_nodes
 from .trees.top_trees import TopTrees
 
 _SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
@@ -92,7 +92,7 @@ class World:
     def _join_trees(self) -> None:
         g = self.geometry
         nodes, blocks, patches, self._places = join_triangle_trees(self.trees)
-        g.nodes = wp.array(nodes, dtype=Node, device=self.device, copy=False)
+        g.nodes = self._on_device(nodes)
         g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
         patches = _on_cache_lines(patches)
         g.patches = wp.array(patches, dtype=Patch, device=self.device, copy=False)
@@ -106,9 +106,12 @@ class World:
             for tree, place in zip(self.trees, self._places, strict=True)
         ]
 
+    def _on_device(self, nodes: npt.NDArray[np.void]) -> wp.array:
+        return wp.array(nodes if self.device.is_cpu else by_ends(nodes), dtype=Node, device=self.device, copy=False)
+
     def _overwrite_tree(self, index: int) -> None:
         tree, place, g = self.trees[index], self._places[index], self.geometry
-        nodes = wp.array(moved_nodes(tree.nodes, *place), dtype=Node, device=self.device)
+        nodes = self._on_device(moved_nodes(tree.nodes, *place))
         blocks = wp.array(tree.blocks, dtype=TriangleBlock, device=self.device)
         patches = wp.array(tree.patches, dtype=Patch, device=self.device)
         wp.copy(g.nodes, nodes, dest_offset=place.node)

@@ -3,6 +3,10 @@
 A tree is an array of nodes of up to eight children each. Node 0 of a tree is its root, children come after their
 parents, and a child is another node (>= 0) or a leaf, written ~leaf (< 0). A box is kept as centre and half size; an
 absent child, NO_CHILD, has half size -inf, which no ray meets.
+
+On CUDA, where rays that go alone read it and nothing else does, a box is kept by its ends, which take them half as
+many operations: the lower one in place of the centre, the upper one in place of the half size. That of an absent child
+is from +inf to -inf.
 """
 
 from collections.abc import Sequence
@@ -103,6 +107,33 @@ def node_of(
     return node
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return true;
+#else
+    return false;
+#endif
+""")
+def are_by_ends() -> bool:  # type: ignore[empty-body]
+    """Whether boxes of nodes are kept by their ends here."""
+
+
+@wp.func
+def node_by_ends(
+    lower_x: vec8, lower_y: vec8, lower_z: vec8, upper_x: vec8, upper_y: vec8, upper_z: vec8, child: vec8i
+) -> Node:
+    """The same as CUDA has it."""
+    node = Node()
+    node.center_x = lower_x
+    node.center_y = lower_y
+    node.center_z = lower_z
+    node.half_x = upper_x
+    node.half_y = upper_y
+    node.half_z = upper_z
+    node.child = child
+    return node
+
+
 @wp.func
 def empty_node() -> Node:
     node = Node()
@@ -123,6 +154,15 @@ def moved_nodes(
     offset = np.where(child >= 0, first_node, np.where(~child >= FIRST_PATCH, -first_patch, -first_leaf))
     moved["child"] = np.where(child == NO_CHILD, NO_CHILD, child + offset)
     return moved
+
+
+def by_ends(nodes: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """The same nodes as CUDA has them. No box is smaller for rounding, as it was made around ends of float32."""
+    ends = nodes.copy()
+    for axis in "xyz":
+        center, half = (nodes[f"{name}_{axis}"].astype(np.float64) for name in ("center", "half"))
+        ends[f"center_{axis}"], ends[f"half_{axis}"] = center - half, center + half
+    return ends
 
 
 def join_trees(a: npt.NDArray[np.void], b: npt.NDArray[np.void]) -> npt.NDArray[np.void]:

@@ -18,7 +18,7 @@ from rigcast.kernels.vectors import to_float
 
 from .boxes import Box, empty_box, farthest_finite, join
 from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from .nodes import NO_CHILD, OUTWARDS, WIDTH, Node, node_of, vec8
+from .nodes import NO_CHILD, OUTWARDS, WIDTH, Node, are_by_ends, node_by_ends, node_of, vec8
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -110,7 +110,10 @@ def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: wp.array[F
         upper_y[j] = fit.box.upper[1]
         upper_z[j] = fit.box.upper[2]
         whole = with_child(whole, fit)
-    g.top[at] = node_of(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, children)
+    if are_by_ends():
+        g.top[at] = node_by_ends(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, children)
+    else:
+        g.top[at] = node_of(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, children)
     fits[at] = with_own_box(whole)
 
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.rig.schedule import uniform
+from rigcast.sensors.rig.timing.schedule import uniform
 from rigcast.simulation import divergence
 
 from .config import DatasetConfig, blaming, read_motion

@@ -7,7 +7,7 @@ import numpy as np
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of, model_names
-from rigcast.sensors.rig.schedule import uniform
+from rigcast.sensors.rig.timing.schedule import uniform
 
 from .file import PoseRange, Randomise
 

@@ -21,10 +21,10 @@ from types import TracebackType
 
 import mujoco
 
-from rigcast.export.exr import write_exr
 from rigcast.export.files import make_writable, replacing, require_room, uninterrupted
 from rigcast.export.formats import FORMATS, choose_formats
-from rigcast.export.frame_files import file_writers
+from rigcast.export.frames.exr import write_exr
+from rigcast.export.frames.writers import file_writers
 from rigcast.export.ids import Classes, IdTable, require_few_classes
 from rigcast.export.index import FrameIndex
 from rigcast.export.options import Export

@@ -53,7 +53,7 @@ class ReadingOfWorlds:
             arrays.field("time", partial(self._worlds.times, device)),
             arrays.field("pose", arrays.frames.poses),
         )
-        aim = Aim(time, pose, arrays.aim_in_worlds(fired.rays_at_once), arrays)
+        aim = Aim(time, pose, arrays.aim_in_worlds(fired.pattern.rays), arrays)
         brightness = partial(_joined, self._brightness, arrays.range.size, device) if self._brightness else None
         return frame_of(fired, aim, brightness)
 

@@ -47,10 +47,10 @@ def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame
     common = aim.time, aim.pose, arrays.shape, arrays, mounted.source
     if isinstance(spec, Lidar):
         bright = brightness or partial(intensity, arrays.hits, aim.rays, looks().surfaces)
-        frame: Frame = LidarFrame(*common, mounted.ring, mounted.column, bright)
+        frame: Frame = LidarFrame(*common, mounted.pattern.ring, mounted.pattern.column, bright)
     elif isinstance(spec, DepthCamera):
         bright = brightness or partial(infrared, arrays.hits, aim.rays.directions, looks().reflectivity)
-        pattern = mounted.pattern
+        pattern = mounted.pattern.given
         assert pattern.intrinsics is not None
         frame = CameraFrame(*common, pattern.intrinsics, pattern.lens, spec.depth_scale, bright)
     else:

@@ -30,8 +30,8 @@ from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA, ReadingOfWorlds
 from .reading import read_frame
 from .room import require_countable, require_room, require_room_in
-from .schedule import Schedule
-from .under_way import UnderWay
+from .timing.schedule import Schedule
+from .timing.under_way import UnderWay
 
 _STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
 """What poses are worked out of."""
@@ -125,7 +125,7 @@ class Rig:
         mounted = self._select(names)
         if isinstance(data, mujoco.MjData):
             if out is not None:
-                require_room_in(out, {m.spec.name: m.frame_shape for m in mounted}, self.scene.device)
+                require_room_in(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
             self._look(data)
             return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
         if not is_batch(data):
@@ -165,7 +165,7 @@ class Rig:
         over = self._under_way.step(self._data, [(time, m.at(time)) for time, m in due])
         for begun in over:
             m = begun.mounted
-            aim = self._under_way.aim(begun, m.pool.take(m.frame_shape, self.scene.device))
+            aim = self._under_way.aim(begun, m.pool.take(m.pattern.frame_shape, self.scene.device))
             self._deliver(m, begun.end, read_frame(m, aim, self.seed))
         if over:
             self.scene.take(self._data)  # which was swept
@@ -225,15 +225,19 @@ class Rig:
     def _frame(self, mounted: Mounted, time: float, out: Mapping[str, Frame] | None = None) -> Frame:
         """What a sensor reads in the world as it stands."""
         fired = mounted.at(time)
-        return read_frame(fired, fired.aim(self._data, time, self._room(fired, fired.frame_shape, out)), self.seed)
+        return read_frame(
+            fired, fired.aim(self._data, time, self._room(fired, fired.pattern.frame_shape, out)), self.seed
+        )
 
     def _sense_worlds(
         self, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None
     ) -> dict[str, Frame]:
         worlds.require_sensors(self._mounted)
         if out is not None:
-            require_room_in(out, {m.spec.name: (worlds.count, *m.frame_shape) for m in mounted}, self.scene.device)
-        require_countable(worlds.count, {m.spec.name: math.prod(m.frame_shape) for m in mounted})
+            require_room_in(
+                out, {m.spec.name: (worlds.count, *m.pattern.frame_shape) for m in mounted}, self.scene.device
+            )
+        require_countable(worlds.count, {m.spec.name: math.prod(m.pattern.frame_shape) for m in mounted})
         standing = self.scene.bytes_per_standing_world(worlds)
         standing += max((m.bytes_per_standing_world for m in mounted), default=0)
         at_once = BYTES_AT_ONCE_ON_CUDA if self.scene.device.is_cuda else BYTES_AT_ONCE
@@ -250,7 +254,7 @@ class Rig:
         return {name: reading.frame() for name, reading in readings.items()}
 
     def _reading_of_worlds(self, mounted: Mounted, worlds: Worlds, out: Mapping[str, Frame] | None) -> ReadingOfWorlds:
-        arrays = self._room(mounted, (worlds.count, *mounted.frame_shape), out)
+        arrays = self._room(mounted, (worlds.count, *mounted.pattern.frame_shape), out)
         return ReadingOfWorlds(mounted, worlds, arrays, self.seed)
 
     def _room(self, mounted: Mounted, shape: tuple[int, ...], out: Mapping[str, Frame] | None) -> FrameArrays:

@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,19 @@ import warp as wp
 import watertight
 from cuda_source import CudaSource
 from made_worlds import Hits, assert_same, random_plan, rays_of, unit
-from various_scenes import SCENES, Scene, every_seventh_is_hidden
+from various_scenes import SCENES, Scene, every_seventh_is_hidden, many_worlds
 
 from rigcast.kernels import cast
+from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.single.threads import cast as threads_cast
 from rigcast.kernels.single.threads.cast import cast_rays
+from rigcast.kernels.trees.fit import Fit
+from rigcast.kernels.trees.nodes import Node, by_ends
+from rigcast.kernels.trees.top_level import Refit, refit
 from rigcast.kernels.world import World
 
 THREADS = 3
@@ -36,10 +41,16 @@ def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[
     """From when this is called, single rays are cast by CUDA's source, in threads one after the other: the first of
     them takes all rays, and the others see that none are left."""
 
+    def launch(geometry: Geometry, inputs: Sequence[Any]) -> None:
+        trees = geometry.nodes, geometry.top
+        geometry.nodes, geometry.top = (wp.array(by_ends(a.numpy()), dtype=Node, device="cpu") for a in trees)
+        source.launch(np.arange(THREADS), inputs)
+        geometry.nodes, geometry.top = trees
+
     def record(kernel: wp.Kernel, count: int, inputs: Sequence[Any], *others: Any) -> Callable[[], None]:
         if kernel is not cast_rays:
             return recorded(kernel, count, inputs, *others)
-        return lambda: source.launch(np.arange(THREADS), inputs)
+        return lambda: launch(inputs[0], inputs)
 
     def begin() -> None:
         monkeypatch.setattr(cast, "_in_turns", cast._in_threads)
@@ -80,3 +91,17 @@ def test_no_ray_slips_through(aim: str, offset: float, is_baked: bool, begin_cud
     begin_cuda()
     (leaked,), rays = watertight.count_leaks([placed], aim, 10_000, seed=2)
     assert leaked == 0, f"{leaked} of {rays} rays"
+
+
+def test_trees_over_shapes_have_the_boxes_of_the_cpu_by_their_ends(tmp_path: Path) -> None:
+    g = many_worlds()[0].geometry
+    on_cpu = by_ends(g.top.numpy())
+    these = Refit()
+    these.threads, these.end, these.anchor_shape = 1, g.top_count, len(g.kind)
+    worlds = g.top.size // g.top_count
+    these.fits, these.area = wp.empty(g.top.size, dtype=Fit, device="cpu"), wp.empty(worlds, dtype=float, device="cpu")
+    CudaSource(refit, tmp_path).launch(np.arange(worlds), [0, g, these])
+    got = g.top.numpy()
+    for end in (f"{name}_{axis}" for name in ("center", "half") for axis in "xyz"):
+        np.testing.assert_allclose(got[end], on_cpu[end], rtol=1e-6, atol=1e-5, err_msg=end)
+    np.testing.assert_array_equal(got["child"], on_cpu["child"])

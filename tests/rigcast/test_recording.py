@@ -161,6 +161,7 @@ def test_a_library_that_is_missing_is_named_with_what_brings_it(
         Recorder(tmp_path, made_frames.model(), RIG, [name, "ply"])
 
 
+@pytest.mark.usefixtures("no_older_objects")
 @pytest.mark.parametrize("name", ALL)
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path, name: str) -> None:
     """A frame takes 4 kB here. What stays, 235 bytes of each, is an MCAP's index, which is written at its end."""
@@ -239,7 +240,7 @@ def ctrl_c_interrupts() -> Iterator[None]:
 
 def interrupting(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Press Ctrl-C while the second frame is being written in a format."""
-    module: Any = import_module("rigcast.export.ply")
+    module: Any = import_module("rigcast.export.frames.ply")
     usual, calls = getattr(module, name), [0]
 
     def export(*args: Any, **kwargs: Any) -> Any:

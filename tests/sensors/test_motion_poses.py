@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigcast.sensors.rig.motion import PACKED_SLOT, SLOT, Firings, History, Knot, Track, slerp
+from rigcast.sensors.rig.timing.motion import PACKED_SLOT, SLOT, Firings, History, Knot, Track, slerp
 from rigcast.sensors.scene.parts.part import ShapePoses
 
 NOTHING = ShapePoses(np.empty((0, 3)), np.empty((0, 9)))

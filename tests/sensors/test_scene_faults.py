@@ -11,7 +11,7 @@ import warp as wp
 from small_scenes import model_of, posed, ready, row
 
 from rigcast import InputError, Lidar, Mount, Rig, Scene
-from rigcast.sensors.rig.schedule import Schedule
+from rigcast.sensors.rig.timing.schedule import Schedule
 
 NAN, INF = np.nan, np.inf
 ROW = row()

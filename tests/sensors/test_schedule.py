@@ -6,7 +6,7 @@ from math import floor
 import numpy as np
 import pytest
 
-from rigcast.sensors.rig.schedule import Schedule, uniform
+from rigcast.sensors.rig.timing.schedule import Schedule, uniform
 
 # rate [Hz] and timestep [s] as exact decimals, and the number of steps
 CLOCKS = [

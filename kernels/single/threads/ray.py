@@ -34,7 +34,7 @@ class Frame:
     origin_rest: wp.vec3  # what is lost in rounding the origin to float32
     direction: wp.vec3
     inverse: wp.vec3  # 1 / direction, finite
-    margin: float  # by which boxes are widened, see box_margin: covers all rounding in next_leaf
+    margin: float  # see box_margin
 
 
 @wp.struct

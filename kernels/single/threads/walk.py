@@ -21,11 +21,13 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
     """Where it begins."""
 
 
-# A node is 14 times four numbers, two of each field. Along each axis a box is entered at its centre's distance less
-# half its size in steps of the ray, which are fused products; their roundings are fewer than box_margin covers. As
-# integers, floats from 0 on are in the same order, and those below are less than 0. A child that is entered becomes a
-# key: its distance, but for the last three bits, which are its number; the others have a key whose first bit is 1. The
-# limit has the last three, so that no key that is as near is beyond it, and is 0 where it is -0.
+# A node is 14 times four numbers, two of each field, of which the ends that a ray comes to first are read first;
+# indices are unsigned, as these become addresses in one step. A ray is at an end e at e i - o i, i = 1 / d, all in
+# fused products. With i off by 4u, and o, d, o i and two sums by u, that is off by less than 10u (|e| + |o|) |i|, and
+# box_margin is 8u (|e| + |o|). As integers, floats from 0 on are in the same order, and those below are less than 0. A
+# child that is entered becomes a key: its distance, but for the last three bits, which are its number; the others have
+# a key whose first bit is 1. The limit has the last three, so that no key that is as near is beyond it, and is 0 where
+# it is -0.
 @wp.func_native(
     on_cuda("""
     const auto* tree = reinterpret_cast<const float4*>(nodes);
@@ -34,9 +36,10 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
     const unsigned none = ~0u;
     const int last = ::max(__float_as_int(limit), 0) | 7;
     const float ix = inverse[0], iy = inverse[1], iz = inverse[2];
-    const float sx = ::fabsf(ix), sy = ::fabsf(iy), sz = ::fabsf(iz);
     const float ox = -origin[0] * ix, oy = -origin[1] * iy, oz = -origin[2] * iz;
-    const float mx = margin * sx, my = margin * sy, mz = margin * sz;
+    const float wider = 1.25f * margin, mx = wider * ::fabsf(ix), my = wider * ::fabsf(iy), mz = wider * ::fabsf(iz);
+    const unsigned back_x = ix < 0.0f ? 6 : 0, back_y = iy < 0.0f ? 6 : 0, back_z = iz < 0.0f ? 6 : 0;
+    const unsigned row[6] = {back_x, 2 + back_y, 4 + back_z, 6 - back_x, 8 - back_y, 10 - back_z};
     while (true) {
         while (at == no_child && top > bottom) {
             const wp::uint64 entry = entries[--top];
@@ -52,17 +55,17 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
             float number[6][4];
 #pragma unroll
             for (int i = 0; i < 6; ++i) {
-                const float4 four = __ldg(node + 2 * i + half);
+                const float4 four = __ldg(tree + (14u * at + half + row[i]));
                 number[i][0] = four.x, number[i][1] = four.y, number[i][2] = four.z, number[i][3] = four.w;
             }
 #pragma unroll
             for (int j = 0; j < 4; ++j) {
-                const float cx = ::fmaf(number[0][j], ix, ox), hx = ::fmaf(number[3][j], sx, mx);
-                const float cy = ::fmaf(number[1][j], iy, oy), hy = ::fmaf(number[4][j], sy, my);
-                const float cz = ::fmaf(number[2][j], iz, oz), hz = ::fmaf(number[5][j], sz, mz);
-                const int enter_x = __float_as_int(cx - hx), leave_x = __float_as_int(cx + hx);
-                const int enter_y = __float_as_int(cy - hy), leave_y = __float_as_int(cy + hy);
-                const int enter_z = __float_as_int(cz - hz), leave_z = __float_as_int(cz + hz);
+                const int enter_x = __float_as_int(::fmaf(number[0][j], ix, ox - mx));
+                const int enter_y = __float_as_int(::fmaf(number[1][j], iy, oy - my));
+                const int enter_z = __float_as_int(::fmaf(number[2][j], iz, oz - mz));
+                const int leave_x = __float_as_int(::fmaf(number[3][j], ix, ox + mx));
+                const int leave_y = __float_as_int(::fmaf(number[4][j], iy, oy + my));
+                const int leave_z = __float_as_int(::fmaf(number[5][j], iz, oz + mz));
                 const int enter = ::max(::max(::max(enter_x, enter_y), enter_z), 0);
                 const bool is_entered = enter <= ::min(::min(::min(leave_x, leave_y), leave_z), last);
                 keys[4 * half + j] = is_entered ? (enter & ~7) | (4 * half + j) : none;

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from rigcast.sensors.rig.frame_arrays import FrameArrays
+from rigcast.sensors.rig.mounted import Aim, Mounted
 from rigcast.sensors.scene.stage import Stage
 
-from .frame_arrays import FrameArrays
 from .motion import History, Knot, Track
-from .mounted import Aim, Mounted
 
 
 class Begun(NamedTuple):
@@ -22,8 +22,9 @@ class Begun(NamedTuple):
     @property
     def end(self) -> float:
         """When its last ray is fired [s]."""
-        assert self.mounted.firings is not None
-        return self.time + self.mounted.firings.end
+        firings = self.mounted.pattern.firings
+        assert firings is not None
+        return self.time + firings.end
 
 
 class UnderWay:
@@ -55,10 +56,10 @@ class UnderWay:
 
     def aim(self, begun: Begun, arrays: FrameArrays) -> Aim:
         """Bring the scene to the steps that a reading spans; its rays through them, and the arrays for its frame."""
-        name, firings = begun.mounted.spec.name, begun.mounted.firings
-        assert firings is not None
+        name, pattern = begun.mounted.spec.name, begun.mounted.pattern
+        assert pattern.firings is not None
         knots = self._history.over(begun.time, begun.end)
         self._scene.sweep([knot.shapes for knot in knots])
         pose = Track.along(knots, name, np.array([begun.time])).pose()
-        rays = begun.mounted.rays_along(Track.along(knots, name, begun.time + firings.times))
+        rays = pattern.rays_along(Track.along(knots, name, begun.time + pattern.firings.times))
         return Aim(begun.time, pose, rays, arrays)

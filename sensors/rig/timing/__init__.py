@@ -1,0 +1,1 @@
+"""When readings fall due, and readings that take time."""
