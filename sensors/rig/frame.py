@@ -138,7 +138,7 @@ class Frame:
         what = f"Rig.sense: out: sensor {sensor!r}: got a frame of"
         if self.sensor != sensor:
             raise InputError(f"{what} sensor {self.sensor!r}, expected one of its own")
-        if self._arrays.is_part:  # fields of the whole would be those of another reading
+        if self._arrays.is_part:  # the whole frame's fields would be partly of another reading
             raise InputError(f"{what} one of many worlds, expected one of a reading of one world")
         own = self._arrays.range.device
         if shape != self.shape or own != device:
@@ -173,7 +173,7 @@ class Frame:
 
         A camera: z-depth, normals, geoms. A lidar: range image above a top-down view. Others: their grid.
         """
-        from rigcast.sensors.preview.draw import draw_preview  # which knows frames
+        from rigcast.sensors.preview.draw import draw_preview  # here, as it imports this module
 
         self.require_one_world()
         return draw_preview(self._source.pattern, self)
