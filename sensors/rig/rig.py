@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, NoReturn
 
 import mujoco
 import numpy as np
@@ -93,6 +93,9 @@ class Rig:
         self._under_way = UnderWay(self.scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a Rig holds memory of its device: make one of its model and sensors in each process")
 
     def __repr__(self) -> str:
         sensors = ", ".join(f"{sensor.name}: {sensor.type}" for sensor in self.sensors)
