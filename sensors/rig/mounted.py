@@ -94,8 +94,7 @@ class Mounted:
 
     def at(self, time: float) -> "Mounted":
         """With the rays of a reading that begins at `time` [s], where a pattern is another one in each reading."""
-        pattern = self.pattern.at(time)
-        return self if pattern is self.pattern else replace(self, pattern=pattern)
+        return self if self.pattern.given.later is None else replace(self, pattern=self.pattern.at(time))
 
     def bytes_per_world(self, worlds: Worlds) -> int:
         """The most memory that one reading of one of many worlds takes."""
@@ -145,7 +144,7 @@ class Mounted:
         """
         number = next(self.batches)
         time = number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.given.duration
-        pattern = self.pattern.at(time).in_worlds(worlds.count)
+        pattern = self.at(time).pattern.in_worlds(worlds.count)
         return replace(self, pattern=pattern, filter=worlds.filter_of(self.spec))
 
     def aim_in_worlds(self, worlds: Standing, arrays: FrameArrays) -> Rays:
