@@ -1,5 +1,6 @@
 """Warp kept quiet, MuJoCo's log elsewhere, tests skipped that need a GPU or long, and how hard the fuzz tests try."""
 
+import gc
 import os
 from collections.abc import Iterator
 
@@ -37,3 +38,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if needs_cuda and wp.get_cuda_device_count() == 0:
         for item in needs_cuda:
             item.add_marker(pytest.mark.skip(reason="no CUDA device"))
+
+
+@pytest.fixture
+def no_older_objects() -> Iterator[None]:
+    """The collector, and who asks it for all objects, passes over those that were there before: a million of them."""
+    gc.freeze()
+    yield
+    gc.unfreeze()

@@ -27,9 +27,9 @@ from typing import IO, Any, Protocol
 import mujoco
 import numpy as np
 
-from rigcast.export.exr import write_exr
 from rigcast.export.fields import FIELD_NAMES, camera_fields, fields_of
 from rigcast.export.files import require_room
+from rigcast.export.frames.exr import write_exr
 from rigcast.export.ids import Classes, IdTable
 from rigcast.export.zarr_store import ZarrStore
 from rigcast.sensors.rig.frame import CameraFrame, Frame

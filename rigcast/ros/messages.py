@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.export.fields import fields_of
-from rigcast.export.png import MILLIMETRE, whole_steps
+from rigcast.export.frames.png import MILLIMETRE, whole_steps
 from rigcast.export.quaternion import quaternion
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.specs.sensor_spec import SensorSpec

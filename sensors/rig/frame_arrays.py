@@ -96,7 +96,7 @@ class FrameArrays:
     ) -> tuple[NDArray[np.float64], Rays]:
         """Where a sensor on this mount is in `data`, (4, 4), and its rays there."""
         pose, frame = self._launches.place(mount, yaw_aligned, data, self.range.device)
-        if self._are_shared:  # and the frame's arrays with them
+        if self._are_shared:  # so `frame` goes on to where other frames are: its pose is copied
             self._aimed = Aimed(fixed, None, in_pose(fixed, pose))
             return pose, self._aimed.rays
         return pose, self._aimed_at(frame.position, frame.rotation, 1, fixed)

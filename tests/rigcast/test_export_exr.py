@@ -8,7 +8,7 @@ import OpenEXR
 import pytest
 from made_frames import INTRINSICS, POSE, make_frame, random_range
 
-from rigcast.export.exr import write_exr
+from rigcast.export.frames.exr import write_exr
 from rigcast.export.ids import IdTable
 from rigcast.sensors.rig.frame import CameraFrame
 from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens

@@ -9,7 +9,7 @@ from made_frames import INTRINSICS, POSE, make_frame, random_range
 
 from rigcast.export.files import make_writable, replacing
 from rigcast.export.formats import choose_formats
-from rigcast.export.npz import write_npz
+from rigcast.export.frames.npz import write_npz
 from rigcast.export.recorder import Recorder
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 from made_frames import make_frame, random_range
 
-from rigcast.export.ply import write_ply
+from rigcast.export.frames.ply import write_ply
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 
 COMMON = {

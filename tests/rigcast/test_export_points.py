@@ -14,13 +14,13 @@ import trimesh
 from made_frames import INTRINSICS, POSE, make_frame, random_range
 from pypcd4 import PointCloud
 
-from rigcast.export.bins import write_kitti, write_kitti_labels, write_nuscenes, write_nuscenes_labels
 from rigcast.export.fields import points_of
+from rigcast.export.frames.bins import write_kitti, write_kitti_labels, write_nuscenes, write_nuscenes_labels
+from rigcast.export.frames.las import write_las
+from rigcast.export.frames.pcd import write_pcd
+from rigcast.export.frames.ply import write_ply
+from rigcast.export.frames.png import write_png
 from rigcast.export.ids import IdTable
-from rigcast.export.las import write_las
-from rigcast.export.pcd import write_pcd
-from rigcast.export.ply import write_ply
-from rigcast.export.png import write_png
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 

@@ -35,6 +35,7 @@ def test_a_scene_whose_tree_was_built_keeps_little_beside_the_tree() -> None:
 
 
 @needs_statm
+@pytest.mark.usefixtures("no_older_objects")
 def test_frames_leave_nothing_behind() -> None:
     rig, data = small_rig()
     objects, memory = [], []

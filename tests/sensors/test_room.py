@@ -13,13 +13,21 @@ from world_states import SENSORS, model, rig_of, states
 
 from rigcast import DepthCamera, InputError, Lidar, Mount, Rig, Worlds
 
+pytestmark = pytest.mark.usefixtures("no_older_objects")
+
 MANY_GEOMS = "".join(f'<geom size="0.1" pos="{x} {y} 1"/>' for x in range(6) for y in range(6))
 
 WORLDBODIES = {"36 geoms": MANY_GEOMS, "6 geoms": MANY_GEOMS[: len(MANY_GEOMS) // 6]}
 
 
+@pytest.fixture(autouse=True)
+def one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others let go of what they have launched a moment after it is done."""
+    monkeypatch.setenv("RIGCAST_THREADS", "1")
+
+
 def allocated() -> int:
-    """Bytes of all Warp arrays that have memory of their own."""
+    """Bytes of all Warp arrays that have memory of their own, and were made during the test."""
     gc.collect()
     arrays = [each for each in gc.get_objects() if type(each) is wp.array and each.ptr and each._ref is None]
     return sum({each.ptr: each.capacity for each in arrays}.values())

@@ -4,15 +4,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rigcast.export.bins import write_kitti, write_kitti_labels, write_nuscenes, write_nuscenes_labels
-from rigcast.export.exr import write_exr
+from rigcast.export.frames.bins import write_kitti, write_kitti_labels, write_nuscenes, write_nuscenes_labels
+from rigcast.export.frames.exr import write_exr
+from rigcast.export.frames.las import write_las
+from rigcast.export.frames.npz import write_npz
+from rigcast.export.frames.pcd import write_pcd
+from rigcast.export.frames.ply import write_ply
+from rigcast.export.frames.png import write_png
 from rigcast.export.ids import IdTable
-from rigcast.export.las import write_las
-from rigcast.export.npz import write_npz
 from rigcast.export.options import Export
-from rigcast.export.pcd import write_pcd
-from rigcast.export.ply import write_ply
-from rigcast.export.png import write_png
 
 FileWriter = Callable[[Path, Any], None]
 

@@ -1,0 +1,1 @@
+"""Formats of single frames: one file, or a few, for each frame."""
