@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.preview.colour import Scale
-from rigcast.sensors.rig.frame import Frame
+from rigcast.sensors.rig.frame import Frame, as_frames
 
 
 def overlay(viewer: Any, frames: Frame | Iterable[Frame], *, size: float = 0.01, most: int = 5000) -> int:
@@ -32,10 +32,7 @@ def overlay(viewer: Any, frames: Frame | Iterable[Frame], *, size: float = 0.01,
     ...     rigcast.overlay(viewer, rig.sense(data).values())
     ...     viewer.sync()
     """
-    listed = [frames] if isinstance(frames, Frame) else list(frames)
-    for frame in listed:
-        require_type("overlay: frames", frame, Frame)
-    points, colours = _cloud(listed)
+    points, colours = _cloud(as_frames("overlay: frames", [frames] if isinstance(frames, Frame) else frames))
     scene, lock = _scene_of(viewer)
     with lock:
         room = min(most, scene.maxgeom - scene.ngeom)

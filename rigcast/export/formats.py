@@ -59,6 +59,8 @@ def choose_formats(sensors: Sequence[SensorSpec], formats: Sequence[str] | None)
     """
     if formats is None:
         return {spec.name: ("exr",) if _is_image(spec) else ("ply",) for spec in sensors}
+    if isinstance(formats, str):
+        raise InputError(f"Recorder: formats: got {formats!r}, expected a list of names, such as [{formats!r}]")
     wanted = tuple(dict.fromkeys(formats))
     faults = [_unknown(name) for name in wanted if name not in FORMATS]
     faults += [_missing(name) for name in wanted if name in FORMATS and not is_installed(name)]

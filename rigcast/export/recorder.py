@@ -29,9 +29,9 @@ from rigcast.export.ids import Classes, IdTable, require_few_classes
 from rigcast.export.index import FrameIndex
 from rigcast.export.options import Export
 from rigcast.export.run_files import RunFile, open_run_file
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.preview.draw import draw_preview
-from rigcast.sensors.rig.frame import CameraFrame, Frame
+from rigcast.sensors.rig.frame import CameraFrame, Frame, as_frames
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
@@ -97,6 +97,7 @@ class Recorder:
         props: Sequence[Prop] = (),
         options: Export | None = None,
     ) -> None:
+        require_type("Recorder: sensors", sensors, Sequence)
         chosen = choose_formats(sensors, formats)
         options = Export() if options is None else options
         ids = IdTable.of(model, classes, props)
@@ -135,9 +136,9 @@ class Recorder:
         motion of bodies between frames too. Ctrl-C waits until the frames are written.
 
         Raises:
-            InputError: a file cannot be written, or the disk is full; the message says what was saved before.
+            InputError: no frames of these sensors; or a file cannot be written, and what was saved before.
         """
-        self._record(data, list(frames))
+        self._record(data, frames)
 
     def finish(self) -> None:
         """Complete all recordings, write frames.npz and a preview of the latest frame of every sensor that had one."""
@@ -160,7 +161,8 @@ class Recorder:
     ) -> None:
         self.finish()
 
-    def _record(self, data: mujoco.MjData | None, frames: Sequence[Frame]) -> None:
+    def _record(self, data: mujoco.MjData | None, frames: Iterable[Frame]) -> None:
+        frames = as_frames("Recorder: frames", frames, self.outputs)
         with self._saying_what_is_saved(), uninterrupted():
             self._require_room(frames)
             written: list[Path] = []

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rigcast.export.ids import IdTable
 from rigcast.export.options import Export
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.rig.frame import CameraFrame, Frame
+from rigcast.sensors.rig.frame import CameraFrame, Frame, as_frames
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -85,7 +85,7 @@ class MessageStream:
         Clock and transforms come with every frame, and otherwise at `transform_rate_hz`. Transforms are those of
         `data.time`; `data` may stand as `mj_step` leaves it, and is only read.
         """
-        frames = list(frames)
+        frames = as_frames("RosNode.step: frames", frames, self._specs)
         sent = self._moved(data) if frames or self._is_due(data.time) else []
         return sent + [message for frame in frames for message in self.frame(frame, data.time)]
 

@@ -1,10 +1,10 @@
 """What a sensor reads: one frame per reading, on the device, as numpy on demand."""
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Self
 
 import numpy as np
 import warp as wp
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rigcast.kernels import reading
 from rigcast.kernels.rays.stamps import stamps
 from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.parts.part import Owner
 from rigcast.sensors.scene.shape_ids import ShapeIds
 from rigcast.sensors.specs.cameras.lens import Lens
@@ -60,6 +61,10 @@ class Frame:
     shape: tuple[int, ...]
     _arrays: FrameArrays
     _source: Source
+
+    def __reduce__(self) -> NoReturn:
+        kind = type(self).__name__
+        raise TypeError(f"a {kind} holds memory of its device: copy or pickle arrays of it, such as range.numpy()")
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(sensor={self.sensor!r}, time={self.time!r}, shape={self.shape})"
@@ -138,7 +143,7 @@ class Frame:
         what = f"Rig.sense: out: sensor {sensor!r}: got a frame of"
         if self.sensor != sensor:
             raise InputError(f"{what} sensor {self.sensor!r}, expected one of its own")
-        if self._arrays.is_part:  # fields of the whole would be those of another reading
+        if self._arrays.is_part:  # the whole frame's fields would be partly of another reading
             raise InputError(f"{what} one of many worlds, expected one of a reading of one world")
         own = self._arrays.range.device
         if shape != self.shape or own != device:
@@ -173,7 +178,7 @@ class Frame:
 
         A camera: z-depth, normals, geoms. A lidar: range image above a top-down view. Others: their grid.
         """
-        from rigcast.sensors.preview.draw import draw_preview  # which knows frames
+        from rigcast.sensors.preview.draw import draw_preview  # here, as it imports this module
 
         self.require_one_world()
         return draw_preview(self._source.pattern, self)
@@ -271,3 +276,19 @@ class CameraFrame(Frame):
 
     def _of_world(self, k: int) -> dict[str, Any]:
         return super()._of_world(k) | {"_intensity": lambda _: self.intensity[k]}
+
+
+def as_frames(what: str, frames: Iterable[Frame], sensors: Collection[str] | None = None) -> list[Frame]:
+    """A list of frames, which a message calls `what`; of these sensors, where only they can be used.
+
+    Raises InputError for anything else, such as the dict that `Rig.sense` gives.
+    """
+    if isinstance(frames, Mapping | Frame) or not isinstance(frames, Iterable):
+        hint = ", such as its values()" if isinstance(frames, Mapping) else ""
+        raise InputError(f"{what}: got {type(frames).__name__}, expected a list of frames{hint}")
+    listed = list(frames)
+    for frame in listed:
+        require_type(what, frame, Frame)
+        if sensors is not None and frame.sensor not in sensors:
+            raise InputError(f"{what}: no sensor {frame.sensor!r}, {expected_one_of(frame.sensor, list(sensors))}")
+    return listed

@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, NoReturn
 
 import mujoco
 import numpy as np
@@ -94,6 +94,9 @@ class Rig:
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
 
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a Rig holds memory of its device: make one of its model and sensors in each process")
+
     def __repr__(self) -> str:
         sensors = ", ".join(f"{sensor.name}: {sensor.type}" for sensor in self.sensors)
         return f"Rig({sensors}; on {self.scene.device})"
@@ -165,7 +168,7 @@ class Rig:
             aim = self._under_way.aim(begun, m.pool.take(m.pattern.frame_shape, self.scene.device))
             self._deliver(m, begun.end, read_frame(m, aim, self.seed))
         if over:
-            self.scene.take(self._data)  # which was swept
+            self.scene.take(self._data)  # the scene was swept, and sensors that stand still need it as it is now
 
     def _deliver(self, mounted: Mounted, taken: float, frame: Frame) -> None:
         """Keep a frame, the last ray of which was fired at `taken` [s], for when it comes in."""

@@ -152,4 +152,4 @@ def test_what_is_no_viewer_is_refused(frames: dict[str, rigcast.Frame], viewer: 
 
 def test_what_is_no_frame_is_refused(model: mujoco.MjModel) -> None:
     with pytest.raises(rigcast.InputError, match="overlay: frames: got str, expected Frame"):
-        rigcast.overlay(Viewer(model, 9), "top")  # type: ignore[arg-type]
+        rigcast.overlay(Viewer(model, 9), ["top"])  # type: ignore[list-item]

@@ -107,6 +107,32 @@ def test_a_second_run_takes_the_place_of_the_first(tmp_path: Path) -> None:
     assert clouds_in(tmp_path / "rosbag2_mcap") == rows_in(tmp_path / "frames.zarr") == 1
 
 
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        ({"top": frames_at(0.1)[0]}, "got dict, expected a list of frames, such as its values"),
+        (frames_at(0.1)[0], "got LidarFrame, expected a list of frames$"),
+        (None, "got NoneType, expected a list of frames$"),
+        (["top"], "got str, expected Frame$"),
+        (frames_at(0.1), "no sensor 'eye', expected one of top$"),
+    ],
+)
+def test_what_are_no_frames_of_its_sensors_is_refused(tmp_path: Path, frames: Any, message: str) -> None:
+    data = mujoco.MjData(made_frames.model())
+    with Recorder(tmp_path, made_frames.model(), [LIDAR], ["npz"]) as recorder:
+        with pytest.raises(rigcast.InputError, match=f"^Recorder: frames: {message}"):
+            recorder.step(data, frames)
+        recorder.step(data, frames_at(0.1)[:1])
+    assert indexed(tmp_path) == [("top", 0)]
+
+
+def test_formats_are_a_list_and_sensors_too(tmp_path: Path) -> None:
+    with pytest.raises(rigcast.InputError, match=r"formats: got 'npz', expected a list of names, such as \['npz'\]"):
+        Recorder(tmp_path, made_frames.model(), RIG, "npz")
+    with pytest.raises(rigcast.InputError, match="Recorder: sensors: got Rig, expected Sequence"):
+        Recorder(tmp_path, made_frames.model(), rigcast.Rig(made_frames.model(), RIG))  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("name", ["cameras", "unfinished", "rosbag2_mcap"])
 def test_a_sensor_called_like_another_part_of_the_folder_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(rigcast.InputError, match=f"sensor '{name}': the name of another part of the output folder"):

@@ -1,6 +1,7 @@
 """A rig sees the world at data.time, gives each frame out once, and leaves the user's data alone."""
 
 import copy
+import pickle
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -198,6 +199,15 @@ def test_data_of_another_model_is_refused(model: mujoco.MjModel, call: Callable[
     other.time = 0.051  # when no sensor but those without a rate falls due
     with pytest.raises(InputError, match="data belongs to another model than the rig"):
         call(Rig(model, SENSORS[:1]), other)
+
+
+def test_what_holds_memory_of_a_device_says_what_to_pickle_in_its_place(model: mujoco.MjModel) -> None:
+    rig = Rig(model, SENSORS[:1])
+    with pytest.raises(TypeError, match="a Rig holds memory of its device: make one of its model and sensors in each"):
+        pickle.dumps(rig)
+    (frame,) = rig.sense(mujoco.MjData(model)).values()
+    with pytest.raises(TypeError, match=rf"a {type(frame).__name__} holds .* pickle arrays of it, such as range.numpy"):
+        pickle.dumps(frame)
 
 
 def test_unsupported_geometry_is_refused_or_left_out() -> None:
