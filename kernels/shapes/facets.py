@@ -56,15 +56,40 @@ def triangle_at(g: wp.array[Geometry], number: int) -> Triangle:
     return triangle
 
 
+@wp.func_native("return (&wp::address(blocks, k)->x0[0])[i];")
+def number_of_block(blocks: wp.array[TriangleBlock], k: int, i: int) -> float:  # type: ignore[empty-body]
+    """One of a block's 96 numbers, eight of each field, read alone: Warp copies all eight first."""
+
+
+@wp.func_native("return wp::address(blocks, k)->face[j];")
+def face_of_block(blocks: wp.array[TriangleBlock], k: int, j: int) -> int:  # type: ignore[empty-body]
+    """The number of a triangle's face, read alone."""
+
+
+@wp.func
+def vector_of_block(blocks: wp.array[TriangleBlock], number: int, which: int) -> wp.vec3:
+    """A triangle's corner 0, 1 or 2, or 3 for its normal."""
+    k = number / WIDTH
+    i = 3 * WIDTH * which + number % WIDTH
+    return wp.vec3(
+        number_of_block(blocks, k, i),
+        number_of_block(blocks, k, i + WIDTH),
+        number_of_block(blocks, k, i + 2 * WIDTH),
+    )
+
+
 @wp.func
 def triangle_of_block(blocks: wp.array[TriangleBlock], number: int) -> Triangle:
-    block = number / WIDTH
-    j = number % WIDTH
     triangle = Triangle()
-    triangle.a = wp.vec3(blocks[block].x0[j], blocks[block].y0[j], blocks[block].z0[j])
-    triangle.b = wp.vec3(blocks[block].x1[j], blocks[block].y1[j], blocks[block].z1[j])
-    triangle.c = wp.vec3(blocks[block].x2[j], blocks[block].y2[j], blocks[block].z2[j])
+    triangle.a = vector_of_block(blocks, number, 0)
+    triangle.b = vector_of_block(blocks, number, 1)
+    triangle.c = vector_of_block(blocks, number, 2)
     return triangle
+
+
+@wp.func
+def normal_of_block(blocks: wp.array[TriangleBlock], number: int) -> wp.vec3:
+    return vector_of_block(blocks, number, 3)
 
 
 @wp.func
@@ -74,14 +99,10 @@ def facet_at(g: wp.array[Geometry], entry: int, number: int) -> Facet:
     if number >= FIRST_IN_PATCHES:
         facet = facet_of_patch(g[0].patches, number - FIRST_IN_PATCHES, g[0].columns[entry])
     else:
-        block = number / WIDTH
-        j = number % WIDTH
-        facet.corner = wp.vec3(g[0].blocks[block].x0[j], g[0].blocks[block].y0[j], g[0].blocks[block].z0[j])
-        facet.normal = to_double(
-            wp.vec3(g[0].blocks[block].normal_x[j], g[0].blocks[block].normal_y[j], g[0].blocks[block].normal_z[j])
-        )
+        facet.corner = vector_of_block(g[0].blocks, number, 0)
+        facet.normal = to_double(normal_of_block(g[0].blocks, number))
         facet.scale = wp.float64(1.0)
-        facet.face = g[0].blocks[block].face[j]
+        facet.face = face_of_block(g[0].blocks, number / WIDTH, number % WIDTH)
     return facet
 
 

@@ -131,13 +131,13 @@ class Ray:
     """
 
     def __init__(self, address: str | None = None, workers: int | None = None) -> None:
-        # or Ray tries without end what does not fit into memory; read when Ray is imported
+        # Ray reads it when it is imported, and tries without end, by default, what does not fit into memory
         os.environ.setdefault("RAY_task_oom_retries", str(_RETRIES))
         self._ray: Any = load_extra("the engine ray", "ray", "cluster")
         how: dict[str, Any] = {"address": address}
         if address is None:
-            # "local", as else Ray joins one that runs on this machine; a small store: only the results, of some hundred
-            # bytes each, pass through it
+            # "local", as Ray would join a cluster that runs on this machine; a small store, as nothing passes through
+            # it but results of some hundred bytes each
             how = {"address": "local", "num_cpus": workers or cpu_count(), "object_store_memory": 200e6}
             how["include_dashboard"] = False
         try:
@@ -146,7 +146,8 @@ class Ray:
             what = "Ray does not start" if address is None else f"--address: no Ray cluster at {address!r} to join"
             raise InputError(f"{what}: {str(error).strip()}") from None
         self.workers = workers or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
-        # where nothing but its CPUs limits a cluster, one episode is on its way while one is made
+        # twice as many as are made at a time, so that the next one is there when one is done; of a cluster of others no
+        # more than `workers`, as its CPUs would make them all at a time
         self._most = workers if workers and address else 2 * self.workers
 
     def run(self, make: Make, units: Sequence[Unit]) -> Results:

@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import warp as wp
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
-from rigcast.kernels.effects.infrared import Losses, lose
+from rigcast.kernels.effects.infrared import Losses, infrared, lose
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import bound, read
@@ -17,13 +18,14 @@ from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.cameras.ranging import Ranging, Stereo, TimeOfFlight
 from rigcast.sensors.specs.pattern import Pattern
 
+from .physics import Reading
 from .sub_rays import SubRays
 
 _KINECT_V1 = {"nguyen": kinect_v1.NGUYEN, "disparity": kinect_v1.DISPARITY}
 
 
 @dataclass(frozen=True, eq=False)
-class DepthReading:
+class _Measured:
     """hits: what is measured. seen: what is there, to any distance. Both (n,), normals in the camera's frame."""
 
     hits: HitArrays
@@ -75,11 +77,12 @@ class DepthPhysics:
         """What stays of that for as long as the frame: what is there, which its infrared light shows."""
         return BYTES_PER_HIT
 
-    def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> DepthReading:
-        """One reading of the scene, with rays through the pixels' centres."""
-        reading = self._read(_Look(self._scene, rays, visible, source))
-        bound(reading.hits, self._spec.min_range, self._spec.max_range)
-        return reading
+    def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
+        """One reading of the scene, with rays through the pixels' centres. It is as bright as what is there."""
+        measured = self._read(_Look(self._scene, rays, visible, source))
+        bound(measured.hits, self._spec.min_range, self._spec.max_range)
+        reflectivity = self._scene.looks().reflectivity
+        return Reading(measured.hits, partial(infrared, measured.seen, rays.directions, reflectivity))
 
 
 class _ReadStereo:
@@ -90,7 +93,7 @@ class _ReadStereo:
         self._pair.focal, self._pair.centre = pattern.intrinsics[0, 0], pattern.intrinsics[0, 2]
         self._pair.baseline = spec.baseline
 
-    def __call__(self, look: _Look) -> DepthReading:
+    def __call__(self, look: _Look) -> _Measured:
         spec, directions = self._spec, look.rays.directions
         seen = look.cast(look.rays)
         surface = seen if spec.kinect_v1 is None else self._shifted(look, seen)
@@ -102,7 +105,7 @@ class _ReadStereo:
             hits = stereo.fatten(surface, hits.distance, directions, self._pair, spec.matching_window)
         look.lose(spec, spec.untextured_dropout, hits)
         self._disturb(look, hits)
-        return DepthReading(hits, seen)
+        return _Measured(hits, seen)
 
     def _shifted(self, look: _Look, seen: HitArrays) -> HitArrays:
         """What the pixels see along rays with the Kinect's lateral error, as if it were along their own."""
@@ -133,7 +136,7 @@ class _ReadTimeOfFlight:
             directions = upload(pattern.subrays, scene.device)
             self._subrays = SubRays(spec.time_of_flight.subrays**2, lambda _: directions)
 
-    def __call__(self, look: _Look) -> DepthReading:
+    def __call__(self, look: _Look) -> _Measured:
         spec = self._spec
         if self._subrays is None:
             seen = look.cast(look.rays)
@@ -147,7 +150,7 @@ class _ReadTimeOfFlight:
         wrap = math.inf if spec.modulation_hz is None else time_of_flight.SPEED_OF_LIGHT / (2 * spec.modulation_hz)
         std, bias, per_metre = spec.range_std, spec.bias, spec.bias_per_metre
         time_of_flight.measure_range(hits, look.source, std=std, bias=bias, bias_per_metre=per_metre, wrap=wrap)
-        return DepthReading(hits, seen)
+        return _Measured(hits, seen)
 
 
 def _copy(hits: HitArrays) -> HitArrays:

@@ -1,7 +1,8 @@
 """A lidar's way from rays to a reading: beams, surfaces, weather, returns, ranging."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import warp as wp
@@ -16,6 +17,7 @@ from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.lidars.effects import Noise, Weather
 from rigcast.sensors.specs.lidars.lidar import Lidar
 
+from .physics import Reading
 from .sub_rays import SubRays
 
 _MODES = {
@@ -25,14 +27,6 @@ _MODES = {
     "dual": returns.DUAL,
 }
 _LISA_DIVERGENCE = 3e-3  # [rad], where the lidar's own is not given
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """hits: (n k) the returns, k for each of n rays, normals in the rays' frame. intensity: (n k) float32."""
-
-    hits: HitArrays
-    intensity: wp.array
 
 
 class LidarPhysics:
@@ -87,7 +81,7 @@ class LidarPhysics:
         ranging.measure(kept, per_beam, self._noise, source, (spec.min_range, spec.max_range))
         hits = HitArrays(kept.distance, kept.shape, kept.face, kept.normal)
         read(hits, rays, spec.min_range)
-        return Reading(hits, kept.power)
+        return Reading(hits, partial(_copied, kept.power))
 
     def _echoes(self, rays: Rays, visible: wp.array, source: RandomSource) -> echoes.Echoes:
         """All that comes back: of surface after surface, of what is seen in a mirror, of rain and fog."""
@@ -122,6 +116,13 @@ class LidarPhysics:
         surfaces.mirror = looks.surfaces.mirror if self.spec.mirrors else none
         lobe = math.radians(self.spec.mirror_lobe_deg)
         return echoes.Setting(surfaces, rays, self.spec.max_range, self._extinction, lobe, self.sub_rays)
+
+
+def _copied(values: wp.array, out: wp.array | None) -> wp.array:
+    if out is None:
+        return values.flatten()
+    wp.copy(out, values.flatten())
+    return out
 
 
 def _along(paths: echoes.Paths, rays: Rays) -> Rays:

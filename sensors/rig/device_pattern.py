@@ -48,9 +48,7 @@ class DevicePattern:
         return _uploaded(spec, pattern, rays_in_frame(pattern.directions, origins, np.eye(4), device))
 
     def at(self, time: float) -> "DevicePattern":
-        """That of a reading which begins at `time` [s], where it is another one in each reading."""
-        if self.given.later is None:
-            return self
+        """That of a reading which begins at `time` [s], of a pattern that is another one in each reading."""
         device = self.rays.directions.device
         pattern = self.given.at(time, in_packets=device.is_cpu)
         if is_captured(device):

@@ -36,7 +36,7 @@ class Source(NamedTuple):
     pattern: Pattern
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(eq=False, repr=False)  # not frozen: Python makes one of those so slowly that small frames wait for it
 class Frame:
     """One reading of one sensor.
 
@@ -143,7 +143,7 @@ class Frame:
         what = f"Rig.sense: out: sensor {sensor!r}: got a frame of"
         if self.sensor != sensor:
             raise InputError(f"{what} sensor {self.sensor!r}, expected one of its own")
-        if self._arrays.is_part:  # fields of the whole would be those of another reading
+        if self._arrays.is_part:  # the whole frame's fields would be partly of another reading
             raise InputError(f"{what} one of many worlds, expected one of a reading of one world")
         own = self._arrays.range.device
         if shape != self.shape or own != device:
@@ -178,7 +178,7 @@ class Frame:
 
         A camera: z-depth, normals, geoms. A lidar: range image above a top-down view. Others: their grid.
         """
-        from rigcast.sensors.preview.draw import draw_preview  # which knows frames
+        from rigcast.sensors.preview.draw import draw_preview  # here, as it imports this module
 
         self.require_one_world()
         return draw_preview(self._source.pattern, self)
@@ -218,7 +218,7 @@ class Frame:
         return self._values(name, partial(work_out, self._arrays.hits.distance, self._arrays.rays))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(eq=False, repr=False)
 class LidarFrame(Frame):
     """A reading of a lidar. ring, column: (...) int32, the row or line of each ray, and its place in that.
 
@@ -242,7 +242,7 @@ class LidarFrame(Frame):
         return super()._of_world(k) | own
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(eq=False, repr=False)
 class CameraFrame(Frame):
     """A reading of a depth camera.
 

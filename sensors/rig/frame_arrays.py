@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -25,14 +24,6 @@ from .launches import Launches
 _MOST_AXES = 4  # of a Warp array
 _SCALARS = {wp.vec3: wp.float32, wp.vec3d: wp.float64}
 _BY_CAST, _NO_FIELDS = frozenset(FIELD_NAMES), frozenset[str]()
-
-
-class Aimed(NamedTuple):
-    """Rays that are fixed to a sensor, and the same where it is. position: the array of where; None if it changes."""
-
-    fixed: Rays
-    position: wp.array | None
-    rays: Rays
 
 
 class FrameArrays:
@@ -58,8 +49,11 @@ class FrameArrays:
         self._used: list[object] = []
         self._launches, self._are_shared = shared or Launches(), shared is not None
         self._rays = rays
-        self._aimed: Aimed | None = None
-        self._turned: tuple[Readings | None, Rays | None, frozenset[str]] = (None, None, _NO_FIELDS)
+        # rays that are fixed to the sensor, and the same where it is:
+        self._fixed: Rays | None = None
+        self._aimed: Rays | None = None
+        # the cast that writes to these arrays, and to which fields:
+        self._turned: tuple[Readings | None, frozenset[str]] = (None, _NO_FIELDS)
         # fields by their names, as they are worked out and as a frame shows them:
         self._worked_out: dict[str, wp.array] = {}
         self._shown: dict[str, wp.array] = {}
@@ -84,7 +78,7 @@ class FrameArrays:
         """
         self._before, self._current, self._written, self.asked = self._current, set(), _NO_FIELDS, set()
         if self._are_shared:
-            self._launches, self._are_shared = Launches(), False
+            self._launches, self._are_shared, self._aimed = Launches(), False, None
 
     def start_again(self) -> None:
         """Begin another reading for who holds what was asked of the last one, all of which its frame works out anew."""
@@ -96,9 +90,9 @@ class FrameArrays:
     ) -> tuple[NDArray[np.float64], Rays]:
         """Where a sensor on this mount is in `data`, (4, 4), and its rays there."""
         pose, frame = self._launches.place(mount, yaw_aligned, data, self.range.device)
-        if self._are_shared:  # and the frame's arrays with them
-            self._aimed = Aimed(fixed, None, in_pose(fixed, pose))
-            return pose, self._aimed.rays
+        if self._are_shared:  # so `frame` goes on to where other frames are: its pose is copied
+            self._fixed, self._aimed = fixed, in_pose(fixed, pose)
+            return pose, self._aimed
         return pose, self._aimed_at(frame.position, frame.rotation, 1, fixed)
 
     @cached_property
@@ -112,26 +106,24 @@ class FrameArrays:
         return self._rays
 
     def _aimed_at(self, position: wp.array, rotation: wp.array, worlds: int, fixed: Rays) -> Rays:
-        """The same object for as long as these are, whatever poses they hold."""
-        aimed = self._aimed
-        if aimed is None or fixed is not aimed.fixed or position is not aimed.position:
-            rays = replace(fixed, position=position.flatten(), rotation=rotation.flatten(), worlds=worlds)
-            aimed = self._aimed = Aimed(fixed, position, rays)
-        return aimed.rays
+        """The same object for as long as the fixed rays are; the arrays of their poses, too, are always the same."""
+        if self._aimed is None or fixed is not self._fixed:
+            self._aimed = replace(fixed, position=position.flatten(), rotation=rotation.flatten(), worlds=worlds)
+            self._fixed = fixed
+        return self._aimed
 
     def read(self, scene: Stage, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
         """A reading without errors, of what is between these limits [m]."""
-        aimed = self._aimed
-        fixed = aimed.fixed if aimed is not None and rays is aimed.rays else rays
+        fixed = self._fixed if rays is self._aimed else rays
         readings = self._launches.prepared(scene, fixed, rays, visible, limits)
-        self._rays, self._written = rays, _BY_CAST & self._before
-        turned = self._turned
-        if self._are_shared or readings is not turned[0] or rays is not turned[1] or self._written != turned[2]:
-            readings.turn_to(self.hits, rays, {name: self._worked_out[name] for name in self._written})
-            self._turned = readings, rays, self._written
+        fields = _BY_CAST & self._before
+        if self._are_shared or readings is not self._turned[0] or fields != self._turned[1]:
+            readings.turn_to(self.hits, rays, {name: self._worked_out[name] for name in fields})
+            self._turned = readings, fields
+            self._held.settle()
         for launch in readings.launches:
             launch()
-        self._held.settle()
+        self._rays, self._written = rays, fields
 
     def take(self, hits: HitArrays, rays: Rays) -> None:
         """A reading of other arrays, copied here."""

@@ -15,16 +15,15 @@ from rigcast.sensors.specs.mount import BoundMount
 
 
 class Launches:
-    """What finds where a sensor is, and what casts and reads its rays there, without errors.
+    """What finds where one sensor is, and what casts and reads its rays there, without errors.
 
     To prepare a cast takes longer than a small frame, so it is done when something else is to be read, and not before.
     """
 
     def __init__(self) -> None:
         self._frame: PlacedFrame | None = None
-        self._mount: BoundMount | None = None
         self._readings: Readings | None = None
-        self._prepared_for: tuple[Rays | None, wp.array | None, int] = (None, None, 0)
+        self._prepared_for: tuple[object, wp.array | None, int] = (None, None, 0)
 
     @property
     def of_cast(self) -> Sequence[Callable[[], object]]:
@@ -34,17 +33,17 @@ class Launches:
     def place(
         self, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData, device: wp.Device
     ) -> tuple[NDArray[np.float64], PlacedFrame]:
-        """Where a sensor on this mount is in `data`: its pose (4, 4), and the same on the device until the next."""
-        if self._frame is None or self._mount is not mount:
-            self._frame, self._mount = PlacedFrame(mount.id, mount.offset, yaw_aligned, device), mount
+        """Where the sensor is in `data`, on its mount: the pose (4, 4), and the same on the device until the next."""
+        if self._frame is None:
+            self._frame = PlacedFrame(mount.id, mount.offset, yaw_aligned, device)
         return self._frame.place(*mount.carriers(data)), self._frame
 
     def prepared(
-        self, scene: Stage, fixed: Rays, rays: Rays, visible: wp.array, limits: tuple[float, float]
+        self, scene: Stage, fixed: object, rays: Rays, visible: wp.array, limits: tuple[float, float]
     ) -> Readings:
-        """A cast of these rays, which are the fixed ones where the sensor is now, between these limits [m].
+        """A cast of these rays between these limits [m], to be turned to where they are and to what it writes.
 
-        It is to be turned to what it writes, and to where the rays are.
+        fixed: what is the same of these rays wherever the sensor is.
         """
         known = self._prepared_for
         if self._readings is None or fixed is not known[0] or visible is not known[1] or rays.worlds != known[2]:

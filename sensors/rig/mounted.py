@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
+from rigcast.sensors.physics.physics import Physics
 from rigcast.sensors.scene.batch.attached import Attached
 from rigcast.sensors.scene.batch.per_world import PerWorld
 from rigcast.sensors.scene.batch.standing import Standing
@@ -32,10 +33,6 @@ from .device_pattern import DevicePattern
 from .frame import Source
 from .frame_arrays import FrameArrays
 from .pool import Pool
-
-if TYPE_CHECKING:
-    from rigcast.sensors.physics.depth_camera import DepthPhysics
-    from rigcast.sensors.physics.lidar import LidarPhysics
 
 Sensor = Lidar | DepthCamera | HeightScan
 
@@ -70,8 +67,7 @@ class Mounted:
     spec: Sensor
     mount: BoundMount
     pattern: DevicePattern
-    physics: "LidarPhysics | None"
-    depth_physics: "DepthPhysics | None"
+    physics: Physics | None
     frames: Iterator[int]
     batches: Iterator[int]
     pool: Pool
@@ -88,8 +84,7 @@ class Mounted:
             spec,
             mount,
             on_device,
-            _lidar_physics(scene, spec, on_device.rays.directions.size),
-            _depth_physics(scene, spec, pattern),
+            _physics(scene, spec, pattern),
             count(),
             count(),
             Pool(),
@@ -99,24 +94,22 @@ class Mounted:
 
     def at(self, time: float) -> "Mounted":
         """With the rays of a reading that begins at `time` [s], where a pattern is another one in each reading."""
-        pattern = self.pattern.at(time)
-        return self if pattern is self.pattern else replace(self, pattern=pattern)
+        return self if self.pattern.given.later is None else replace(self, pattern=self.pattern.at(time))
 
     def bytes_per_world(self, worlds: Worlds) -> int:
         """The most memory that one reading of one of many worlds takes."""
-        # its pose and its carrier's, the frame's, which is a third larger, and how it is mounted
+        # of positions and rotations: the sensor's, its carrier's, the frame's (4, 4), which takes less than two, and
+        # those of mounts that differ
         poses = 4 + (self.spec.name in worlds.mounts)
         visible = self.scene.body_of_shape.size if worlds.differ_in_sight(self.spec.name) else 0
-        physics = self.physics or self.depth_physics
         hits = BYTES_PER_HIT * math.prod(self.pattern.frame_shape)
-        errors = 0 if physics is None else physics.kept_bytes_per_ray * math.prod(self.pattern.shape)
+        errors = 0 if self.physics is None else self.physics.kept_bytes_per_ray * math.prod(self.pattern.shape)
         return poses * BYTES_PER_FRAME + visible + hits + errors
 
     @property
     def bytes_per_standing_world(self) -> int:
         """The most that errors take in each of the worlds that are read at one time."""
-        physics = self.physics or self.depth_physics
-        return 0 if physics is None else math.prod(self.pattern.shape) * physics.bytes_per_ray
+        return 0 if self.physics is None else self.physics.bytes_per_ray * math.prod(self.pattern.shape)
 
     @cached_property
     def source(self) -> Source:
@@ -151,7 +144,7 @@ class Mounted:
         """
         number = next(self.batches)
         time = number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.given.duration
-        pattern = self.pattern.at(time).in_worlds(worlds.count)
+        pattern = self.at(time).pattern.in_worlds(worlds.count)
         return replace(self, pattern=pattern, filter=worlds.filter_of(self.spec))
 
     def aim_in_worlds(self, worlds: Standing, arrays: FrameArrays) -> Rays:
@@ -168,17 +161,14 @@ class Mounted:
         return WorldRays(np.broadcast_to(local @ pose[:3, :3].T + pose[:3, 3], directions.shape), directions)
 
 
-def _lidar_physics(scene: Stage, spec: Sensor, count: int) -> "LidarPhysics | None":
-    if not isinstance(spec, Lidar) or not spec.has_effects:
-        return None
-    from rigcast.sensors.physics.lidar import LidarPhysics  # here, as sensors without effects need none of its kernels
+def _physics(scene: Stage, spec: Sensor, pattern: Pattern) -> Physics | None:
+    """None for a sensor without effects, which needs none of their kernels: they are imported here."""
+    if isinstance(spec, Lidar) and spec.has_effects:
+        from rigcast.sensors.physics.lidar import LidarPhysics
 
-    return LidarPhysics(scene, spec, count)
+        return LidarPhysics(scene, spec, pattern.directions.size // 3)
+    if isinstance(spec, DepthCamera) and spec.has_effects:
+        from rigcast.sensors.physics.depth_camera import DepthPhysics
 
-
-def _depth_physics(scene: Stage, spec: Sensor, pattern: Pattern) -> "DepthPhysics | None":
-    if not isinstance(spec, DepthCamera) or not spec.has_effects:
-        return None
-    from rigcast.sensors.physics.depth_camera import DepthPhysics  # here, as for lidars
-
-    return DepthPhysics(scene, spec, pattern)
+        return DepthPhysics(scene, spec, pattern)
+    return None

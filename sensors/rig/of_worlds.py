@@ -8,13 +8,14 @@ import warp as wp
 
 from rigcast.kernels.effects.random import random_source
 from rigcast.sensors.captured import is_captured
+from rigcast.sensors.physics.physics import Brightness
 from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import Worlds
 
 from .frame import Frame
 from .frame_arrays import FrameArrays
 from .mounted import Aim, Mounted
-from .reading import Brightness, frame_of, read
+from .reading import frame_of, read
 
 BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA = 2**24, 2**28
 """What poses, trees and errors may take of the worlds that are read at one time, if that is enough for one. A GPU needs

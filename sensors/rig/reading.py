@@ -3,21 +3,17 @@
 from collections.abc import Callable
 from functools import partial
 
-import warp as wp
-
 from rigcast.kernels.effects.infrared import infrared
 from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import intensity
+from rigcast.sensors.physics.physics import Brightness
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.lidars.lidar import Lidar
 
 from .frame import CameraFrame, Frame, LidarFrame
 from .frame_arrays import FrameArrays
 from .mounted import Aim, Mounted
-
-Brightness = Callable[[wp.array | None], wp.array]
-"""How bright rays come back, float32 of each, worked out when it is asked for; into this array, or a new one."""
 
 
 def read_frame(mounted: Mounted, aim: Aim, seed: int) -> Frame:
@@ -30,13 +26,9 @@ def read(mounted: Mounted, rays: Rays, arrays: FrameArrays, random: Callable[[],
     """One reading into these arrays. Gives None where brightness follows from what was hit, without errors."""
     visible = mounted.visible()
     if mounted.physics is not None:
-        reading = mounted.physics.read(rays, visible, random())
-        arrays.take(reading.hits, rays)
-        return partial(_copied, reading.intensity)
-    if mounted.depth_physics is not None:
-        measured = mounted.depth_physics.read(rays, visible, random())
-        arrays.take(measured.hits, rays)
-        return partial(infrared, measured.seen, rays.directions, mounted.scene.looks().reflectivity)
+        hits, brightness = mounted.physics.read(rays, visible, random())
+        arrays.take(hits, rays)
+        return brightness
     arrays.read(mounted.scene, rays, visible, (mounted.spec.min_range, mounted.spec.max_range))
     return None
 
@@ -56,12 +48,5 @@ def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame
     else:
         frame = Frame(*common)
     for field in arrays.asked:
-        getattr(frame, field)  # which writes over what it was
+        getattr(frame, field)  # which is worked out into the array that it had
     return frame
-
-
-def _copied(values: wp.array, out: wp.array | None) -> wp.array:
-    if out is None:
-        return values.flatten()
-    wp.copy(out, values.flatten())
-    return out

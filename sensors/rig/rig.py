@@ -168,7 +168,7 @@ class Rig:
             aim = self._under_way.aim(begun, m.pool.take(m.pattern.frame_shape, self.scene.device))
             self._deliver(m, begun.end, read_frame(m, aim, self.seed))
         if over:
-            self.scene.take(self._data)  # which was swept
+            self.scene.take(self._data)  # the scene was swept, and sensors that stand still need it as it is now
 
     def _deliver(self, mounted: Mounted, taken: float, frame: Frame) -> None:
         """Keep a frame, the last ray of which was fired at `taken` [s], for when it comes in."""

@@ -32,7 +32,7 @@ class Sight:
 
     def __init__(self, model: mujoco.MjModel, parts: Sequence[Part], table: LooksTable, device: wp.Device) -> None:
         self._parts, self._table, self._device = parts, table, device
-        # views of what the model holds, whoever writes there
+        # memory of the model, which shows whatever anybody writes there
         self._now = [values.data for name in _LOOKS if (values := getattr(model, name)).size]
         self._read: bytes | None = None
         self._visible: dict[Filter | PerWorld[Filter], wp.array] = {}

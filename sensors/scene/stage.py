@@ -37,7 +37,7 @@ from .shape_ids import ShapeIds
 from .sight import Sight
 
 _NO_DIFFERENCES = Differences()
-_UNDER_WAY = "the last update failed"  # as it did if a cast sees this: it may have taken some poses
+_UNDER_WAY = "the last update failed"  # set while one is under way: what fails may have taken some poses
 _BYTES_PER_SIZE = 48  # of a shape, with its tree, its box and its reach
 
 

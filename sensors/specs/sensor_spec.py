@@ -89,7 +89,7 @@ class SensorSpec(Spec):
             raise InputError(f"{type(self).__name__} {self.name!r}: preset: got another, expected {self.preset!r}")
         own = {key: getattr(self, key) for key in self.model_fields_set - {"preset"}}
         changed = type(self)(**self._over(given, own))
-        # its values are there already, and its file may be in a folder that only the rig's file knows
+        # named without being read again: its values are in, and only the rig's file knows where a preset's file is
         return changed if self.preset is None else BaseModel.model_copy(changed, update={"preset": self.preset})
 
     @property

@@ -10,7 +10,13 @@ from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import entry_of, pose_at
-from rigcast.kernels.shapes.facets import FIRST_IN_PATCHES, Triangle, triangle_of_block, triangle_of_patch
+from rigcast.kernels.shapes.facets import (
+    FIRST_IN_PATCHES,
+    Triangle,
+    normal_of_block,
+    triangle_of_block,
+    triangle_of_patch,
+)
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
 from rigcast.kernels.single.ray import SMALLEST, box_margin
@@ -39,12 +45,14 @@ class Frame:
 
 @wp.struct
 class Ray:
-    """A ray in the world, the first of its hits so far, and the shape whose triangles it is held against."""
+    """A ray in the world, the first of its hits so far, the shape whose triangles it is held against, and its level."""
 
     world: WorldRay
     best: Hit
     shape: int
     cull: int  # of its triangles
+    level: int
+    bottom: int  # how much is on the stack from before the shape was entered
 
 
 @wp.func_native(on_cuda("return __fdividef(1.0f, ::fabsf(x) < smallest ? smallest : x);"))
@@ -83,13 +91,6 @@ def consider(held: wp.array[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
 
 
 @wp.func
-def normal_in_block(g: Geometry, number: int) -> wp.vec3:
-    block = number / WIDTH
-    j = number % WIDTH
-    return wp.vec3(g.blocks[block].normal_x[j], g.blocks[block].normal_y[j], g.blocks[block].normal_z[j])
-
-
-@wp.func
 def normal_in_patch(number: int, v: Triangle) -> wp.vec3:
     """See rigcast.kernels.shapes.patches: from corner a the triangle rises along one axis, and then along the other."""
     is_lower = number % WIDTH < WIDTH / 2
@@ -112,7 +113,7 @@ def meet_triangle(
         normal = normal_in_patch(number, v)
     else:
         v = triangle_of_block(g.blocks, number)
-        normal = normal_in_block(g, number)
+        normal = normal_of_block(g.blocks, number)
     origin = frames[IN_SHAPE].origin
     rest = frames[IN_SHAPE].origin_rest
     direction = frames[IN_SHAPE].direction
@@ -173,30 +174,29 @@ def cast_ray(
     span = ray[0].world.scope.span
     ray[0].best = no_hit()
     frames[OVER_SHAPES] = frame_of(ray[0].world.origin - g.anchor[span], ray[0].world.direction, g.top_reach[span])
-    nodes = address_of_nodes(g.top)
-    level = int(OVER_SHAPES)
+    ray[0].level = OVER_SHAPES
+    ray[0].bottom = 0
     at = int(span * g.top_count)
     top = int(0)
-    bottom = int(0)  # what is on the stack from before the shape was entered
     is_over = bool(False)
     while not is_over:
+        level = ray[0].level
+        nodes = wp.where(level == IN_SHAPE, address_of_nodes(g.nodes), address_of_nodes(g.top))
         limit = smaller(ray[0].best.far * APART, ray[0].world.limit)
         origin = frames[level].origin
         inverse = frames[level].inverse
-        found = next_leaf(nodes, at, origin, inverse, frames[level].margin, limit, stack, top, bottom)
+        found = next_leaf(nodes, at, origin, inverse, frames[level].margin, limit, stack, top, ray[0].bottom)
         top = top_of(found)
         at = leaf_of(found)
         if at == NO_CHILD:
             is_over = level == OVER_SHAPES
-            level = OVER_SHAPES
-            nodes = address_of_nodes(g.top)
-            bottom = 0
+            ray[0].level = OVER_SHAPES
+            ray[0].bottom = 0
         elif level == IN_SHAPE:
             meet_leaf(g, held, ray, frames, -1 - at)
             at = NO_CHILD
         else:
             at = meet_shape(g, held, ray, frames, -1 - at)
             if at != NO_CHILD:
-                level = IN_SHAPE
-                nodes = address_of_nodes(g.nodes)
-                bottom = top
+                ray[0].level = IN_SHAPE
+                ray[0].bottom = top

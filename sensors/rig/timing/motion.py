@@ -44,7 +44,7 @@ class Firings:
 
     @staticmethod
     def _in_slots(times: Doubles, slot: float) -> "Firings":
-        # times that a period makes up are multiples of it but for rounding
+        # rounding may leave a multiple of a period just below the slot that it begins
         of_ray = same_rows(np.floor(times / slot + 1e-6)[:, None])
         first, last = np.full(of_ray.max() + 1, np.inf), np.full(of_ray.max() + 1, -np.inf)
         np.minimum.at(first, of_ray, times)

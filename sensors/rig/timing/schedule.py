@@ -8,7 +8,7 @@ import numpy as np
 
 from rigcast.sensors.errors import InputError
 
-# A due time that the clock has reached up to rounding counts as reached; in periods.
+# A due time counts as reached when the clock is no further short of it than this, in periods: times are rounded.
 _ROUNDING = 1e-6
 _MOST = 100_000  # readings of one sensor in one step; more are a clock gone wrong
 _JITTER, _LOSS = 0, 1  # which of a reading's random numbers

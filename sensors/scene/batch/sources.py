@@ -105,7 +105,7 @@ class _Found:
 
 
 _recent: list[_Found] = []
-_MOST_RECENT = 4  # lists that are told again when they come in turns
+_MOST_RECENT = 4  # lists of MjData that are recognised, when several are read in turns
 
 
 def _found_of(datas: Sequence[Any]) -> _Found:

@@ -88,7 +88,7 @@ class Worlds:
             _require_one_kind(sensor, each)
         self.ids = np.arange(self.count, dtype=np.uint32) if ids is None else self._checked_ids(ids)
         self._active = active
-        self._fits: mujoco.MjModel | None = None  # the model that all that is read once has been checked against
+        self._fits: mujoco.MjModel | None = None  # against which filters, mounts and differences were checked
         self._attached: dict[str, tuple[SensorSpec, Attached]] = {}
 
     def require_model(self, model: mujoco.MjModel) -> None:

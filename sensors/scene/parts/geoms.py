@@ -39,7 +39,7 @@ class Geoms:
         self._unchanged = Snapshot(self.poses.position.numpy(), self.poses.rotation.numpy().reshape(-1, 9))
         self._lost = Lost(self.name)
         self._assets = geometry.assets
-        # views of what the model holds, whoever writes there
+        # memory of the model, which shows whatever anybody writes there
         self._kinds_now = [model.geom_type.data, model.geom_dataid.data]
         self._now = [*self._kinds_now, model.geom_size.data]
         self._kinds, self._read = b"".join(self._kinds_now), b"".join(self._now)
@@ -120,7 +120,9 @@ class Geoms:
         added = [asset for asset in assets_in_use(self.model, dataid) if asset not in self._assets]
         self.trees = self.trees + [asset.tree(self.model) for asset in added]  # which may raise
         self._assets = self._assets + added
-        self._fields = self._watched_fields() | self._fields  # of the others there may be edits to see yet
+        self._fields = (
+            self._watched_fields() | self._fields
+        )  # those watched before may have edits that no update has seen
         return bool(added)
 
     def is_present(self, dataid: NDArray[np.int32]) -> NDArray[np.bool_]:

@@ -82,8 +82,7 @@ class Skins:
         if not inflate.any():
             return vertices
         a, b, c = (vertices[self._faces[:, k]] for k in range(3))
-        # twice its area long
-        normal = np.cross(b - a, c - a)
+        normal = np.cross(b - a, c - a)  # of length twice the face's area, by which faces count
         around = _sums(self._faces.reshape(-1), np.repeat(normal, 3, axis=0), len(vertices))
         length = np.linalg.norm(around, axis=1, keepdims=True)
         return vertices + inflate * around / np.maximum(length, mujoco.mjMINVAL)
