@@ -85,7 +85,8 @@ def read_manifest(store: Store) -> dict[str, Any]:
         with store.open(MANIFEST_NAME) as file:
             manifest = json.loads(file.read())
     except (OSError, ValueError) as error:
-        raise InputError(f"{where}: not the manifest of a data set: {error}") from None
+        reason = (isinstance(error, OSError) and error.strerror) or error
+        raise InputError(f"{where}: not the manifest of a data set: {reason}") from None
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise InputError(f"{where}: not the manifest of a data set: expected format {FORMAT!r}")
     return manifest

@@ -64,6 +64,10 @@ class FrameIndex:
             columns: dict[str, Any] = _frame_table(journal, self._formats) | self._fixed
             np.savez(file, **columns)
 
+    @property
+    def closed(self) -> bool:
+        return self._journal.closed
+
     def close(self) -> None:
         """Remove the journal."""
         self._journal.close()

@@ -141,7 +141,12 @@ class Recorder:
         self._record(data, frames)
 
     def finish(self) -> None:
-        """Complete all recordings, write frames.npz and a preview of the latest frame of every sensor that had one."""
+        """Complete all recordings, write frames.npz and a preview of the latest frame of every sensor that had one.
+
+        Once: after that no frame is taken, and another call does nothing.
+        """
+        if self._index.closed:
+            return
         with self._saying_what_is_saved(), uninterrupted():
             failures = [failure for name in list(self._open) if (failure := self._close(name))]
             with replacing(self.folder / INDEX_NAME) as temporary:
@@ -162,6 +167,8 @@ class Recorder:
         self.finish()
 
     def _record(self, data: mujoco.MjData | None, frames: Iterable[Frame]) -> None:
+        if self._index.closed:
+            raise InputError(f"Recorder: finished, expected a new one for more frames; {self._saved()}")
         frames = as_frames("Recorder: frames", frames, self.outputs)
         with self._saying_what_is_saved(), uninterrupted():
             self._require_room(frames)

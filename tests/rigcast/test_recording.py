@@ -126,6 +126,17 @@ def test_what_are_no_frames_of_its_sensors_is_refused(tmp_path: Path, frames: An
     assert indexed(tmp_path) == [("top", 0)]
 
 
+def test_a_recorder_finishes_once_and_takes_no_frame_after_that(tmp_path: Path) -> None:
+    data = mujoco.MjData(made_frames.model())
+    with Recorder(tmp_path, made_frames.model(), [LIDAR], ["npz", "mcap"]) as recorder:
+        recorder.step(data, frames_at(0.1)[:1])
+        recorder.finish()
+    with pytest.raises(rigcast.InputError, match="Recorder: finished, expected a new one for more frames; 1 frames"):
+        recorder.step(data, frames_at(0.2)[:1])
+    assert indexed(tmp_path) == [("top", 0)]
+    assert sorted(path.name for path in (tmp_path / "top").iterdir()) == ["000000.npz", "preview.png"]
+
+
 def test_formats_are_a_list_and_sensors_too(tmp_path: Path) -> None:
     with pytest.raises(rigcast.InputError, match=r"formats: got 'npz', expected a list of names, such as \['npz'\]"):
         Recorder(tmp_path, made_frames.model(), RIG, "npz")
