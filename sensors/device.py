@@ -17,11 +17,14 @@ def find_device(device: wp.DeviceLike) -> wp.Device:
     _start_warp()
     if device is None:
         return wp.get_preferred_device()
-    try:
-        return wp.get_device(device)
-    except (ValueError, RuntimeError):
-        names = [found.alias for found in wp.get_devices()]
-        raise InputError(f"no device {str(device)!r}, {expected_one_of(str(device), names)}") from None
+    # for "cuda" Warp would ask a driver that is missing, and print errors of its own
+    if not isinstance(device, str) or device != "cuda" or wp.is_cuda_available():
+        try:
+            return wp.get_device(device)
+        except (ValueError, RuntimeError):
+            pass
+    names = [found.alias for found in wp.get_devices()]
+    raise InputError(f"no device {str(device)!r}, {expected_one_of(str(device), names)}")
 
 
 def _start_warp() -> None:

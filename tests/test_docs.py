@@ -113,3 +113,8 @@ def test_every_format_and_setting_is_described() -> None:
 def test_every_public_name_is_in_the_api_reference() -> None:
     described = re.findall(r"^::: rigcast\.(\w+)$", (CHECKOUT / "docs" / "api.md").read_text(), re.MULTILINE)
     assert sorted(described) == sorted(rigcast.__all__)
+
+
+def test_every_public_name_is_listed_once() -> None:
+    assert rigcast.Lidar.__name__ in (names := dir(rigcast)), "also where it has been used"
+    assert len(names) == len(set(names))

@@ -4,6 +4,7 @@ import hashlib
 import os
 import weakref
 import zipfile
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from io import BufferedReader
 from pathlib import Path
@@ -76,6 +77,10 @@ class Dataset(Sequence[StoredFrame]):
         self._shards: list[dict[str, Any]] = manifest["shards"]
         self._places = [place for k, entry in enumerate(self._shards) for place in _places(k, entry, sensors)]
         self._open: tuple[int, int, _Archive] | None = None
+
+    def __repr__(self) -> str:
+        frames = Counter(place.sensor for place in self._places)
+        return f"<data set of {', '.join(f'{n} frames of {name!r}' for name, n in frames.items()) or 'no frames'}>"
 
     def __len__(self) -> int:
         return len(self._places)

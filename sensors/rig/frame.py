@@ -36,7 +36,7 @@ class Source(NamedTuple):
     pattern: Pattern
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(eq=False, repr=False)  # not frozen: Python makes one of those so slowly that small frames wait for it
 class Frame:
     """One reading of one sensor.
 
@@ -218,7 +218,7 @@ class Frame:
         return self._values(name, partial(work_out, self._arrays.hits.distance, self._arrays.rays))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(eq=False, repr=False)
 class LidarFrame(Frame):
     """A reading of a lidar. ring, column: (...) int32, the row or line of each ray, and its place in that.
 
@@ -242,7 +242,7 @@ class LidarFrame(Frame):
         return super()._of_world(k) | own
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(eq=False, repr=False)
 class CameraFrame(Frame):
     """A reading of a depth camera.
 

@@ -114,8 +114,8 @@ class Rig:
         for the world. Poses are taken as they stand, as `mj_ray` does: after a step they lag `qpos` by that step.
 
         out: frames of an earlier reading of as many worlds. Their arrays are written over and are those of the frames
-        returned; of their fields, those that have been asked for are worked out again. None takes arrays that nobody
-        holds any more, of earlier frames of the sensor, or makes new ones.
+        returned, which alone have the new `time` and `pose` of an MjData; fields that have been asked for are worked
+        out again. None takes arrays of earlier frames of the sensor that nobody holds any more, or makes new ones.
 
         Raises:
             InputError: no sensor of this name, data of another model, no room in `out`, or more than memory holds.

@@ -10,6 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+import warp as wp
 
 from rigcast import DepthCamera, Filter, Frame, HeightScan, InputError, Lidar, Mount, Prop, Rig, Scene
 
@@ -199,6 +200,22 @@ def test_data_of_another_model_is_refused(model: mujoco.MjModel, call: Callable[
     other.time = 0.051  # when no sensor but those without a rate falls due
     with pytest.raises(InputError, match="data belongs to another model than the rig"):
         call(Rig(model, SENSORS[:1]), other)
+
+
+@pytest.mark.skipif(wp.is_cuda_available(), reason="there is CUDA")
+def test_cuda_without_a_driver_is_one_error(model: mujoco.MjModel, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match=r"^no device 'cuda', expected one of cpu$"):
+        Rig(model, SENSORS, device="cuda")
+    assert "CUDA error" not in capfd.readouterr().err
+
+
+def test_out_is_written_over_and_time_and_pose_are_in_what_is_returned(model: mujoco.MjModel) -> None:
+    rig, data = Rig(model, SENSORS[:1]), mujoco.MjData(model)
+    (held,) = (frames := rig.sense(data)).values()
+    data.time = 0.5
+    (returned,) = rig.sense(data, out=frames).values()
+    assert returned.range.ptr == held.range.ptr
+    assert (held.time, returned.time) == (0.0, 0.5)
 
 
 def test_what_holds_memory_of_a_device_says_what_to_pickle_in_its_place(model: mujoco.MjModel) -> None:

@@ -79,6 +79,12 @@ def test_a_sensor_that_is_not_there_is_named(whole_folder: Path) -> None:
         rigcast.open_dataset(whole_folder).of("tpo")
 
 
+def test_a_data_set_in_a_terminal_says_what_it_is(whole_folder: Path) -> None:
+    frames = rigcast.open_dataset(whole_folder)
+    counts = [f"{len(frames.of(name))} frames of {name!r}" for name in ("top", "front")]
+    assert repr(frames) in {f"<data set of {', '.join(order)}>" for order in (counts, counts[::-1])}
+
+
 def test_statistics_are_those_of_the_frames(whole_folder: Path) -> None:
     frames = rigcast.open_dataset(whole_folder)
     for name in ("top", "front"):
