@@ -29,10 +29,10 @@ from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 
+from .arrays.frame_arrays import FrameArrays
+from .arrays.pool import Pool
 from .device_pattern import DevicePattern
 from .frame import Frame, Source
-from .frame_arrays import FrameArrays
-from .pool import Pool
 
 Sensor = Lidar | DepthCamera | HeightScan
 

@@ -14,8 +14,8 @@ from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import Worlds
 from rigcast.sensors.scene.stage import Stage
 
+from .arrays.frame_arrays import FrameArrays
 from .frame import Frame
-from .frame_arrays import FrameArrays
 from .mounted import Aim, Mounted
 from .reading import frame_of, read
 from .room import require_countable, require_room, require_room_in

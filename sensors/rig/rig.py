@@ -29,7 +29,7 @@ from .of_worlds import sense_worlds
 from .reading import read_frame
 from .room import require_room_in
 from .timing.schedule import Schedule
-from .timing.under_way import UnderWay
+from .under_way import UnderWay
 
 _STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
 """What poses are worked out of."""
