@@ -19,7 +19,7 @@ from rigcast.sensors.scene.shape_ids import ShapeIds
 from rigcast.sensors.specs.cameras.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 
-from .frame_arrays import FrameArrays
+from .arrays.frame_arrays import FrameArrays
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

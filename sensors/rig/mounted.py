@@ -1,7 +1,7 @@
 """A sensor on a scene: where it is, and the rays of its readings on the device."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
@@ -29,10 +29,10 @@ from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern
 
+from .arrays.frame_arrays import FrameArrays
+from .arrays.pool import Pool
 from .device_pattern import DevicePattern
-from .frame import Source
-from .frame_arrays import FrameArrays
-from .pool import Pool
+from .frame import Frame, Source
 
 Sensor = Lidar | DepthCamera | HeightScan
 
@@ -152,6 +152,12 @@ class Mounted:
         at = worlds.attached(self.spec, self.attached)
         arrays.frames.place(0, worlds.carriers(at), at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
         return arrays.aim_in_worlds(self.pattern.rays)
+
+    def next_arrays(self, shape: tuple[int, ...], out: Mapping[str, Frame] | None = None) -> FrameArrays:
+        """The arrays for its next frame, of this shape: those of its frame in `out`, or of one that nobody holds."""
+        if out is None:
+            return self.pool.take(shape, self.scene.device)
+        return out[self.spec.name].start_again()
 
     def world_rays(self, data: mujoco.MjData) -> WorldRays:
         pose = self.pose(data)

@@ -1,29 +1,69 @@
-"""One reading of one sensor in many worlds, of some of them at a time."""
+"""Readings of many worlds, of some of them at a time."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
 
 import warp as wp
 
+from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.kernels.effects.random import random_source
 from rigcast.sensors.captured import is_captured
 from rigcast.sensors.physics.physics import Brightness
 from rigcast.sensors.scene.batch.standing import Standing
 from rigcast.sensors.scene.batch.worlds import Worlds
+from rigcast.sensors.scene.stage import Stage
 
+from .arrays.frame_arrays import FrameArrays
 from .frame import Frame
-from .frame_arrays import FrameArrays
 from .mounted import Aim, Mounted
 from .reading import frame_of, read
+from .room import require_countable, require_room, require_room_in
 
 BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA = 2**24, 2**28
 """What poses, trees and errors may take of the worlds that are read at one time, if that is enough for one. A GPU needs
 more rays at a time than a CPU."""
 
 
+def sense_worlds(
+    scene: Stage, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None, seed: int
+) -> dict[str, Frame]:
+    """A frame of each of these sensors in all worlds, by name. Raises InputError where there is no room."""
+    shapes = {m.spec.name: (worlds.count, *m.pattern.frame_shape) for m in mounted}
+    if out is not None:
+        require_room_in(out, shapes, scene.device)
+    parts = _parts(scene, mounted, worlds, out)
+    scene.take_worlds(worlds)
+    readings = [ReadingOfWorlds(m, worlds, m.next_arrays(shapes[m.spec.name], out), seed) for m in mounted]
+    for part in parts:
+        standing = scene.stand(worlds, part)
+        for reading in readings:
+            reading.read(standing)
+    return {m.spec.name: reading.frame() for m, reading in zip(mounted, readings, strict=True)}
+
+
+def _parts(scene: Stage, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None) -> list[slice]:
+    """Which worlds are read at one time. Raises InputError where all of them have no room."""
+    require_countable(worlds.count, {m.spec.name: math.prod(m.pattern.frame_shape) for m in mounted})
+    standing = scene.bytes_per_standing_world(worlds)
+    standing += max((m.bytes_per_standing_world for m in mounted), default=0)
+    parts = worlds.parts((BYTES_AT_ONCE_ON_CUDA if scene.device.is_cuda else BYTES_AT_ONCE) // standing)
+    needs = {"scene": scene.bytes_per_world(worlds), **{m.spec.name: m.bytes_per_world(worlds) for m in mounted}}
+    require_room(worlds.count, needs, standing * parts[0].stop, scene.device, _bytes_to_use(mounted, out))
+    return parts
+
+
+def _bytes_to_use(mounted: Sequence[Mounted], out: Mapping[str, Frame] | None) -> int:
+    """Of hits in arrays that are written over: those of frames that nobody holds, and of frames in `out`."""
+    given = [out[m.spec.name] for m in mounted if m.spec.name in out] if out else []
+    return sum(m.pool.free_bytes for m in mounted) + BYTES_PER_HIT * sum(math.prod(frame.shape) for frame in given)
+
+
 class ReadingOfWorlds:
-    """A reading into arrays for all worlds; what poses, trees and errors take meanwhile is there for some at a time."""
+    """A reading of one sensor, of some of the worlds at a time, into arrays for all of them.
+
+    So poses, trees and errors take memory for those that are read at one time only.
+    """
 
     def __init__(self, mounted: Mounted, worlds: Worlds, arrays: FrameArrays, seed: int) -> None:
         self._mounted, self._worlds, self._arrays, self._seed = mounted, worlds, arrays, seed

@@ -11,8 +11,8 @@ from rigcast.sensors.physics.physics import Brightness
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.lidars.lidar import Lidar
 
+from .arrays.frame_arrays import FrameArrays
 from .frame import CameraFrame, Frame, LidarFrame
-from .frame_arrays import FrameArrays
 from .mounted import Aim, Mounted
 
 

@@ -9,11 +9,10 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
-from rigcast.sensors.scene.batch.worlds import Worlds, as_worlds, is_batch
+from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.parts.props import as_props
 from rigcast.sensors.scene.scene import Scene
@@ -25,13 +24,12 @@ from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
 from .frame import Frame
-from .frame_arrays import FrameArrays
 from .mounted import Mounted, Sensor, WorldRays
-from .of_worlds import BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA, ReadingOfWorlds
+from .of_worlds import sense_worlds
 from .reading import read_frame
-from .room import require_countable, require_room, require_room_in
+from .room import require_room_in
 from .timing.schedule import Schedule
-from .timing.under_way import UnderWay
+from .under_way import UnderWay
 
 _STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
 """What poses are worked out of."""
@@ -130,7 +128,9 @@ class Rig:
             return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
         if not is_batch(data):
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
-        return self._sense_worlds(mounted, as_worlds(data), out)
+        worlds = as_worlds(data)
+        worlds.require_sensors(self._mounted)
+        return sense_worlds(self.scene, mounted, worlds, out, self.seed)
 
     def step(self, data: mujoco.MjData) -> list[Frame]:
         """The frames that came in since the last call, in the order in which they did; call it after each `mj_step`.
@@ -165,7 +165,7 @@ class Rig:
         over = self._under_way.step(self._data, [(time, m.at(time)) for time, m in due])
         for begun in over:
             m = begun.mounted
-            aim = self._under_way.aim(begun, m.pool.take(m.pattern.frame_shape, self.scene.device))
+            aim = self._under_way.aim(begun, m.next_arrays(m.pattern.frame_shape))
             self._deliver(m, begun.end, read_frame(m, aim, self.seed))
         if over:
             self.scene.take(self._data)  # the scene was swept, and sensors that stand still need it as it is now
@@ -225,43 +225,8 @@ class Rig:
     def _frame(self, mounted: Mounted, time: float, out: Mapping[str, Frame] | None = None) -> Frame:
         """What a sensor reads in the world as it stands."""
         fired = mounted.at(time)
-        return read_frame(
-            fired, fired.aim(self._data, time, self._room(fired, fired.pattern.frame_shape, out)), self.seed
-        )
-
-    def _sense_worlds(
-        self, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None
-    ) -> dict[str, Frame]:
-        worlds.require_sensors(self._mounted)
-        if out is not None:
-            require_room_in(
-                out, {m.spec.name: (worlds.count, *m.pattern.frame_shape) for m in mounted}, self.scene.device
-            )
-        require_countable(worlds.count, {m.spec.name: math.prod(m.pattern.frame_shape) for m in mounted})
-        standing = self.scene.bytes_per_standing_world(worlds)
-        standing += max((m.bytes_per_standing_world for m in mounted), default=0)
-        at_once = BYTES_AT_ONCE_ON_CUDA if self.scene.device.is_cuda else BYTES_AT_ONCE
-        parts = worlds.parts(at_once // standing)
-        needs = {m.spec.name: m.bytes_per_world(worlds) for m in mounted}
-        needs = {"scene": self.scene.bytes_per_world(worlds), **needs}
-        require_room(worlds.count, needs, standing * parts[0].stop, self.scene.device, _bytes_to_use(mounted, out))
-        self.scene.take_worlds(worlds)
-        readings = {m.spec.name: self._reading_of_worlds(m, worlds, out) for m in mounted}
-        for part in parts:
-            stand = self.scene.stand(worlds, part)
-            for reading in readings.values():
-                reading.read(stand)
-        return {name: reading.frame() for name, reading in readings.items()}
-
-    def _reading_of_worlds(self, mounted: Mounted, worlds: Worlds, out: Mapping[str, Frame] | None) -> ReadingOfWorlds:
-        arrays = self._room(mounted, (worlds.count, *mounted.pattern.frame_shape), out)
-        return ReadingOfWorlds(mounted, worlds, arrays, self.seed)
-
-    def _room(self, mounted: Mounted, shape: tuple[int, ...], out: Mapping[str, Frame] | None) -> FrameArrays:
-        """The arrays for a sensor's next frame, of this shape: those of its frame in `out`, or of one nobody holds."""
-        if out is None:
-            return mounted.pool.take(shape, self.scene.device)
-        return out[mounted.spec.name].start_again()
+        arrays = fired.next_arrays(fired.pattern.frame_shape, out)
+        return read_frame(fired, fired.aim(self._data, time, arrays), self.seed)
 
 
 class _Delivery(NamedTuple):
@@ -270,12 +235,6 @@ class _Delivery(NamedTuple):
     time: float
     rounding: float
     frame: Frame
-
-
-def _bytes_to_use(mounted: Sequence[Mounted], out: Mapping[str, Frame] | None) -> int:
-    """Of hits in arrays that are written over: those of frames that nobody holds, and of frames in `out`."""
-    given = [out[m.spec.name] for m in mounted if m.spec.name in out] if out else []
-    return sum(m.pool.free_bytes for m in mounted) + BYTES_PER_HIT * sum(math.prod(frame.shape) for frame in given)
 
 
 def _schedule(spec: Sensor, timestep: float, seed: int) -> Schedule:

@@ -97,7 +97,7 @@ def rig_under(worldbody: str) -> Rig:
 def test_each_world_takes_at_most_100_bytes_per_geom_beside_its_frames(
     worldbody: str, batch_of: Callable[[mujoco.MjModel, int], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rigcast.sensors.rig.rig.BYTES_AT_ONCE", 20_000)
+    monkeypatch.setattr("rigcast.sensors.rig.of_worlds.BYTES_AT_ONCE", 20_000)
     rig = rig_under(worldbody)
     stays, outputs = taken_by_worlds(rig, batch_of)
     own = 49 if batch_of is of_other_sizes else 0
@@ -148,7 +148,7 @@ def test_more_worlds_than_memory_holds_are_refused_before_anything_is_allocated(
 
 def test_frames_that_are_written_over_need_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
     rig, datas = rig_of(model(), "lidar"), states(model(), 1) * 20
-    monkeypatch.setattr("rigcast.sensors.rig.rig.BYTES_AT_ONCE", 7_000)
+    monkeypatch.setattr("rigcast.sensors.rig.of_worlds.BYTES_AT_ONCE", 7_000)
     frames = rig.sense(datas)
     monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 20_000)
     with pytest.raises(InputError, match="20 worlds need"):
@@ -164,7 +164,7 @@ def test_worlds_that_fit_in_parts_are_not_refused(monkeypatch: pytest.MonkeyPatc
         InputError, match=r"20 worlds need [\d.]+ kB, 2\.11 kB each \(lidar 2\.11 kB\) and [\d.]+ kB to work"
     ):
         rig.sense(datas)
-    monkeypatch.setattr("rigcast.sensors.rig.rig.BYTES_AT_ONCE", 7_000)
+    monkeypatch.setattr("rigcast.sensors.rig.of_worlds.BYTES_AT_ONCE", 7_000)
     assert rig.sense(datas)["lidar"].range.shape[0] == 20
 
 

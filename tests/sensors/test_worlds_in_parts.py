@@ -30,7 +30,7 @@ def make_room(monkeypatch: pytest.MonkeyPatch, rig: Rig, batch: Any, at_a_time: 
     worlds = batch if isinstance(batch, Worlds) else Worlds(batch)
     standing = max(m.bytes_per_standing_world for m in rig._mounted.values())
     room = at_a_time * (rig.scene.bytes_per_standing_world(worlds) + standing)
-    monkeypatch.setattr("rigcast.sensors.rig.rig.BYTES_AT_ONCE", room)
+    monkeypatch.setattr("rigcast.sensors.rig.of_worlds.BYTES_AT_ONCE", room)
 
 
 def parts_of(rig: Rig) -> list[tuple[int, int]]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.oracle import Things
-from rigcast.sensors.rig.pool import Pool
+from rigcast.sensors.rig.arrays.pool import Pool
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.parts.part import OWNERS
 from rigcast.sensors.scene.rays.placed import rays_in_frame

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from rigcast.sensors.rig.frame_arrays import FrameArrays
-from rigcast.sensors.rig.mounted import Aim, Mounted
 from rigcast.sensors.scene.stage import Stage
 
-from .motion import History, Knot, Track
+from .arrays.frame_arrays import FrameArrays
+from .mounted import Aim, Mounted
+from .timing.motion import History, Knot, Track
 
 
 class Begun(NamedTuple):
