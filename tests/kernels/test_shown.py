@@ -56,6 +56,21 @@ def test_kernels_take_it(device: str) -> None:
     assert str(taken) == "[30 10 -1 20]"
 
 
+@wp.kernel
+def copy_any(given: wp.array2d[Any], taken: wp.array2d[Any]) -> None:  # type: ignore[valid-type]
+    i, j = wp.tid()
+    taken[i, j] = given[i, j]
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_generic_kernels_and_maps_take_it(device: str) -> None:
+    """Warp 1.12 refused arrays that were not of its own class."""
+    given, taken = (shown(wp.full(6, value, dtype=float, device=device), wp.float32, (2, 3)) for value in (4.0, 0.0))
+    wp.launch(copy_any, (2, 3), inputs=[given], outputs=[taken], device=device)
+    assert (taken.numpy() == 4.0).all()
+    assert (wp.map(wp.sqrt, given).numpy() == 2.0).all()
+
+
 @pytest.mark.parametrize("device", DEVICES)
 def test_it_may_be_empty(device: str) -> None:
     assert shown(wp.zeros(0, dtype=wp.vec3, device=device), wp.float32, (0, 4, 3)).numpy().shape == (0, 4, 3)

@@ -264,7 +264,10 @@ OUTS: dict[str, tuple[Callable[[dict[str, Frame]], Any], str]] = {
     "none": (lambda _: {}, "out: no frame of sensor 'lidar'"),
     "one of two": (lambda frames: {"lidar": frames["lidar"]}, "out: no frame of sensor 'camera'"),
     "a frame": (lambda frames: frames["lidar"], "out: got LidarFrame, expected Mapping"),
-    "an array": (lambda frames: frames | {"camera": frames["camera"].range}, "'camera': got HostArray, expected Frame"),
+    "an array": (
+        lambda frames: frames | {"camera": frames["camera"].range},
+        "'camera': got (Host)?[aA]rray, expected Frame",
+    ),
     "another sensor's": (
         lambda frames: frames | {"camera": frames["lidar"]},
         "out: sensor 'camera': got a frame of sensor 'lidar', expected one of its own",
