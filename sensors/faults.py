@@ -6,7 +6,7 @@ Python, where they are lines of an `InputError`, and YAML, where each is given i
 
 import math
 import reprlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import NoneType
 from typing import Annotated, Any, get_args, get_origin
@@ -67,7 +67,7 @@ def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
         key = str(where[-1])
         others = [tag for tag, model in kin.items() if key in model.model_fields]
         theirs = f", which {listing(others)} {'has' if len(others) == 1 else 'have'}" if others else ""
-        return Fault(where, f"unknown key {key!r}{theirs}, {expected_one_of(key, list(owner.model_fields))}", True)
+        return Fault(where, f"unknown key {key!r}{theirs}, {expected_one_of(key, _own_first(owner, kin))}", True)
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return _tag_fault(where, given, list(_union_members(annotation)))
     if kind in ("too_long", "too_short"):
@@ -81,6 +81,12 @@ def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
         return Fault(where, str(detail["ctx"]["error"]))
     keys = _keys(annotation) if kind in _MAPPING_KINDS else ""
     return Fault(where, f"{_sentence(detail)}{keys}, got {_shown(given)}{_meaning(kind, where, owner)}")
+
+
+def _own_first(owner: type[BaseModel], kin: Mapping[str, type[BaseModel]]) -> list[str]:
+    """The keys of a model; those that all its kin have are the last."""
+    shared = set(owner.model_fields).intersection(*(model.model_fields for model in kin.values())) if kin else set()
+    return sorted(owner.model_fields, key=lambda key: key in shared)
 
 
 def _resolve(

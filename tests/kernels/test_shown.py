@@ -56,8 +56,8 @@ def test_kernels_take_it(device: str) -> None:
     assert str(taken) == "[30 10 -1 20]"
 
 
-@wp.kernel
-def copy_any(given: wp.array2d[Any], taken: wp.array2d[Any]) -> None:  # type: ignore[valid-type]
+@wp.kernel  # type: ignore[untyped-decorator]
+def copy_any(given: wp.array2d[Any], taken: wp.array2d[Any]) -> None:
     i, j = wp.tid()
     taken[i, j] = given[i, j]
 

@@ -161,6 +161,10 @@ FAULTS = [
     (HEAD + "sensors:\n  - type: §ldar\n", r"sensors\[0\].type: unknown type 'ldar', .*'lidar'?"),
     (HEAD + "sensors:\n  - type: §[a]\n", r"sensors\[0\].type: unknown type \['a'\]"),
     (ONE + ", §max_rnge: 3}", r"sensors\[0\].max_rnge: unknown key .*did you mean 'max_range'?"),
+    (
+        CAMERA.replace("§", "")[:-1] + ", §width: 640}",
+        "unknown key 'width', expected one of resolution, fov_y_deg, .*, type,",
+    ),
     (ONE + ", §lidar: 3}", r"sensors\[0\].lidar: unknown key 'lidar', expected one of"),
     (ONE + ", §fov_y_deg: 60}", r"sensors\[0\].fov_y_deg: unknown key 'fov_y_deg', which depth_camera has, expected"),
     (ONE + ", §spacing: 0.1}", r"unknown key 'spacing', which height_scan has, expected one of"),
