@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from numbers import Real
 from types import NoneType
-from typing import Literal
+from typing import Literal, NoReturn
 
 import mujoco
 import numpy as np
@@ -64,6 +64,9 @@ class Scene(Stage):
         require_thread_count()
         super().__init__(model, find_device(device), props, surfaces)
         self._frame = world_frame(self.device)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a Scene holds memory of its device: make one of its model in each process")
 
     def update(self, data: mujoco.MjData | Batch) -> None:
         """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.

@@ -222,6 +222,8 @@ def test_what_holds_memory_of_a_device_says_what_to_pickle_in_its_place(model: m
     rig = Rig(model, SENSORS[:1])
     with pytest.raises(TypeError, match="a Rig holds memory of its device: make one of its model and sensors in each"):
         pickle.dumps(rig)
+    with pytest.raises(TypeError, match="a Scene holds memory of its device: make one of its model in each process"):
+        pickle.dumps(rig.scene)
     (frame,) = rig.sense(mujoco.MjData(model)).values()
     with pytest.raises(TypeError, match=rf"a {type(frame).__name__} holds .* pickle arrays of it, such as range.numpy"):
         pickle.dumps(frame)
