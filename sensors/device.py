@@ -1,6 +1,7 @@
 """Which Warp device a user means."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import warp as wp
@@ -18,11 +19,9 @@ def find_device(device: wp.DeviceLike) -> wp.Device:
     if device is None:
         return wp.get_preferred_device()
     # for "cuda" Warp would ask a driver that is missing, and print errors of its own
-    if not isinstance(device, str) or device != "cuda" or wp.is_cuda_available():
-        try:
+    if str(device) != "cuda" or wp.is_cuda_available():
+        with suppress(ValueError, RuntimeError):
             return wp.get_device(device)
-        except (ValueError, RuntimeError):
-            pass
     names = [found.alias for found in wp.get_devices()]
     raise InputError(f"no device {str(device)!r}, {expected_one_of(str(device), names)}")
 

@@ -145,23 +145,24 @@ class FrameArrays:
         self,
         name: str,
         work_out: Callable[[wp.array | None], wp.array],
-        shown: Callable[[wp.array], wp.array] = lambda array: array,
+        show: Callable[[wp.array], wp.array] = lambda array: array,
     ) -> wp.array:
-        """What is worked out of a reading, once, into the array of an earlier one, or of None a new one; as shown."""
+        """What is worked out of a reading, once, into the array of an earlier one, or of None a new one; as `show`
+        gives it."""
         if name not in self._current:
             if name not in self._written:
-                self._work_out(name, work_out, shown)
+                self._work_out(name, work_out, show)
             self._current.add(name)
             self._held.settle()
         return self._shown[name]
 
     def _work_out(
-        self, name: str, work_out: Callable[[wp.array | None], wp.array], shown: Callable[[wp.array], wp.array]
+        self, name: str, work_out: Callable[[wp.array | None], wp.array], show: Callable[[wp.array], wp.array]
     ) -> None:
         known = self._worked_out.get(name)
         array = work_out(known)
         if array is not known:
-            self._worked_out[name], self._shown[name] = array, shown(array)
+            self._worked_out[name], self._shown[name] = array, show(array)
             self._held.add(array, self._shown[name])
 
     def in_shape(self, array: wp.array) -> wp.array:

@@ -120,9 +120,8 @@ class Geoms:
         added = [asset for asset in assets_in_use(self.model, dataid) if asset not in self._assets]
         self.trees = self.trees + [asset.tree(self.model) for asset in added]  # which may raise
         self._assets = self._assets + added
-        self._fields = (
-            self._watched_fields() | self._fields
-        )  # those watched before may have edits that no update has seen
+        # those watched before may have edits that no update has seen
+        self._fields = self._watched_fields() | self._fields
         return bool(added)
 
     def is_present(self, dataid: NDArray[np.int32]) -> NDArray[np.bool_]:
