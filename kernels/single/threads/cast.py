@@ -1,6 +1,9 @@
-"""Rays cast in threads of CUDA, as many as it runs at once, each of which takes one ray after the other."""
+"""Rays cast in threads of CUDA, as many as it runs at once, each of which takes one ray after the other.
 
-from collections.abc import Callable
+One launch casts the rays of several sensors: a thread that finds none left of one goes on to the next.
+"""
+
+from collections.abc import Callable, Sequence
 
 import warp as wp
 
@@ -22,54 +25,101 @@ BLOCKS = 5
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 8})
 
 
+@wp.struct
+class Share:
+    """What is cast of one sensor: the first `count` rays of those that `which` names, or of all if it is empty."""
+
+    job: Job
+    which: wp.array[int]
+    count: int
+
+
 @wp.kernel
-def hold(g: Geometry, job: Job, held: wp.array[Geometry], taken: wp.array[int]) -> None:
-    """The geometry, for functions that must not copy it; and no ray is taken."""
+def hold(
+    sensor: int,
+    g: Geometry,
+    job: Job,
+    which: wp.array[int],
+    count: int,
+    held: wp.array2d[Geometry],
+    shares: wp.array2d[Share],
+    taken: wp.array2d[int],
+) -> None:
+    """What a sensor casts at and its share, where functions need not copy them; and none of its rays is taken."""
     g.visible = job.visible
-    held[0] = g
-    taken[0] = 0
+    held[sensor, 0] = g
+    share = Share()
+    share.job = job
+    share.which = which
+    share.count = count
+    shares[sensor, 0] = share
+    taken[sensor, 0] = 0
 
 
 @wp.func
 def cast_turns(
-    g: Geometry, held: wp.array[Geometry], job: Job, which: wp.array[int], count: int, taken: wp.array[int]
+    g: Geometry, held: wp.array[Geometry], share: wp.array[Share], taken: wp.array[int], stack: wp.uint64
 ) -> None:
-    """Rays that no other thread takes. A function, for Warp compiles the body of a kernel twice."""
-    entries = wp.zeros(shape=ENTRIES, dtype=wp.uint64)
-    stack = address_of_stack(entries)
+    """Rays of one sensor that no other thread takes. stack: where it begins."""
     ray = wp.zeros(shape=1, dtype=Ray)
     frames = wp.zeros(shape=2, dtype=Frame)
     k = turn_of(taken)
-    while k < count:
-        i = ray_number(k, job.rays, which)
-        firing = firing_of(job.rays, i)
-        ray[0].world = world_ray(held, job, i, firing)
+    while k < share[0].count:
+        i = ray_number(k, share[0].job.rays, share[0].which)
+        firing = firing_of(share[0].job.rays, i)
+        ray[0].world = world_ray(held, share[0].job, i, firing)
         if is_castable(ray[0].world):
             cast_ray(g, held, ray, frames, stack)
-            write_hit(held, job.out, i, ray[0].best, ray[0].world)
+            write_hit(held, share[0].job.out, i, ray[0].best, ray[0].world)
         else:
-            write_miss(job.out, i, wp.nan)
-        read_ray(job, i, firing)
+            write_miss(share[0].job.out, i, wp.nan)
+        read_ray(share[0].job, i, firing)
         k = turn_of(taken)
 
 
+@wp.func
+def cast_shares(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Share], taken: wp.array2d[int]) -> None:
+    """The rays of each sensor. A function, for Warp compiles the body of a kernel twice."""
+    entries = wp.zeros(shape=ENTRIES, dtype=wp.uint64)
+    stack = address_of_stack(entries)
+    for sensor in range(shares.shape[0]):
+        cast_turns(g, held[sensor], shares[sensor], taken[sensor], stack)
+
+
 @wp.kernel(launch_bounds=(BLOCK, BLOCKS))
-def cast_rays(
-    g: Geometry, held: wp.array[Geometry], job: Job, which: wp.array[int], count: int, taken: wp.array[int]
-) -> None:
-    """The first `count` rays of those that `which` names, or all if it is empty."""
-    g.visible = job.visible
-    cast_turns(g, held, job, which, count, taken)
+def cast_rays(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Share], taken: wp.array2d[int]) -> None:
+    """The rays of all shares, in the geometry but for what is visible, which is held for each sensor, (sensors, 1)."""
+    cast_shares(g, held, shares, taken)
 
 
-def prepare_threads(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
-    """The launches of a cast of so many rays, for as often as it is wanted."""
-    if count == 0:
-        return []
-    device = which.device
-    held, taken = wp.empty(1, dtype=Geometry, device=device), wp.empty(1, dtype=int, device=device)
-    threads = min(count, BLOCK * BLOCKS * device.sm_count)
-    return [
-        recorded(hold, 1, [geometry, job, held, taken], [], device, BLOCK),  # as Warp compiles for one size of blocks
-        recorded(cast_rays, threads, [geometry, held, job, which, count, taken], [], device, BLOCK),
-    ]
+class InThreads:
+    """A cast of `count` rays of one sensor, of those that `which` names or of all, for as often as it is wanted."""
+
+    def __init__(self, geometry: Geometry, job: Job, which: wp.array, count: int) -> None:
+        self.geometry, self.job, self.which, self.count = geometry, job, which, count
+        self._others: list[InThreads] = []
+        self._launches: list[Callable[[], None]] = []
+
+    def launch_with(self, others: Sequence["InThreads"]) -> object:
+        """All at once, at one geometry. Gives the launches, which hold what they read."""
+        if not self._launches or self._others != others:
+            self._others = list(others)
+            self._launches = _prepare([self, *others])
+        for launch in self._launches:
+            launch()
+        return self._launches
+
+
+def _prepare(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
+    """One launch that casts the rays of all, after those that hand over what it reads."""
+    device = casts[0].which.device
+    held = wp.empty((len(casts), 1), dtype=Geometry, device=device)
+    shares = wp.empty((len(casts), 1), dtype=Share, device=device)
+    taken = wp.empty((len(casts), 1), dtype=int, device=device)
+    threads = min(sum(each.count for each in casts), BLOCK * BLOCKS * device.sm_count)
+    launches = []
+    for k, each in enumerate(casts):
+        inputs = [k, each.geometry, each.job, each.which, each.count, held, shares, taken]
+        launches.append(recorded(hold, 1, inputs, [], device, BLOCK))  # as Warp compiles for one size of blocks
+    launches.append(recorded(cast_rays, threads, [casts[0].geometry, held, shares, taken], [], device, BLOCK))
+    return launches

@@ -145,7 +145,7 @@ def meet_shape(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames
         The root of the tree over these, or NO_CHILD.
     """
     scope = ray[0].world.scope
-    if not g.visible[scope.first_visible + shape]:
+    if not held[0].visible[scope.first_visible + shape]:
         return NO_CHILD
     pose = pose_at(g, entry_of(g.place, shape, scope))
     to_local = wp.transpose(pose.rotation)
