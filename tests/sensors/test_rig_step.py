@@ -205,3 +205,17 @@ def test_a_rosette_looks_elsewhere_in_each_reading() -> None:
         np.testing.assert_allclose(frame.range.numpy(), 2 / directions[:, 0], rtol=1e-5)
         np.testing.assert_allclose(frame.points.numpy(), 2 / directions[:, :1] * directions, rtol=1e-5, atol=1e-5)
     assert np.abs(first.range.numpy() - second.range.numpy()).max() > 0.01
+
+
+@pytest.mark.parametrize("preset", ["livox_mid40", "velodyne_vlp16"])
+def test_readings_of_one_sensor_in_one_step_look_where_each_does_alone(preset: str) -> None:
+    model = mujoco.MjModel.from_xml_string(XML.format(0.35))
+    spec = Lidar(name="lidar", mount=Mount(pos=(0, 0, 2), euler_deg=(0, 90, 0)), preset=preset, noise=None)
+    rig, data = Rig(model, [spec], "cpu"), mujoco.MjData(model)
+    data.time = 0.35
+    frames = rig.step(data)
+    assert [frame.time for frame in frames] == pytest.approx([0.1, 0.2])  # that of 0.3 is under way
+    for frame in frames:
+        data.time = frame.time
+        alone = Rig(model, [spec], "cpu").sense(data)["lidar"]
+        np.testing.assert_array_equal(frame.range.numpy(), alone.range.numpy())
