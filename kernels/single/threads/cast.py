@@ -9,6 +9,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits.out import write_miss
+from rigcast.kernels.inline import noinline
 from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.rays.arrays import firing_of
@@ -56,40 +57,50 @@ def hold(
     taken[sensor, 0] = 0
 
 
-@wp.func
-def cast_turns(
-    g: Geometry, held: wp.array[Geometry], share: wp.array[Share], taken: wp.array[int], stack: wp.uint64
-) -> None:
-    """Rays of one sensor that no other thread takes. stack: where it begins."""
-    ray = wp.zeros(shape=1, dtype=Ray)
-    frames = wp.zeros(shape=2, dtype=Frame)
-    k = turn_of(taken)
-    while k < share[0].count:
-        i = ray_number(k, share[0].job.rays, share[0].which)
-        firing = firing_of(share[0].job.rays, i)
-        ray[0].world = world_ray(held, share[0].job, i, firing)
-        if is_castable(ray[0].world):
-            cast_ray(g, held, ray, frames, stack)
-            write_hit(held, share[0].job.out, i, ray[0].best, ray[0].world)
-        else:
-            write_miss(share[0].job.out, i, wp.nan)
-        read_ray(share[0].job, i, firing)
-        k = turn_of(taken)
+@noinline
+def take_ray(held: wp.array2d[Geometry], shares: wp.array2d[Share], ray: wp.array[Ray], k: int) -> bool:
+    """Ray k of its sensor's share, and whether it can be cast."""
+    sensor = ray[0].sensor
+    ray[0].number = ray_number(k, shares[sensor, 0].job.rays, shares[sensor, 0].which)
+    firing = firing_of(shares[sensor, 0].job.rays, ray[0].number)
+    ray[0].world = world_ray(held[sensor], shares[sensor, 0].job, ray[0].number, firing)
+    return is_castable(ray[0].world)
+
+
+@noinline
+def write_ray(held: wp.array2d[Geometry], shares: wp.array2d[Share], ray: wp.array[Ray], is_cast: bool) -> None:
+    """What it hits, or that it could not be cast."""
+    sensor = ray[0].sensor
+    i = ray[0].number
+    if is_cast:
+        write_hit(held[sensor], shares[sensor, 0].job.out, i, ray[0].best, ray[0].world)
+    else:
+        write_miss(shares[sensor, 0].job.out, i, wp.nan)
+    read_ray(shares[sensor, 0].job, i, firing_of(shares[sensor, 0].job.rays, i))
 
 
 @wp.func
-def cast_shares(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Share], taken: wp.array2d[int]) -> None:
-    """The rays of each sensor. A function, for Warp compiles the body of a kernel twice."""
+def cast_turns(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Share], taken: wp.array2d[int]) -> None:
+    """Rays that no other thread takes, of one sensor after the other."""
     entries = wp.zeros(shape=ENTRIES, dtype=wp.uint64)
     stack = address_of_stack(entries)
-    for sensor in range(shares.shape[0]):
-        cast_turns(g, held[sensor], shares[sensor], taken[sensor], stack)
+    ray = wp.zeros(shape=1, dtype=Ray)
+    frames = wp.zeros(shape=2, dtype=Frame)
+    while ray[0].sensor < shares.shape[0]:
+        k = turn_of(taken[ray[0].sensor])
+        if k < shares[ray[0].sensor, 0].count:
+            is_cast = take_ray(held, shares, ray, k)
+            if is_cast:
+                cast_ray(g, held, ray, frames, stack)
+            write_ray(held, shares, ray, is_cast)
+        else:
+            ray[0].sensor += 1
 
 
 @wp.kernel(launch_bounds=(BLOCK, BLOCKS))
 def cast_rays(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Share], taken: wp.array2d[int]) -> None:
     """The rays of all shares, in the geometry but for what is visible, which is held for each sensor, (sensors, 1)."""
-    cast_shares(g, held, shares, taken)
+    cast_turns(g, held, shares, taken)
 
 
 class InThreads:
@@ -97,17 +108,18 @@ class InThreads:
 
     def __init__(self, geometry: Geometry, job: Job, which: wp.array, count: int) -> None:
         self.geometry, self.job, self.which, self.count = geometry, job, which, count
-        self._others: list[InThreads] = []
-        self._launches: list[Callable[[], None]] = []
+        self._together: tuple[list[InThreads], list[Callable[[], None]]] = [], []
 
     def launch_with(self, others: Sequence["InThreads"]) -> object:
         """All at once, at one geometry. Gives the launches, which hold what they read."""
-        if not self._launches or self._others != others:
-            self._others = list(others)
-            self._launches = _prepare([self, *others])
-        for launch in self._launches:
+        known, launches = self._together
+        if not launches or known != others:
+            launches = _prepare([self, *others])
+            if not self.which.device.is_capturing:  # else the graph has the memory that they use
+                self._together = list(others), launches
+        for launch in launches:
             launch()
-        return self._launches
+        return launches
 
 
 def _prepare(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
