@@ -27,7 +27,7 @@ from rigcast.sensors.specs.surface import Surface
 from .frame import Frame
 from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import sense_worlds
-from .reading import read_frame
+from .reading import read_frames
 from .room import require_room_in
 from .timing.schedule import Schedule
 from .under_way import UnderWay
@@ -129,7 +129,8 @@ class Rig:
             if out is not None:
                 require_room_in(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
             self._look(data)
-            return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
+            frames = self._frames([(data.time, m) for m in mounted], out)
+            return {m.spec.name: frame for m, frame in zip(mounted, frames, strict=True)}
         if not is_batch(data):
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
         worlds = as_worlds(data)
@@ -155,8 +156,8 @@ class Rig:
         still = [(time, m) for time, m in due if not m.spec.moves]
         if still:
             self._look(data)
-        for time, m in still:
-            self._deliver(m, time, self._frame(m, time))
+            for (time, m), frame in zip(still, self._frames(still), strict=True):
+                self._deliver(m, time, frame)
         if self._under_way.moving:
             self._move_on(data, [(time, m) for time, m in due if m.spec.moves])
         arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
@@ -170,7 +171,7 @@ class Rig:
         for begun in over:
             m = begun.mounted
             aim = self._under_way.aim(begun, m.next_arrays(m.pattern.frame_shape))
-            self._deliver(m, begun.end, read_frame(m, aim, self.seed))
+            self._deliver(m, begun.end, *read_frames([(m, aim)], self.seed))
         if over:
             self.scene.take(self._data)  # the scene was swept, and sensors that stand still need it as it is now
 
@@ -233,11 +234,14 @@ class Rig:
                 "Rig: data belongs to another model than the rig; one that was compiled anew needs a new Rig"
             )
 
-    def _frame(self, mounted: Mounted, time: float, out: Mapping[str, Frame] | None = None) -> Frame:
-        """What a sensor reads in the world as it stands."""
-        fired = mounted.at(time)
-        arrays = fired.next_arrays(fired.pattern.frame_shape, out)
-        return read_frame(fired, fired.aim(self._data, time, arrays), self.seed)
+    def _frames(self, due: Iterable[tuple[float, Mounted]], out: Mapping[str, Frame] | None = None) -> list[Frame]:
+        """What sensors read in the world as it stands, each at its time."""
+        aimed = []
+        for time, mounted in due:
+            fired = mounted.at(time)
+            arrays = fired.next_arrays(fired.pattern.frame_shape, out)
+            aimed.append((fired, fired.aim(self._data, time, arrays)))
+        return read_frames(aimed, self.seed)
 
 
 class _Delivery(NamedTuple):
