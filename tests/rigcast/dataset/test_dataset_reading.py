@@ -168,6 +168,6 @@ def test_a_field_that_torch_cannot_have_is_named(whole_folder: Path) -> None:
 
 def test_without_torch_it_is_said_what_to_install(whole_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "rigcast.dataset.in_torch", raising=False)
+    monkeypatch.delitem(sys.modules, "rigcast.dataset.reading.in_torch", raising=False)
     with pytest.raises(InputError, match=r"Dataset\.torch needs torch"):
         rigcast.open_dataset(whole_folder).torch("range")
