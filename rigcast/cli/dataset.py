@@ -10,9 +10,9 @@ from rich.filesize import decimal
 from rich.markup import escape
 from rich.table import Table
 
-from rigcast.cli.kernels import word_if_compiling
-from rigcast.cli.options import Overrides
-from rigcast.cli.run import progress
+from rigcast.cli.common.options import Overrides
+from rigcast.cli.common.progress import progress
+from rigcast.cli.common.ready import word_if_compiling
 from rigcast.dataset.description.config import DatasetConfig, read_dataset
 from rigcast.dataset.making.engines import Engine, InProcess, Processes, Ray
 from rigcast.dataset.making.episode import Result

@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from rigcast.cli.options import JsonFile, Overrides, RigPath, console_beside, counted, write_json
+from rigcast.cli.common.options import JsonFile, Overrides, RigPath, console_beside, counted, write_json
 from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.mount import Mount
