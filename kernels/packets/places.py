@@ -7,18 +7,19 @@ what was there and what is new LLVM makes a masked store, which takes longer tha
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits.hit import NO_SHAPE, distance_of, height_above, middle, outward
+from rigcast.kernels.hits.hit import NO_SHAPE, distance_of, middle
 from rigcast.kernels.hits.out import Out
 from rigcast.kernels.poses.scope import pose_of
 from rigcast.kernels.shapes.facets import facet_at
-from rigcast.kernels.shapes.solids import LARGEST, PLANE, has_triangles
+from rigcast.kernels.shapes.solids import LARGEST, PLANE, SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
-from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double
+from rigcast.kernels.vectors import lowest_bit, smaller, to_double
 
 from .lanes import lane_bits
 from .packet import (
     ALL_LANES,
     LANES,
+    Facets,
     TileRays,
     Vectors,
     double_lanes,
@@ -44,14 +45,122 @@ class Places:
 
 # these have no return type, which Warp 1.12 would take for that of a value
 @wp.func_native("""
-    auto& own = *wp::address(places, k);
-    own.distance[i] = distance;
-    own.face[i] = face;
-    own.normal_x[i] = normal[0];
-    own.normal_y[i] = normal[1];
-    own.normal_z[i] = normal[2];
+    auto& all = *wp::address(facets, 0);
+#if defined(__CUDA_ARCH__)
+    for (int i = 0; i < 16; ++i)
+        if (numbers[i] == number) {
+            all.height[i] = height;
+            all.normal_x[i] = normal[0];
+            all.normal_y[i] = normal[1];
+            all.normal_z[i] = normal[2];
+            all.scale[i] = scale;
+            all.face[i] = face;
+        }
+#else
+    typedef int ints __attribute__((ext_vector_type(16)));
+    typedef long long longs __attribute__((ext_vector_type(16)));
+    typedef double doubles __attribute__((ext_vector_type(16)));
+    ints hit;
+    __builtin_memcpy(&hit, &numbers, sizeof(hit));
+    const ints is_own = hit == number;
+    const longs is_own_too = __builtin_convertvector(is_own, longs);
+    const auto take = [&](auto& to, double value) {
+        doubles values;
+        __builtin_memcpy(&values, &to, sizeof(values));
+        values = is_own_too ? (doubles)value : values;
+        __builtin_memcpy(&to, &values, sizeof(values));
+    };
+    take(all.height, height);
+    take(all.normal_x, normal[0]);
+    take(all.normal_y, normal[1]);
+    take(all.normal_z, normal[2]);
+    take(all.scale, scale);
+    ints faces;
+    __builtin_memcpy(&faces, &all.face, sizeof(faces));
+    faces = is_own ? (ints)face : faces;
+    __builtin_memcpy(&all.face, &faces, sizeof(faces));
+#endif
 """)
-def take_place(places: wp.array[Places], k: int, i: int, distance: float, face: int, normal: wp.vec3):  # type: ignore[no-untyped-def]
+def take_facet(  # type: ignore[no-untyped-def]
+    facets: wp.array[Facets],
+    numbers: int_lanes,
+    number: int,
+    height: wp.float64,
+    normal: wp.vec3d,
+    scale: wp.float64,
+    face: int,
+):
+    """The triangle by this number is that of all rays that hit it. height: V0 . n."""
+
+
+@wp.func_native(f"""
+    auto& own = *wp::address(places, k);
+    const auto& all = *wp::address(facets, 0);
+#if defined(__CUDA_ARCH__)
+    int grazing = 0;
+    for (int i = 0; i < 16; ++i)
+        if (shapes[i] == shape) {{
+            const float t = (float)distance[i], sign = is_sheet && slope[i] > 0.0 ? -1.0f : 1.0f;
+            own.distance[i] = t > 0.0f ? t : 0.0f;
+            own.face[i] = all.face[i];
+            own.normal_x[i] = sign * (float)x[i];
+            own.normal_y[i] = sign * (float)y[i];
+            own.normal_z[i] = sign * (float)z[i];
+            grazing |= (fabs(slope[i]) * all.scale[i] <= (double){GRAZING}f) << i;
+        }}
+    return grazing;
+#else
+    typedef int ints __attribute__((ext_vector_type(16)));
+    typedef float floats __attribute__((ext_vector_type(16)));
+    typedef double doubles __attribute__((ext_vector_type(16)));
+    typedef bool bools __attribute__((ext_vector_type(16)));
+    const auto ints_of = [](const auto& of) {{ ints all; __builtin_memcpy(&all, &of, sizeof(all)); return all; }};
+    const auto doubles_of = [](const auto& of) {{ doubles all; __builtin_memcpy(&all, &of, sizeof(all)); return all; }};
+    const auto rounded = [](doubles values) {{ return __builtin_convertvector(values, floats); }};
+    const ints is_own = ints_of(shapes) == shape;
+    const auto take = [&](auto& to, const ints from) {{
+        const ints all = ints_of(to) | (is_own & from);
+        __builtin_memcpy(&to, &all, sizeof(all));
+    }};
+    const floats t = rounded(doubles_of(distance));
+    const doubles slopes = doubles_of(slope);
+    const doubles signs = is_sheet ? (slopes > 0.0 ? (doubles)-1.0 : (doubles)1.0) : (doubles)1.0;
+    const floats sign = rounded(signs);
+    take(own.distance, (ints)(t > 0.0f ? t : (floats)0.0f));
+    take(own.face, ints_of(all.face));
+    take(own.normal_x, (ints)(sign * rounded(doubles_of(x))));
+    take(own.normal_y, (ints)(sign * rounded(doubles_of(y))));
+    take(own.normal_z, (ints)(sign * rounded(doubles_of(z))));
+    const doubles steepness = __builtin_elementwise_abs(slopes) * doubles_of(all.scale);
+    const bools is_grazing = __builtin_convertvector(steepness <= (double){GRAZING}f, bools);
+    const bools is_own_bit = __builtin_convertvector(is_own, bools);
+    unsigned short grazing, own_bits;
+    __builtin_memcpy(&grazing, &is_grazing, sizeof(grazing));
+    __builtin_memcpy(&own_bits, &is_own_bit, sizeof(own_bits));
+    return grazing & own_bits;
+#endif
+""")
+def take_planes(  # type: ignore[empty-body]
+    places: wp.array[Places],
+    k: int,
+    shapes: int_lanes,
+    shape: int,
+    is_sheet: bool,
+    facets: wp.array[Facets],
+    distance: double_lanes,
+    slope: double_lanes,
+    x: double_lanes,
+    y: double_lanes,
+    z: double_lanes,
+) -> int:
+    """Where the rays of packet k that hit this shape meet the planes of their triangles; bit by bit, which graze them.
+
+    (x, y, z): unit winding normals in the world.
+    """
+
+
+@wp.func_native("wp::address(places, k)->distance[i] = distance;")
+def take_distance(places: wp.array[Places], k: int, i: int, distance: float):  # type: ignore[no-untyped-def]
     """That of ray i of packet k, alone, where Warp would copy all sixteen."""
 
 
@@ -98,28 +207,40 @@ def place_triangles(
     y = rays[0].directions[slot].y
     z = rays[0].directions[slot].z
     hit = rays[0].best[slot].triangle
-    kind = g.kind[shape]
-    pose = pose_of(rays[0].geometry, shape, rays[0].scope)
-    rotation = pose.rotation
-    offset = rays[0].origin - pose.position
+    facets = rays[0].facets
     todo = int(which)
     while todo != 0:
         triangle = hit[lowest_bit(todo)]
-        same = todo & lanes_at(hit, triangle)
-        todo = todo & ~same
+        todo = todo & ~lanes_at(hit, triangle)
         facet = facet_at(rays[0].geometry, rays[0].scope.first_shape + shape, triangle)
-        normal = rotation * facet.normal
-        height = height_above(facet, normal, offset)
-        unit_normal = normal * facet.scale
-        while same != 0:
-            i = lowest_bit(same)
-            same = same & (same - 1)
-            slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
-            distance = larger(float(height / slope), 0.0)
-            if wp.abs(slope) * facet.scale <= wp.float64(GRAZING):
-                distance = float(distance_of(rays[0].geometry, shape, triangle, world_ray(rays, slot, i)))
-            facing = outward(kind, unit_normal, slope)
-            take_place(places, k, i, distance, facet.face, facing)
+        height = wp.dot(to_double(facet.corner), facet.normal)
+        take_facet(facets, hit, triangle, height, facet.normal, facet.scale, facet.face)
+    pose = pose_of(rays[0].geometry, shape, rays[0].scope)
+    rotation = pose.rotation
+    offset = rays[0].origin - pose.position
+    heights = facets[0].height
+    scales = facets[0].scale
+    normal_x = facets[0].normal_x
+    normal_y = facets[0].normal_y
+    normal_z = facets[0].normal_z
+    distances = double_lanes()
+    slopes = double_lanes()
+    for i in range(LANES):
+        normal = rotation * wp.vec3d(normal_x[i], normal_y[i], normal_z[i])
+        slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
+        distances[i] = (heights[i] - wp.dot(offset, normal)) / slope
+        slopes[i] = slope
+        unit = normal * scales[i]
+        normal_x[i] = unit[0]
+        normal_y[i] = unit[1]
+        normal_z[i] = unit[2]
+    shapes = rays[0].best[slot].shape
+    is_sheet = g.kind[shape] == SHEET
+    grazing = take_planes(places, k, shapes, shape, is_sheet, facets, distances, slopes, normal_x, normal_y, normal_z)
+    while grazing != 0:
+        i = lowest_bit(grazing)
+        grazing = grazing & (grazing - 1)
+        take_distance(places, k, i, float(distance_of(rays[0].geometry, shape, hit[i], world_ray(rays, slot, i))))
 
 
 @wp.func
