@@ -119,7 +119,6 @@ class Facets:
     normal_x: double_lanes
     normal_y: double_lanes
     normal_z: double_lanes
-    scale: double_lanes
     face: int_lanes
 
 

@@ -10,7 +10,7 @@ from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits.hit import NO_SHAPE, distance_of, middle
 from rigcast.kernels.hits.out import Out
 from rigcast.kernels.poses.scope import pose_of
-from rigcast.kernels.shapes.facets import facet_at
+from rigcast.kernels.shapes.facets import FIRST_IN_PATCHES, facet_at
 from rigcast.kernels.shapes.solids import LARGEST, PLANE, SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
 from rigcast.kernels.vectors import lowest_bit, smaller, to_double
@@ -53,7 +53,6 @@ class Places:
             all.normal_x[i] = normal[0];
             all.normal_y[i] = normal[1];
             all.normal_z[i] = normal[2];
-            all.scale[i] = scale;
             all.face[i] = face;
         }
 #else
@@ -74,7 +73,6 @@ class Places:
     take(all.normal_x, normal[0]);
     take(all.normal_y, normal[1]);
     take(all.normal_z, normal[2]);
-    take(all.scale, scale);
     ints faces;
     __builtin_memcpy(&faces, &all.face, sizeof(faces));
     faces = is_own ? (ints)face : faces;
@@ -87,7 +85,6 @@ def take_facet(  # type: ignore[no-untyped-def]
     number: int,
     height: wp.float64,
     normal: wp.vec3d,
-    scale: wp.float64,
     face: int,
 ):
     """The triangle by this number is that of all rays that hit it. height: V0 . n."""
@@ -106,7 +103,7 @@ def take_facet(  # type: ignore[no-untyped-def]
             own.normal_x[i] = sign * (float)x[i];
             own.normal_y[i] = sign * (float)y[i];
             own.normal_z[i] = sign * (float)z[i];
-            grazing |= (fabs(slope[i]) * all.scale[i] <= (double){GRAZING}f) << i;
+            grazing |= (fabs(slope[i]) * scale[i] <= (double){GRAZING}f) << i;
         }}
     return grazing;
 #else
@@ -131,7 +128,7 @@ def take_facet(  # type: ignore[no-untyped-def]
     take(own.normal_x, (ints)(sign * rounded(doubles_of(x))));
     take(own.normal_y, (ints)(sign * rounded(doubles_of(y))));
     take(own.normal_z, (ints)(sign * rounded(doubles_of(z))));
-    const doubles steepness = __builtin_elementwise_abs(slopes) * doubles_of(all.scale);
+    const doubles steepness = __builtin_elementwise_abs(slopes) * doubles_of(scale);
     const bools is_grazing = __builtin_convertvector(steepness <= (double){GRAZING}f, bools);
     const bools is_own_bit = __builtin_convertvector(is_own, bools);
     unsigned short grazing, own_bits;
@@ -149,6 +146,7 @@ def take_planes(  # type: ignore[empty-body]
     facets: wp.array[Facets],
     distance: double_lanes,
     slope: double_lanes,
+    scale: double_lanes,
     x: double_lanes,
     y: double_lanes,
     z: double_lanes,
@@ -198,6 +196,20 @@ def take_places(  # type: ignore[no-untyped-def]
 
 
 @wp.func
+def scales_of(last: int, number: int_lanes, x: double_lanes, y: double_lanes, z: double_lanes) -> double_lanes:
+    """1 / the lengths of the normals (x, y, z) of triangles by these numbers, as Facet has it. last: the largest."""
+    scale = double_lanes()
+    if last >= FIRST_IN_PATCHES:
+        for i in range(LANES):
+            by_length = wp.float64(1.0) / wp.length(wp.vec3d(x[i], y[i], z[i]))
+            scale[i] = wp.where(number[i] >= FIRST_IN_PATCHES, by_length, wp.float64(1.0))
+    else:
+        for i in range(LANES):
+            scale[i] = wp.float64(1.0)
+    return scale
+
+
+@wp.func
 def place_triangles(
     g: Geometry, rays: wp.array[TileRays], places: wp.array[Places], k: int, which: int, shape: int
 ) -> None:
@@ -208,21 +220,23 @@ def place_triangles(
     z = rays[0].directions[slot].z
     hit = rays[0].best[slot].triangle
     facets = rays[0].facets
+    last = int(0)
     todo = int(which)
     while todo != 0:
         triangle = hit[lowest_bit(todo)]
         todo = todo & ~lanes_at(hit, triangle)
+        last = wp.max(last, triangle)
         facet = facet_at(rays[0].geometry, rays[0].scope.first_shape + shape, triangle)
         height = wp.dot(to_double(facet.corner), facet.normal)
-        take_facet(facets, hit, triangle, height, facet.normal, facet.scale, facet.face)
+        take_facet(facets, hit, triangle, height, facet.normal, facet.face)
     pose = pose_of(rays[0].geometry, shape, rays[0].scope)
     rotation = pose.rotation
     offset = rays[0].origin - pose.position
     heights = facets[0].height
-    scales = facets[0].scale
     normal_x = facets[0].normal_x
     normal_y = facets[0].normal_y
     normal_z = facets[0].normal_z
+    scales = scales_of(last, hit, normal_x, normal_y, normal_z)
     distances = double_lanes()
     slopes = double_lanes()
     for i in range(LANES):
@@ -236,7 +250,9 @@ def place_triangles(
         normal_z[i] = unit[2]
     shapes = rays[0].best[slot].shape
     is_sheet = g.kind[shape] == SHEET
-    grazing = take_planes(places, k, shapes, shape, is_sheet, facets, distances, slopes, normal_x, normal_y, normal_z)
+    grazing = take_planes(
+        places, k, shapes, shape, is_sheet, facets, distances, slopes, scales, normal_x, normal_y, normal_z
+    )
     while grazing != 0:
         i = lowest_bit(grazing)
         grazing = grazing & (grazing - 1)
