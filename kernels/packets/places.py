@@ -13,7 +13,7 @@ from rigcast.kernels.poses.scope import pose_of
 from rigcast.kernels.shapes.facets import FIRST_IN_PATCHES, facet_at
 from rigcast.kernels.shapes.solids import LARGEST, PLANE, SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
-from rigcast.kernels.vectors import lowest_bit, smaller, to_double
+from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double
 
 from .lanes import lane_bits
 from .packet import (
@@ -90,73 +90,6 @@ def take_facet(  # type: ignore[no-untyped-def]
     """The triangle by this number is that of all rays that hit it. height: V0 . n."""
 
 
-@wp.func_native(f"""
-    auto& own = *wp::address(places, k);
-    const auto& all = *wp::address(facets, 0);
-#if defined(__CUDA_ARCH__)
-    int grazing = 0;
-    for (int i = 0; i < 16; ++i)
-        if (shapes[i] == shape) {{
-            const float t = (float)distance[i], sign = is_sheet && slope[i] > 0.0 ? -1.0f : 1.0f;
-            own.distance[i] = t > 0.0f ? t : 0.0f;
-            own.face[i] = all.face[i];
-            own.normal_x[i] = sign * (float)x[i];
-            own.normal_y[i] = sign * (float)y[i];
-            own.normal_z[i] = sign * (float)z[i];
-            grazing |= (fabs(slope[i]) * scale[i] <= (double){GRAZING}f) << i;
-        }}
-    return grazing;
-#else
-    typedef int ints __attribute__((ext_vector_type(16)));
-    typedef float floats __attribute__((ext_vector_type(16)));
-    typedef double doubles __attribute__((ext_vector_type(16)));
-    typedef bool bools __attribute__((ext_vector_type(16)));
-    const auto ints_of = [](const auto& of) {{ ints all; __builtin_memcpy(&all, &of, sizeof(all)); return all; }};
-    const auto doubles_of = [](const auto& of) {{ doubles all; __builtin_memcpy(&all, &of, sizeof(all)); return all; }};
-    const auto rounded = [](doubles values) {{ return __builtin_convertvector(values, floats); }};
-    const ints is_own = ints_of(shapes) == shape;
-    const auto take = [&](auto& to, const ints from) {{
-        const ints all = ints_of(to) | (is_own & from);
-        __builtin_memcpy(&to, &all, sizeof(all));
-    }};
-    const floats t = rounded(doubles_of(distance));
-    const doubles slopes = doubles_of(slope);
-    const doubles signs = is_sheet ? (slopes > 0.0 ? (doubles)-1.0 : (doubles)1.0) : (doubles)1.0;
-    const floats sign = rounded(signs);
-    take(own.distance, (ints)(t > 0.0f ? t : (floats)0.0f));
-    take(own.face, ints_of(all.face));
-    take(own.normal_x, (ints)(sign * rounded(doubles_of(x))));
-    take(own.normal_y, (ints)(sign * rounded(doubles_of(y))));
-    take(own.normal_z, (ints)(sign * rounded(doubles_of(z))));
-    const doubles steepness = __builtin_elementwise_abs(slopes) * doubles_of(scale);
-    const bools is_grazing = __builtin_convertvector(steepness <= (double){GRAZING}f, bools);
-    const bools is_own_bit = __builtin_convertvector(is_own, bools);
-    unsigned short grazing, own_bits;
-    __builtin_memcpy(&grazing, &is_grazing, sizeof(grazing));
-    __builtin_memcpy(&own_bits, &is_own_bit, sizeof(own_bits));
-    return grazing & own_bits;
-#endif
-""")
-def take_planes(  # type: ignore[empty-body]
-    places: wp.array[Places],
-    k: int,
-    shapes: int_lanes,
-    shape: int,
-    is_sheet: bool,
-    facets: wp.array[Facets],
-    distance: double_lanes,
-    slope: double_lanes,
-    scale: double_lanes,
-    x: double_lanes,
-    y: double_lanes,
-    z: double_lanes,
-) -> int:
-    """Where the rays of packet k that hit this shape meet the planes of their triangles; bit by bit, which graze them.
-
-    (x, y, z): unit winding normals in the world.
-    """
-
-
 @wp.func_native("wp::address(places, k)->distance[i] = distance;")
 def take_distance(places: wp.array[Places], k: int, i: int, distance: float):  # type: ignore[no-untyped-def]
     """That of ray i of packet k, alone, where Warp would copy all sixteen."""
@@ -169,7 +102,7 @@ def take_distance(places: wp.array[Places], k: int, i: int, distance: float):  #
     for (int i = 0; i < 16; ++i)
         if (shapes[i] == shape) {
             own.distance[i] = distance[i];
-            own.face[i] = -1;
+            own.face[i] = face[i];
             own.normal_x[i] = normal.x[i];
             own.normal_y[i] = normal.y[i];
             own.normal_z[i] = normal.z[i];
@@ -183,16 +116,22 @@ def take_distance(places: wp.array[Places], k: int, i: int, distance: float):  #
         __builtin_memcpy(&to, &all, sizeof(all));
     };
     take(own.distance, bits(distance));
-    take(own.face, is_own);
+    take(own.face, bits(face));
     take(own.normal_x, bits(normal.x));
     take(own.normal_y, bits(normal.y));
     take(own.normal_z, bits(normal.z));
 #endif
 """)
 def take_places(  # type: ignore[no-untyped-def]
-    places: wp.array[Places], k: int, shapes: int_lanes, shape: int, distance: lanes, normals: wp.array[Vectors]
+    places: wp.array[Places],
+    k: int,
+    shapes: int_lanes,
+    shape: int,
+    distance: lanes,
+    face: int_lanes,
+    normals: wp.array[Vectors],
 ):
-    """Those of the rays of packet k that hit this closed form, of what was worked out for all of them."""
+    """Those of the rays of packet k that hit this shape, of what was worked out for all of them."""
 
 
 @wp.func
@@ -237,26 +176,36 @@ def place_triangles(
     normal_y = facets[0].normal_y
     normal_z = facets[0].normal_z
     scales = scales_of(last, hit, normal_x, normal_y, normal_z)
+    is_sheet = g.kind[shape] == SHEET
     distances = double_lanes()
-    slopes = double_lanes()
+    grazing = double_lanes()  # below 0 where float64 must find the distance
     for i in range(LANES):
         normal = rotation * wp.vec3d(normal_x[i], normal_y[i], normal_z[i])
         slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
         distances[i] = (heights[i] - wp.dot(offset, normal)) / slope
-        slopes[i] = slope
+        is_grazing = wp.abs(slope) * scales[i] <= wp.float64(GRAZING)
+        grazing[i] = wp.where(is_grazing, wp.float64(-1.0), wp.float64(1.0))
+        outward = wp.where(is_sheet and slope > wp.float64(0.0), wp.float64(-1.0), wp.float64(1.0))
         unit = normal * scales[i]
-        normal_x[i] = unit[0]
-        normal_y[i] = unit[1]
-        normal_z[i] = unit[2]
-    shapes = rays[0].best[slot].shape
-    is_sheet = g.kind[shape] == SHEET
-    grazing = take_planes(
-        places, k, shapes, shape, is_sheet, facets, distances, slopes, scales, normal_x, normal_y, normal_z
-    )
-    while grazing != 0:
-        i = lowest_bit(grazing)
-        grazing = grazing & (grazing - 1)
-        take_distance(places, k, i, float(distance_of(rays[0].geometry, shape, hit[i], world_ray(rays, slot, i))))
+        normal_x[i] = outward * unit[0]
+        normal_y[i] = outward * unit[1]
+        normal_z[i] = outward * unit[2]
+    local = rays[0].local
+    round_vectors(local, distances, grazing, grazing)
+    distance = local[0].x
+    rounded = local[0].y
+    are_grazing = int_lanes()
+    for i in range(LANES):
+        distance[i] = larger(distance[i], 0.0)
+        are_grazing[i] = wp.where(rounded[i] < 0.0, -1, 0)
+    round_vectors(local, normal_x, normal_y, normal_z)
+    take_places(places, k, rays[0].best[slot].shape, shape, distance, facets[0].face, local)
+    todo = which & lane_bits(are_grazing)
+    while todo != 0:
+        i = lowest_bit(todo)
+        todo = todo & (todo - 1)
+        ray = world_ray(rays, slot, i)
+        take_distance(places, k, i, float(distance_of(rays[0].geometry, shape, hit[i], ray)))
 
 
 @wp.func
@@ -281,7 +230,7 @@ def place_closed_form(g: Geometry, rays: wp.array[TileRays], places: wp.array[Pl
         for i in range(LANES):
             z[i] = 1.0
     turn(rays[0].local, rotation, x, y, z)
-    take_places(places, k, rays[0].best[slot].shape, shape, distance, rays[0].local)
+    take_places(places, k, rays[0].best[slot].shape, shape, distance, int_lanes(-1), rays[0].local)
 
 
 @wp.func
