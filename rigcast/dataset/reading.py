@@ -89,6 +89,8 @@ class Dataset(Sequence[StoredFrame]):
         """One frame, or those of a slice as a list."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
+        if isinstance(index, str):
+            raise InputError(f"Dataset: got {index!r}, expected the number of a frame; of({index!r})[0] is the first")
         place = self._places[index]
         return StoredFrame(place, self._shards[place.shard], self._archive(place.shard))
 
