@@ -1,7 +1,7 @@
 """A depth camera's way from rays to a reading: what it sees, what of that it measures, and how well."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import warp as wp
@@ -10,6 +10,7 @@ from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.effects.infrared import Losses, infrared, lose
 from rigcast.kernels.effects.random import RandomSource
+from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import bound, read
 from rigcast.sensors.scene.rays.given import upload
@@ -112,7 +113,7 @@ class _ReadStereo:
         assert self._spec.kinect_v1 is not None
         model, size = _KINECT_V1[self._spec.kinect_v1], (self._pair.width, self._pair.height)
         shifted = kinect_v1.shift(model, size, look.source, look.rays.directions, seen.normal)
-        hits = look.cast(replace(look.rays, directions=shifted.reshape((look.rays.worlds, -1)), packets=None))
+        hits = look.cast(steered(look.rays, shifted))
         kinect_v1.at_own_pixel(hits.distance, shifted, look.rays.directions)
         return hits
 

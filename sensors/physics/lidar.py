@@ -10,6 +10,7 @@ import warp as wp
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.random import RandomSource
+from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
@@ -71,8 +72,7 @@ class LidarPhysics:
         spec, count = self.spec, self.count * rays.worlds
         sub_rays = rays if self.sub_rays == 1 else self._spread.of(rays)
         if self._angle_std > 0:
-            directions = beams.aim(rays, self._angles, source, self._angle_std, rays.worlds)
-            sub_rays = replace(sub_rays, directions=directions.reshape((rays.worlds, -1)), packets=None)
+            sub_rays = steered(sub_rays, beams.aim(rays, self._angles, source, self._angle_std, rays.worlds))
         found = self._echoes(sub_rays, visible, source)
         least_power = spec.detection.least_power if spec.detection else 0.0
         gap = 0.5 * weather.SPEED_OF_LIGHT * spec.pulse_length
