@@ -8,6 +8,7 @@ import warp as wp
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
+from rigcast.kernels.effects.draws import BYTES_PER_DRAW
 from rigcast.kernels.effects.infrared import Losses, infrared, lose
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.packing.steered import steered
@@ -68,10 +69,11 @@ class DepthPhysics:
 
     @property
     def bytes_per_ray(self) -> int:
-        """The most memory that a reading takes for each of its rays: of every cast, its hits and its directions."""
+        """The most memory that a reading takes for each of its rays: of every cast, its hits and its directions; and
+        random numbers."""
         flight = self._spec.time_of_flight
         casts = 4 if flight is None else 2 + flight.subrays**2
-        return casts * (BYTES_PER_HIT + 24)
+        return casts * (BYTES_PER_HIT + 24) + BYTES_PER_DRAW
 
     @property
     def kept_bytes_per_ray(self) -> int:

@@ -9,6 +9,7 @@ import warp as wp
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
+from rigcast.kernels.effects.draws import BYTES_PER_DRAW
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
@@ -50,7 +51,7 @@ class LidarPhysics:
 
     @property
     def bytes_per_ray(self) -> int:
-        """The most memory that a reading takes for each of its rays: hits, sub-rays, light on its way, echoes."""
+        """The most memory that a reading takes for each of its rays: hits, sub-rays, light, echoes, random numbers."""
         spec, returns_kept = self.spec, 2 if self.spec.returns == "dual" else 1
         ways = self.sub_rays * (1 + (spec.max_surfaces > 1) + spec.mirrors)
         slots = self.sub_rays * (spec.max_surfaces + spec.mirrors) + 2 * (spec.weather is not None)
@@ -60,6 +61,7 @@ class LidarPhysics:
             + self.sub_rays * BYTES_PER_HIT
             + ways * echoes.BYTES_PER_PATH
             + (slots + returns_kept) * echoes.BYTES_PER_ECHO
+            + returns_kept * BYTES_PER_DRAW
         )
 
     @property
