@@ -11,7 +11,7 @@ from .geometry import Geometry, TriangleBlock
 from .hits.out import FIELD_NAMES, Out
 from .launching.slices import OverTiles
 from .launching.turns import end_of_run, take_run
-from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
+from .packets.packet import PACKETS, Directions, Facets, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
 from .packets.places import Places, place_packet, stage_packet
 from .packets.prefetch import align_stack, prefetch_out, prefetch_packet, prefetch_tile
 from .packets.staging import PacketOut, end_stream, stage_misses, write_part
@@ -88,6 +88,7 @@ class InPackets:
     places: wp.array2d[Places]  # (threads, PACKETS)
     hits: wp.array2d[PacketOut]  # (threads, PACKETS)
     composed: wp.array2d[TriangleBlock]  # (threads, 1)
+    facets: wp.array2d[Facets]  # (threads, 1)
 
 
 @wp.kernel
@@ -114,6 +115,7 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
     places = these.places[thread]
     staged = these.hits[thread]
     rays[0].composed = these.composed[thread]
+    rays[0].facets = these.facets[thread]
     count = these.worlds * tiles.shape[0]
     threads = these.copies.shape[0]
     at = take_run(taken, count, threads)
@@ -271,6 +273,7 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     these.places = wp.empty((threads, PACKETS), dtype=Places, device="cpu")
     these.hits = wp.empty((threads, PACKETS), dtype=PacketOut, device="cpu")
     these.composed = wp.empty((threads, 1), dtype=TriangleBlock, device="cpu")
+    these.facets = wp.empty((threads, 1), dtype=Facets, device="cpu")
     return [geometry, job, these]
 
 

@@ -40,7 +40,9 @@ class RangeNoise:
 
 
 @wp.func
-def measure_return(k: int, numbers: wp.vec4, noise: RangeNoise, min_range: float, max_range: float, returns: Echoes):
+def measure_return(
+    k: int, numbers: wp.vec4, noise: RangeNoise, min_range: float, max_range: float, returns: Echoes
+) -> None:
     d = returns.distance[k]
     intensity = returns.power[k] * d * d
     returns.power[k] = 0.0

@@ -18,7 +18,7 @@ def steered(rays: Rays, directions: wp.array, origins: wp.array | None = None) -
     Those that were neighbours are taken to be neighbours still: they are packed as they follow each other in the rays'
     packets, of which there are none for directions that differ from world to world.
     """
-    packets = rays.packets if isinstance(rays.packets, Warps) else None
+    packets: Packets | Warps | None = rays.packets if isinstance(rays.packets, Warps) else None
     if isinstance(rays.packets, Packets) and rays.worlds == 1:
         packets = pack_in_order(directions, groups_of(rays), rays.packets.order)
     origins = rays.origins if origins is None else origins

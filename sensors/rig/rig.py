@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
 from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
@@ -17,6 +17,7 @@ from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.parts.props import as_props
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
+from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.prop import Prop
@@ -48,6 +49,8 @@ class Rig:
         props: meshes that are not in the model, as for `Scene`.
         surfaces: how some of the model and props reflects, as for `Scene`.
         on_unsupported: "error" or "warn", as for `Scene`.
+
+    A sensor within a geom of its own body, or of what is fixed to that, sees little else: it is named in a warning.
 
     They are attributes of the rig as well: `model`, `sensors`, `props`, `seed`; and `scene`, on which it casts.
 
@@ -86,6 +89,7 @@ class Rig:
         self._data = mujoco.MjData(model)
         self._kinematics = _KINEMATICS if model.ncam or model.nflex else _KINEMATICS[:1]
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
+        self._warn_of_enclosed()
         self._schedules = {s.name: _schedule(s, model.opt.timestep, self.seed) for s in self.sensors}
         rounding = {name: schedule.rounding for name, schedule in self._schedules.items()}
         self._under_way = UnderWay(self.scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
@@ -192,6 +196,13 @@ class Rig:
             )
             for m in mounted
         }
+
+    def _warn_of_enclosed(self) -> None:
+        """Once, here: where sensors are in their own bodies is the same in every frame."""
+        for work_out in self._kinematics:
+            work_out(self.model, self._data)
+        for sentence in enclosed(self.model, self._data, self.sensors):
+            warn_user(sentence, UserWarning)
 
     def _select(self, names: Sequence[str] | None) -> list[Mounted]:
         if names is None:

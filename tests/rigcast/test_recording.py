@@ -137,6 +137,7 @@ def test_a_recorder_finishes_once_and_takes_no_frame_after_that(tmp_path: Path) 
     assert sorted(path.name for path in (tmp_path / "top").iterdir()) == ["000000.npz", "preview.png"]
 
 
+@pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 def test_formats_are_a_list_and_sensors_too(tmp_path: Path) -> None:
     with pytest.raises(rigcast.InputError, match=r"formats: got 3, expected a list of names"):
         Recorder(tmp_path, made_frames.model(), RIG, 3)  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from rigcast.cli import app
-from rigcast.cli.run import progress, step_count
+from rigcast.cli.common.progress import progress, step_count
 from rigcast.sensors.errors import InputError
 from rigcast.simulation import initial_data
 

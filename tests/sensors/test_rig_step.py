@@ -180,6 +180,7 @@ SPREAD = (
 )
 
 
+@pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 @pytest.mark.parametrize("timestep", [0.0037, 0.02, 0.3])
 def test_readings_are_whole_and_stamped_whatever_the_timestep(timestep: float) -> None:
     model = mujoco.MjModel.from_xml_string(XML.format(timestep))
