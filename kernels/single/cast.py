@@ -11,11 +11,13 @@ from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
 from rigcast.kernels.hits.out import Fields, Out, read_hit, write_miss, write_place
 from rigcast.kernels.launching.slices import TURN
 from rigcast.kernels.launching.turns import turn_of
+from rigcast.kernels.packets.prefetch import align_stack
 from rigcast.kernels.poses.scope import is_within_reach, scope_of
 from rigcast.kernels.rays.arrays import RayArrays, direction_of, firing_of, origin_of, span_of
 from rigcast.kernels.rays.unit import make_unit
 
 from .ray import cast_ray
+from .walk import NUMBERS
 
 RAYS_PER_RUN = 32
 RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
@@ -85,12 +87,13 @@ def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.ar
 
     A loop within a function, for Warp compiles the body of a kernel twice.
     """
+    stack = wp.zeros(shape=NUMBERS, dtype=int)
     for k in range(begin, end):
         i = ray_number(int(k), job.rays, which)
         firing = firing_of(job.rays, i)
         ray = world_ray(g, job, i, firing)
         if is_castable(ray):
-            write_hit(g, job.out, i, cast_ray(g, ray), ray)
+            write_hit(g, job.out, i, cast_ray(g, ray, stack), ray)
         else:
             write_miss(job.out, i, wp.nan)
         read_ray(job, i, firing)
@@ -108,6 +111,7 @@ class Alone:
 @wp.kernel
 def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: Alone) -> None:
     """On the CPU, rays that no other thread takes, RAYS_PER_TURN at a time. turns: how many were taken."""
+    align_stack()
     g.visible = job.visible
     alone.copies[thread, 0] = g
     begin = turn_of(turns) * RAYS_PER_TURN

@@ -9,10 +9,11 @@ from rigcast.kernels.poses.scope import Scope, pose_of
 from rigcast.kernels.shapes.patches import compose
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, may_be_inside, triage_triangle
-from rigcast.kernels.trees.nodes import FIRST_PATCH, WIDTH, Node, vec8, vec8i
+from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, WIDTH, Node, vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double, to_float
 
-from .traverse import Entered, sign_bits, traversal
+from .traverse import Entered, sign_bits
+from .walk import leaf_of, next_leaf, top_of
 
 MARGIN = wp.constant(4.0 * 2.0**-23)
 SMALLEST = wp.constant(1.0e-20)
@@ -214,15 +215,27 @@ def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, be
 
 
 @wp.func
-def enter_of_ray(node: Node, ray: Ray, reach: float) -> Entered:
-    return enter_boxes(node, ray, wp.vec3(ray.margin, ray.margin, ray.margin), reach)
-
-
-cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_of_ray, reach_of_ray, visit_block)
+def limit_of(ray: Ray, best: Hit) -> float:
+    return smaller(reach_of_ray(best), ray.limit)
 
 
 @wp.func
-def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
+def cast_through_triangles(
+    g: wp.array[Geometry], ray: Ray, root: int, stack: wp.array[int], bottom: int, best: Hit
+) -> Hit:
+    found = next_leaf(
+        g[0].nodes, root, ray.origin, ray.inverse, ray.margin, limit_of(ray, best), stack, bottom, bottom
+    )
+    while leaf_of(found) != NO_CHILD:
+        best = visit_block(g, ray, -1 - leaf_of(found), 0.0, best)
+        found = next_leaf(
+            g[0].nodes, NO_CHILD, ray.origin, ray.inverse, ray.margin, limit_of(ray, best), stack, top_of(found), bottom
+        )
+    return best
+
+
+@wp.func
+def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, stack: wp.array[int], top: int, best: Hit) -> Hit:
     """The ray against one shape, if it is visible."""
     scope = ray.scope
     if not g[0].visible[scope.first_visible + shape]:
@@ -238,7 +251,7 @@ def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, distance: float, be
         local = in_frame_of_tree(ray, origin, direction, g[0].reach[scope.first_shape + shape])
         local.shape = shape
         local.cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
-        return cast_through_triangles(g, g[0].nodes, g[0].root[scope.first_shape + shape], local, best)
+        return cast_through_triangles(g, local, g[0].root[scope.first_shape + shape], stack, top, best)
     size = g[0].size[scope.first_shape + shape]
     span = triage_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
     hit = hit_within(span[0], span[1], shape, 0)
@@ -249,11 +262,8 @@ def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, distance: float, be
     return decided(g, best, hit, in_world(ray))
 
 
-cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_of_ray, reach_of_ray, visit_shape)
-
-
 @wp.func
-def cast_ray(g: wp.array[Geometry], world: WorldRay) -> Hit:
+def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int]) -> Hit:
     """The first hit of a ray among the visible shapes; it may lie beyond the limit."""
     ray = Ray()
     ray.world_origin = world.origin
@@ -264,4 +274,13 @@ def cast_ray(g: wp.array[Geometry], world: WorldRay) -> Hit:
     ray.cull = world.cull
     span = world.scope.span
     ray = in_frame_of_tree(ray, world.origin - g[0].anchor[span], world.direction, g[0].top_reach[span])
-    return cast_through_shapes(g, g[0].top, span * g[0].top_count, ray, no_hit())
+    best = no_hit()
+    found = next_leaf(
+        g[0].top, span * g[0].top_count, ray.origin, ray.inverse, ray.margin, limit_of(ray, best), stack, 0, 0
+    )
+    while leaf_of(found) != NO_CHILD:
+        best = visit_shape(g, ray, -1 - leaf_of(found), stack, top_of(found), best)
+        found = next_leaf(
+            g[0].top, NO_CHILD, ray.origin, ray.inverse, ray.margin, limit_of(ray, best), stack, top_of(found), 0
+        )
+    return best
