@@ -223,14 +223,18 @@ def limit_of(ray: Ray, best: Hit) -> float:
 def cast_through_triangles(
     g: wp.array[Geometry], ray: Ray, root: int, stack: wp.array[int], bottom: int, best: Hit
 ) -> Hit:
-    found = next_leaf(
-        g[0].nodes, root, ray.origin, ray.inverse, ray.margin, limit_of(ray, best), stack, bottom, bottom
-    )
-    while leaf_of(found) != NO_CHILD:
-        best = visit_block(g, ray, -1 - leaf_of(found), 0.0, best)
+    at = int(root)
+    top = int(bottom)
+    while True:
         found = next_leaf(
-            g[0].nodes, NO_CHILD, ray.origin, ray.inverse, ray.margin, limit_of(ray, best), stack, top_of(found), bottom
+            g[0].nodes, at, ray.origin, ray.inverse, ray.margin, limit_of(ray, best), stack, top, bottom
         )
+        top = top_of(found)
+        at = leaf_of(found)
+        if at == NO_CHILD:
+            break
+        best = visit_block(g, ray, -1 - at, 0.0, best)
+        at = NO_CHILD
     return best
 
 
@@ -275,12 +279,14 @@ def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int]) -> Hi
     span = world.scope.span
     ray = in_frame_of_tree(ray, world.origin - g[0].anchor[span], world.direction, g[0].top_reach[span])
     best = no_hit()
-    found = next_leaf(
-        g[0].top, span * g[0].top_count, ray.origin, ray.inverse, ray.margin, limit_of(ray, best), stack, 0, 0
-    )
-    while leaf_of(found) != NO_CHILD:
-        best = visit_shape(g, ray, -1 - leaf_of(found), stack, top_of(found), best)
-        found = next_leaf(
-            g[0].top, NO_CHILD, ray.origin, ray.inverse, ray.margin, limit_of(ray, best), stack, top_of(found), 0
-        )
+    at = int(span * g[0].top_count)
+    top = int(0)
+    while True:
+        found = next_leaf(g[0].top, at, ray.origin, ray.inverse, ray.margin, limit_of(ray, best), stack, top, 0)
+        top = top_of(found)
+        at = leaf_of(found)
+        if at == NO_CHILD:
+            break
+        best = visit_shape(g, ray, -1 - at, stack, top, best)
+        at = NO_CHILD
     return best
