@@ -5,7 +5,7 @@ Warp compiles a file's kernels together: a rig whose rays are all cast in packet
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.fields import write_fields
 from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
 from rigcast.kernels.hits.out import Fields, Out, read_hit, write_miss, write_place
@@ -88,12 +88,13 @@ def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.ar
     A loop within a function, for Warp compiles the body of a kernel twice.
     """
     stack = wp.zeros(shape=NUMBERS, dtype=int)
+    composed = wp.zeros(shape=1, dtype=TriangleBlock)
     for k in range(begin, end):
         i = ray_number(int(k), job.rays, which)
         firing = firing_of(job.rays, i)
         ray = world_ray(g, job, i, firing)
         if is_castable(ray):
-            write_hit(g, job.out, i, cast_ray(g, ray, stack), ray)
+            write_hit(g, job.out, i, cast_ray(g, ray, stack, composed), ray)
         else:
             write_miss(job.out, i, wp.nan)
         read_ray(job, i, firing)

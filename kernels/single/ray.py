@@ -6,6 +6,7 @@ from rigcast.kernels.geometry import Geometry, Patch, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import Scope, pose_of
+from rigcast.kernels.shapes.facets import normal_of_block, triangle_of_block
 from rigcast.kernels.shapes.patches import compose
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, may_be_inside, triage_triangle
@@ -13,6 +14,7 @@ from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, WIDTH, Node, vec8
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double, to_float
 
 from .traverse import Entered, sign_bits
+from .leaves import passed_in_block
 from .walk import leaf_of, next_leaf, top_of
 
 MARGIN = wp.constant(4.0 * 2.0**-23)
@@ -124,93 +126,45 @@ class Spans:
     possible: int
 
 
-@noinline
-def triage_block(blocks: wp.array[TriangleBlock], k: int, ray: Ray) -> Spans:
-    x0 = blocks[k].x0
-    y0 = blocks[k].y0
-    z0 = blocks[k].z0
-    x1 = blocks[k].x1
-    y1 = blocks[k].y1
-    z1 = blocks[k].z1
-    x2 = blocks[k].x2
-    y2 = blocks[k].y2
-    z2 = blocks[k].z2
-    normal_x = blocks[k].normal_x
-    normal_y = blocks[k].normal_y
-    normal_z = blocks[k].normal_z
-    origin = ray.origin
-    rest = ray.origin_rest
-    direction = ray.direction
-    cull = ray.cull
-    # most blocks have no triangle whose edges the ray passes, and need no more than this
-    inside = vec8i()
-    for j in range(WIDTH):
-        a = wp.vec3(x0[j], y0[j], z0[j])
-        b = wp.vec3(x1[j], y1[j], z1[j])
-        c = wp.vec3(x2[j], y2[j], z2[j])
-        v0 = (a - origin) - rest
-        v1 = (b - origin) - rest
-        v2 = (c - origin) - rest
-        inside[j] = wp.where(may_be_inside(direction, a - b, b - c, c - a, v0, v1, v2), -1, 0)
-    if sign_bits(inside) == 0:
-        return Spans()
-    near = vec8()
-    far = vec8()
-    possible = vec8i()
-    for j in range(WIDTH):
-        a = wp.vec3(x0[j], y0[j], z0[j])
-        b = wp.vec3(x1[j], y1[j], z1[j])
-        c = wp.vec3(x2[j], y2[j], z2[j])
-        # vertices as seen from the ray's origin, to within 2u of the difference
-        v0 = (a - origin) - rest
-        v1 = (b - origin) - rest
-        v2 = (c - origin) - rest
-        normal = wp.vec3(normal_x[j], normal_y[j], normal_z[j])
-        span = triage_triangle(direction, a - b, b - c, c - a, v0, v1, v2, normal, cull)
-        near[j] = span[0]
-        far[j] = span[1]
-        possible[j] = wp.where(span[0] < wp.inf, -1, 0)
-    spans = Spans()
-    spans.near = near
-    spans.far = far
-    spans.possible = sign_bits(possible)
-    return spans
-
-
-@noinline
-def triage_patch(patches: wp.array[Patch], k: int, ray: Ray) -> Spans:
-    composed = wp.zeros(shape=1, dtype=TriangleBlock)
-    compose(patches, k, composed)
-    return triage_block(composed, 0, ray)
-
-
-@wp.func
-def triage_leaf(g: wp.array[Geometry], index: int, ray: Ray) -> Spans:
-    if index >= FIRST_PATCH:
-        return triage_patch(g[0].patches, index - FIRST_PATCH, ray)
-    return triage_block(g[0].blocks, index, ray)
-
-
 @wp.func
 def reach_of_ray(best: Hit) -> float:
     return best.far * APART
 
 
 @wp.func
-def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, best: Hit) -> Hit:  # noqa: ARG001
+def meet_triangle(
+    g: wp.array[Geometry], blocks: wp.array[TriangleBlock], k: int, j: int, ray: Ray, triangle: int, best: Hit
+) -> Hit:
+    v = triangle_of_block(blocks, k * WIDTH + j)
+    normal = normal_of_block(blocks, k * WIDTH + j)
+    origin = ray.origin
+    rest = ray.origin_rest
+    v0 = (v.a - origin) - rest
+    v1 = (v.b - origin) - rest
+    v2 = (v.c - origin) - rest
+    span = triage_triangle(ray.direction, v.a - v.b, v.b - v.c, v.c - v.a, v0, v1, v2, normal, ray.cull)
+    hit = hit_within(span[0], span[1], ray.shape, triangle)
+    if is_sure(hit, best):
+        return hit
+    if is_beyond(hit, best):
+        return best
+    return decided(g, best, hit, in_world(ray))
+
+
+@wp.func
+def visit_block(g: wp.array[Geometry], ray: Ray, index: int, composed: wp.array[TriangleBlock], best: Hit) -> Hit:
     """The ray against the triangles of one block."""
-    spans = triage_leaf(g, index, ray)
-    near = spans.near
-    far = spans.far
-    possible = spans.possible
-    while possible != 0:
-        j = lowest_bit(possible)
-        possible = possible & (possible - 1)
-        hit = hit_within(near[j], far[j], ray.shape, index * WIDTH + j)
-        if is_sure(hit, best):
-            best = hit
-        elif not is_beyond(hit, best):
-            best = decided(g, best, hit, in_world(ray))
+    blocks = g[0].blocks
+    k = int(index)
+    if index >= FIRST_PATCH:
+        compose(g[0].patches, index - FIRST_PATCH, composed)
+        blocks = composed
+        k = 0
+    passed = passed_in_block(blocks, k, ray.origin, ray.origin_rest, ray.direction, ray.margin)
+    while passed != 0:
+        j = lowest_bit(passed)
+        passed = passed & (passed - 1)
+        best = meet_triangle(g, blocks, k, j, ray, index * WIDTH + j, best)
     return best
 
 
@@ -221,7 +175,7 @@ def limit_of(ray: Ray, best: Hit) -> float:
 
 @wp.func
 def cast_through_triangles(
-    g: wp.array[Geometry], ray: Ray, root: int, stack: wp.array[int], bottom: int, best: Hit
+    g: wp.array[Geometry], ray: Ray, root: int, stack: wp.array[int], bottom: int, composed: wp.array[TriangleBlock], best: Hit
 ) -> Hit:
     at = int(root)
     top = int(bottom)
@@ -233,13 +187,13 @@ def cast_through_triangles(
         at = leaf_of(found)
         if at == NO_CHILD:
             break
-        best = visit_block(g, ray, -1 - at, 0.0, best)
+        best = visit_block(g, ray, -1 - at, composed, best)
         at = NO_CHILD
     return best
 
 
 @wp.func
-def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, stack: wp.array[int], top: int, best: Hit) -> Hit:
+def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, stack: wp.array[int], top: int, composed: wp.array[TriangleBlock], best: Hit) -> Hit:
     """The ray against one shape, if it is visible."""
     scope = ray.scope
     if not g[0].visible[scope.first_visible + shape]:
@@ -255,7 +209,7 @@ def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, stack: wp.array[int
         local = in_frame_of_tree(ray, origin, direction, g[0].reach[scope.first_shape + shape])
         local.shape = shape
         local.cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
-        return cast_through_triangles(g, local, g[0].root[scope.first_shape + shape], stack, top, best)
+        return cast_through_triangles(g, local, g[0].root[scope.first_shape + shape], stack, top, composed, best)
     size = g[0].size[scope.first_shape + shape]
     span = triage_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
     hit = hit_within(span[0], span[1], shape, 0)
@@ -267,7 +221,7 @@ def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, stack: wp.array[int
 
 
 @wp.func
-def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int]) -> Hit:
+def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int], composed: wp.array[TriangleBlock]) -> Hit:
     """The first hit of a ray among the visible shapes; it may lie beyond the limit."""
     ray = Ray()
     ray.world_origin = world.origin
@@ -287,6 +241,6 @@ def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int]) -> Hi
         at = leaf_of(found)
         if at == NO_CHILD:
             break
-        best = visit_shape(g, ray, -1 - at, stack, top, best)
+        best = visit_shape(g, ray, -1 - at, stack, top, composed, best)
         at = NO_CHILD
     return best
