@@ -5,6 +5,7 @@ Warp compiles a file's kernels together: a rig whose rays are all cast in packet
 
 import warp as wp
 
+from rigcast.kernels.elements import double_vector_at, matrix_at
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.fields import write_fields
 from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
@@ -63,9 +64,9 @@ def ray_number(k: int, rays: RayArrays, which: wp.array[int]) -> int:
 
 @wp.func
 def world_ray(g: wp.array[Geometry], job: Job, i: int, firing: int) -> WorldRay:
-    rotation = job.rays.rotation[firing]
+    rotation = matrix_at(job.rays.rotation, firing)
     ray = WorldRay()
-    ray.origin = job.rays.position[firing] + rotation * origin_of(job.rays, i)
+    ray.origin = double_vector_at(job.rays.position, firing) + rotation * origin_of(job.rays, i)
     ray.direction = rotation * direction_of(job.rays, i)
     ray.scope = scope_of(g, span_of(job.rays, firing), firing)
     ray.limit = job.limit

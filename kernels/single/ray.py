@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from rigcast.kernels.elements import bool_at, double_vector_at, float_at, int_at, vector_at
 from rigcast.kernels.geometry import Geometry, Patch, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from rigcast.kernels.inline import noinline
@@ -196,21 +197,21 @@ def cast_through_triangles(
 def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, stack: wp.array[int], top: int, composed: wp.array[TriangleBlock], best: Hit) -> Hit:
     """The ray against one shape, if it is visible."""
     scope = ray.scope
-    if not g[0].visible[scope.first_visible + shape]:
+    if not bool_at(g[0].visible, scope.first_visible + shape):
         return best
     pose = pose_of(g, shape, scope)
     to_local = wp.transpose(pose.rotation)
     origin = to_local * (ray.world_origin - pose.position)
     direction = to_local * ray.world_direction
-    kind = g[0].kind[shape]
+    kind = int_at(g[0].kind, shape)
     if kind == SHEET and ray.cull == CULL_FRONT:
         return best
     if has_triangles(kind):
-        local = in_frame_of_tree(ray, origin, direction, g[0].reach[scope.first_shape + shape])
+        local = in_frame_of_tree(ray, origin, direction, float_at(g[0].reach, scope.first_shape + shape))
         local.shape = shape
         local.cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
-        return cast_through_triangles(g, local, g[0].root[scope.first_shape + shape], stack, top, composed, best)
-    size = g[0].size[scope.first_shape + shape]
+        return cast_through_triangles(g, local, int_at(g[0].root, scope.first_shape + shape), stack, top, composed, best)
+    size = vector_at(g[0].size, scope.first_shape + shape)
     span = triage_closed_form(kind, size, to_float(origin), to_float(direction), ray.cull)
     hit = hit_within(span[0], span[1], shape, 0)
     if is_beyond(hit, best):
@@ -231,7 +232,7 @@ def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int], compo
     ray.world_cull = world.cull
     ray.cull = world.cull
     span = world.scope.span
-    ray = in_frame_of_tree(ray, world.origin - g[0].anchor[span], world.direction, g[0].top_reach[span])
+    ray = in_frame_of_tree(ray, world.origin - double_vector_at(g[0].anchor, span), world.direction, float_at(g[0].top_reach, span))
     best = no_hit()
     at = int(span * g[0].top_count)
     top = int(0)
