@@ -51,11 +51,17 @@ NUMBERS = wp.constant(2 * (2 * STACK + 8))
         unsigned char bits;
         __builtin_memcpy(&bits, &entered, 1);
         const int parent = at;
-        at = no_child;
-        if (bits == 0) continue;
         const int* const child = (const int*)(node + 48);
         if ((bits & (bits - 1)) == 0) {{
-            at = child[__builtin_ctz(bits)];
+            // branch-free: none or one, neither of which a CPU foresees
+            const bool is_left = top > bottom, is_none = bits == 0;
+            const int under = is_left ? top - 1 : top;
+            const int waiting = keys[under], over = is_left ? parents[under] : parent;
+            const int waited = nodes.data[over].child.c[waiting & 7];
+            const int only = child[__builtin_ctz(bits | 256) & 7];
+            const int popped = is_left && waiting <= last ? waited : no_child;
+            at = __builtin_unpredictable(is_none) ? popped : only;
+            top = __builtin_unpredictable(is_none) ? under : top;
             continue;
         }}
         const ints near = is_entered ? key : (ints)0x7fffffff;
