@@ -11,14 +11,14 @@ from rigcast.kernels.hits.fields import write_fields
 from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
 from rigcast.kernels.hits.out import Fields, Out, read_hit, write_miss, write_place
 from rigcast.kernels.launching.slices import TURN
+from rigcast.kernels.launching.stack import align_stack
 from rigcast.kernels.launching.turns import turn_of
-from rigcast.kernels.packets.prefetch import align_stack
 from rigcast.kernels.poses.scope import is_within_reach, scope_of
 from rigcast.kernels.rays.arrays import RayArrays, direction_of, firing_of, origin_of, span_of
 from rigcast.kernels.rays.unit import make_unit
 
 from .ray import cast_ray
-from .walk import NUMBERS
+from .walk import NUMBERS_OF_STACK
 
 RAYS_PER_RUN = 32
 RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
@@ -88,7 +88,7 @@ def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.ar
 
     A loop within a function, for Warp compiles the body of a kernel twice.
     """
-    stack = wp.zeros(shape=NUMBERS, dtype=int)
+    stack = wp.zeros(shape=NUMBERS_OF_STACK, dtype=int)
     composed = wp.zeros(shape=1, dtype=TriangleBlock)
     for k in range(begin, end):
         i = ray_number(int(k), job.rays, which)
