@@ -1,4 +1,4 @@
-"""The command line. Each command is a module of the same name, imported when it is called.
+"""The command line. Each command is a module of the same name, imported when it is called; `common` is what they share.
 
 An InputError anywhere becomes its message on stderr and exit code 2; Ctrl-C is exit code 130.
 """

@@ -22,7 +22,7 @@ from rigcast.bench.scaling import Series, scaling
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
 from rigcast.bench.worlds.crowd import G1_HEAD, crowd
 from rigcast.bench.worlds.measure import Batch, OnDevice, measure_worlds
-from rigcast.cli.options import JsonFile, console_beside, write_json
+from rigcast.cli.common.options import JsonFile, console_beside, write_json
 from rigcast.kernels.launching.slices import thread_count
 from rigcast.quiet import quiet_warp
 from rigcast.sensors.device import find_device

@@ -12,8 +12,8 @@ from rich.table import Table
 
 from rigcast.check import Hit, Report, Row, WrongRay
 from rigcast.check import check as check_rig
-from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import JsonFile, Overrides, RigPath, console_beside, write_json
+from rigcast.cli.common.options import JsonFile, Overrides, RigPath, console_beside, write_json
+from rigcast.cli.common.ready import ready_rig
 from rigcast.rig_file import open_rig
 from rigcast.simulation import initial_data
 

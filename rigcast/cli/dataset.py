@@ -10,16 +10,16 @@ from rich.filesize import decimal
 from rich.markup import escape
 from rich.table import Table
 
-from rigcast.cli.kernels import word_if_compiling
-from rigcast.cli.options import Overrides
-from rigcast.cli.run import progress
-from rigcast.dataset.config import DatasetConfig, read_dataset
-from rigcast.dataset.engines import Engine, InProcess, Processes, Ray
-from rigcast.dataset.episode import Result
-from rigcast.dataset.generate import Done, Report, make_dataset, missing_units, warm_kernels
-from rigcast.dataset.manifest import MANIFEST_NAME
+from rigcast.cli.common.options import Overrides
+from rigcast.cli.common.progress import progress
+from rigcast.cli.common.ready import word_if_compiling
+from rigcast.dataset.description.config import DatasetConfig, read_dataset
+from rigcast.dataset.making.engines import Engine, InProcess, Processes, Ray
+from rigcast.dataset.making.episode import Result
+from rigcast.dataset.making.generate import Done, Report, make_dataset, missing_units, warm_kernels
 from rigcast.dataset.reading import open_dataset
-from rigcast.dataset.stores import is_url
+from rigcast.dataset.storage.manifest import MANIFEST_NAME
+from rigcast.dataset.storage.stores import is_url
 from rigcast.sensors.errors import InputError
 
 _SHOWN = 20  # failed episodes that are listed on the terminal; the manifest has them all

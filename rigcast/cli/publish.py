@@ -10,9 +10,9 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import Overrides, RigPath, counted
-from rigcast.cli.run import step_count
+from rigcast.cli.common.options import Overrides, RigPath, counted
+from rigcast.cli.common.progress import step_count
+from rigcast.cli.common.ready import ready_rig
 from rigcast.rig_file import open_rig
 from rigcast.ros.node import RosNode, require_ros
 from rigcast.sensors.errors import InputError

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigcast.dataset.config import read_dataset
+from rigcast.dataset.description.config import read_dataset
 from rigcast.sensors.errors import InputError
 
 from .small_datasets import controlled_by, edited

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 import warp as wp
 
-from rigcast.dataset import manifest, shards
-from rigcast.dataset.config import Unit, read_dataset
-from rigcast.dataset.engines import InProcess, Make, Results
-from rigcast.dataset.environment import environment, prepare_warp
-from rigcast.dataset.episode import Job, Result, make_episode, open_episode
-from rigcast.dataset.generate import make_dataset
-from rigcast.dataset.manifest import write_manifest
+from rigcast.dataset.description.config import Unit, read_dataset
+from rigcast.dataset.making.engines import InProcess, Make, Results
+from rigcast.dataset.making.environment import environment, prepare_warp
+from rigcast.dataset.making.episode import Job, Result, make_episode, open_episode
+from rigcast.dataset.making.generate import make_dataset
 from rigcast.dataset.reading import open_dataset
+from rigcast.dataset.storage import manifest, shards
+from rigcast.dataset.storage.manifest import write_manifest
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 

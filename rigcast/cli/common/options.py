@@ -1,4 +1,4 @@
-"""What several commands have in common: options, and where their answer goes."""
+"""Options, and where the answer goes."""
 
 from pathlib import Path
 from typing import Annotated
