@@ -37,13 +37,14 @@ _SORT = "".join(
 
 
 # As integers, floats from 0 on are in the same order. A child that is entered becomes a key: its distance, but for the
-# last three bits, which are its number. The limit has these three, so that no key that is as near is beyond it. An
-# entry of the stack is a key and the node whose child it is. The nearest child is not waited for until all are sorted.
+# last three bits, which are its number. The limit has these three, so that no key that is as near is beyond it, and
+# is 0 where it is -0. An entry of the stack is a key and the node whose child it is. The nearest child does not wait
+# until all are sorted.
 @wp.func_native(
     on_cpu(f"""
     int *const keys = stack.data, *const parents = stack.data + {ENTRIES};
     const int no_child = {int(NO_CHILD)};
-    const int last = __builtin_bit_cast(int, limit) | 7;
+    const int last = larger(__builtin_bit_cast(int, limit), 0) | 7;
     const float ix = inverse[0], iy = inverse[1], iz = inverse[2];
     const float sx = __builtin_fabsf(ix), sy = __builtin_fabsf(iy), sz = __builtin_fabsf(iz);
     const float ox = -origin[0] * ix, oy = -origin[1] * iy, oz = -origin[2] * iz;
