@@ -26,7 +26,7 @@ from rigcast.simulation import Spent, divergence, initial_data
 
 def run(
     rig: RigPath,
-    model: Annotated[Path | None, typer.Option(help="MJCF model in place of the rig's own")] = None,
+    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
     out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<rig>]")] = None,
     duration: Annotated[float, typer.Option(help="time to simulate, s")] = 3.0,
     formats: Annotated[
@@ -34,7 +34,7 @@ def run(
         typer.Option("--format", help=f"of {','.join(FORMATS)}  [default: exr for cameras, ply for the others]"),
     ] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
-    seed: Annotated[int | None, typer.Option(help="in place of the rig's own")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")] = None,
     overrides: Overrides = None,
 ) -> None:
     """Run a rig on its model and write what its sensors see."""

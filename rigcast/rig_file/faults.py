@@ -35,6 +35,8 @@ def sensor_of_preset(name: str) -> SensorSpec:
 
 def faults_in(document: YamlFile) -> list[Fault]:
     """What is wrong with a rig file in itself."""
+    if isinstance(document.content, dict) and "scenes" in document.content and "sensors" not in document.content:
+        return [Fault((), f"a data set, expected a rig; `rigcast dataset {document.path}` makes it")]
     _, faults = read_document(document)
     return faults + _repeated_names(document.content) + _outside_faults(document, faults)
 

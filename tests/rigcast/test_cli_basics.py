@@ -43,9 +43,11 @@ def test_version() -> None:
     assert call("--version") == (0, f"rigcast {version('rigcast')}")
 
 
-def test_help_lists_the_commands() -> None:
-    code, output = call("--help")
+@pytest.mark.parametrize("option", ["--help", "-h"])
+def test_help_lists_the_commands(option: str) -> None:
+    code, output = call(option)
     assert code == 0
+    assert "--set KEY=VALUE" in call("run", option)[1]
     assert [command for command in COMMANDS if f" {command} " in output] == list(COMMANDS)
 
 
@@ -123,6 +125,13 @@ def test_what_newcomers_mistype_is_put_right(arguments: list[str], message: str)
     code, output = call(*arguments)
     assert code == 2
     assert message in output
+
+
+@pytest.mark.parametrize("command", ["check", "bench"])
+def test_a_file_for_json_that_cannot_be_written_is_told_at_once(rig: Path, command: str) -> None:
+    code, output = call(command, *([rig] if command == "check" else []), "--json", rig / "sub" / "answer.json")
+    assert (code, "│" in output or "rays" in output) == (2, False), output
+    assert "rig.yaml/sub: the output folder cannot be written" in output
 
 
 @pytest.mark.parametrize("arguments", [["validat"], ["validate"], ["presets", "--bogus"]])

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from numpy.typing import NDArray
 
 from rigcast.dataset.storage.manifest import MANIFEST_NAME, read_manifest, shard_name
-from rigcast.dataset.storage.stores import Store, store_at
-from rigcast.sensors.errors import InputError
+from rigcast.dataset.storage.stores import Store, is_url, store_at
+from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.names import expected_one_of
 
@@ -150,6 +150,9 @@ def open_dataset(path: str | Path, *, verify: bool = False) -> Dataset:
     >>> frames = rigcast.open_dataset("out/rooms").of("top")
     >>> frames[0]["range"]  # float32 [m], +inf where nothing was hit
     """
+    require_type("open_dataset: path", path, str, Path)
+    if not is_url(path) and Path(path).is_file():
+        raise InputError(f"{path}: a file, expected the folder of a data set")
     store = store_at(path)
     dataset = Dataset(store, read_manifest(store))
     faults = dataset.verify() if verify else []

@@ -35,6 +35,8 @@ _ABANDONED = 3600.0  # seconds after which a manifest that is half written belon
 def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> None:
     """Make the folder ready, or see that what it holds is of this very data set.
 
+    One of which every episode failed may be followed by another: nothing of it is there.
+
     Raises InputError for a folder that cannot be written, or that holds another data set.
     """
     make_writable(folder)
@@ -43,10 +45,13 @@ def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> Non
             if time.time() - part.stat().st_mtime > _ABANDONED:
                 part.unlink()
     path = folder / MANIFEST_NAME
-    if path.is_file():
-        _require_same(path, read_manifest(FolderStore(folder)), {**config.identity(), "made_with": made_with})
-    else:
-        write_manifest(config, folder, made_with)
+    known = read_manifest(FolderStore(folder)) if path.is_file() else None
+    if known is not None and (known["shards"] or known["missing"]):
+        _require_same(path, known, {**config.identity(), "made_with": made_with})
+        return
+    if known is not None:
+        shutil.rmtree(folder / _FAILED_NAME, ignore_errors=True)
+    write_manifest(config, folder, made_with)
 
 
 def is_finished(folder: Path, unit: Unit) -> bool:

@@ -236,6 +236,15 @@ def test_a_folder_with_another_data_set_is_refused(path: Path, name: str, old: s
     assert contents(path.parent / "out") == before
 
 
+def test_a_mistake_that_failed_every_episode_can_be_mended(path: Path) -> None:
+    edited(path, ":push", ":broken")
+    assert make(path).episodes == 0
+    edited(path, ":broken", ":push")
+    done = make(path)
+    assert (done.episodes, done.manifest["failed"], done.manifest["missing"]) == (4, [], 0)
+    assert not (path.parent / "out" / "failed").exists()
+
+
 def test_a_worker_of_another_kind_makes_nothing(path: Path) -> None:
     config = read_dataset(path)
     made_with = environment(config.file, "cpu") | {"mujoco": "3.4.0"}

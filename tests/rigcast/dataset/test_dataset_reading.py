@@ -139,6 +139,13 @@ def test_a_folder_without_a_data_set_is_refused(tmp_path: Path, text: str | None
         rigcast.open_dataset(tmp_path)
 
 
+def test_a_file_in_place_of_the_folder_is_told(whole_folder: Path) -> None:
+    with pytest.raises(InputError, match=r"dataset\.json: a file, expected the folder of a data set"):
+        rigcast.open_dataset(whole_folder / "dataset.json")
+    with pytest.raises(InputError, match="open_dataset: path: got int, expected str or Path"):
+        rigcast.open_dataset(3)  # type: ignore[arg-type]
+
+
 def test_an_open_data_set_goes_to_other_processes(whole_folder: Path) -> None:
     frames = rigcast.open_dataset(whole_folder)
     first = frames[0]["range"]
