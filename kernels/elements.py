@@ -28,12 +28,12 @@ def component_at(vectors: wp.array[wp.vec3], i: int, axis: int) -> float:  # typ
 
 
 @wp.func_native("return vectors.data[i].c[axis];")
-def double_component_at(vectors: wp.array[wp.vec3d], i: int, axis: int) -> wp.float64:  # type: ignore[empty-body]
+def double_component_at(vectors: wp.array[wp.vec3d], i: int, axis: int) -> wp.float64:
     """vectors[i][axis]."""
 
 
 @wp.func_native("return matrices.data[i].data[row][column];")
-def entry_at(matrices: wp.array[wp.mat33d], i: int, row: int, column: int) -> wp.float64:  # type: ignore[empty-body]
+def entry_at(matrices: wp.array[wp.mat33d], i: int, row: int, column: int) -> wp.float64:
     """matrices[i][row, column]."""
 
 

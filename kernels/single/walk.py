@@ -88,7 +88,7 @@ _SORT = "".join(
     }}
 """)
 )
-def next_leaf(  # type: ignore[empty-body]
+def next_leaf(
     nodes: wp.array[Node],
     at: int,
     origin: wp.vec3,

@@ -1,4 +1,4 @@
-"""`python cast_with_flags.py FLAGS`: the digest of what sensors and single rays hit, with kernels compiled with these."""
+"""`python cast_with_flags.py FLAGS`: the digest of what sensors and single rays hit, compiled with these flags."""
 
 import hashlib
 import sys

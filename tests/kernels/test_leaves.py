@@ -16,7 +16,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 Doubles = NDArray[np.float64]
 BLOCKS = 4000
-TIGHT = 1e-4  # of the largest coordinate: 16u (|P| + |O|), for an edge as often as the corners are farther away than it is long
+TIGHT = 1e-4  # of the largest coordinate: more than 16u (|P| + |O|) where corners are farther away than an edge is long
 
 
 @wp.kernel
