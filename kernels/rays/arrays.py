@@ -9,6 +9,7 @@ from rigcast.kernels.elements import double_vector_at
 from rigcast.kernels.packing.bundling import Bundles
 from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.packing.warps import Warps
+from rigcast.kernels.vectors import within
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -123,16 +124,6 @@ def direction_of(rays: RayArrays, k: int) -> wp.vec3d:
 def origin_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame [m]."""
     return double_vector_at(rays.origins, within(k, rays.origins.shape[0]))
-
-
-@wp.func
-def within(k: int, size: int) -> int:
-    """k modulo size, without a division where none is needed."""
-    if k < size:
-        return k
-    if size == 1:
-        return 0
-    return k % size
 
 
 @wp.func
