@@ -98,9 +98,9 @@ def class_faults(model: mujoco.MjModel, classes: Classes, props: Sequence[Prop] 
     return unknown + [_disputed(name, classes) for name in dict.fromkeys(known) if len(_claims(name, classes)) > 1]
 
 
-def require_few_classes(ids: IdTable, most: int, what: str) -> None:
-    """Raise InputError where there are more classes than a format has numbers for."""
-    if len(ids.class_name) - 1 > most:
+def require_few_classes(ids: IdTable, most: int | None, what: str) -> None:
+    """Raise InputError where there are more classes than a format has numbers for; None: it has one for each."""
+    if most is not None and len(ids.class_name) - 1 > most:
         raise InputError(f"{what} holds at most {most} classes, got {len(ids.class_name) - 1}")
 
 

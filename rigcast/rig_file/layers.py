@@ -42,6 +42,8 @@ def read_layers(path: Path, overrides: Sequence[str] = ()) -> YamlFile:
     Raises InputError for a model in place of a rig, whatever cannot be read, files that extend themselves, placeholders
     without values, and overrides of what is not there; all of the latter three at once.
     """
+    if isinstance(overrides, str) or not isinstance(overrides, Sequence):
+        raise InputError(f"overrides: got {overrides!r:.80}, expected a list such as ['sensors.top.rate_hz=5']")
     if path.suffix in _MODELS:
         raise InputError(f"{path}: a MuJoCo model, expected a rig file; `rigcast init {path}` writes one")
     layers = _Layers()

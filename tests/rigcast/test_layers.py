@@ -177,6 +177,12 @@ def test_what_is_no_override_is_refused(folder: Path, override: str) -> None:
     assert message == f"--set: got {override!r}, expected KEY=VALUE, such as sensors.top.rate_hz=5"
 
 
+@pytest.mark.parametrize("overrides", ["seed=3", {"seed": 3}])
+def test_overrides_that_are_no_list_are_refused(folder: Path, overrides: Any) -> None:
+    with pytest.raises(InputError, match=r"^overrides: got .*seed.*, expected a list such as \['sensors\.top"):
+        open_rig(folder / "base" / "base.yaml", overrides=overrides)
+
+
 # (the file, with § before what is at fault, and what is said about it)
 FAULTS = [
     ("extends: §no.yaml\n", "extends: .*no.yaml is not a file"),
