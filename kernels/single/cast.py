@@ -10,7 +10,6 @@ from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.fields import write_fields
 from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
 from rigcast.kernels.hits.out import Fields, Out, read_hit, write_miss, write_place
-from rigcast.kernels.launching.slices import TURN
 from rigcast.kernels.launching.stack import align_stack
 from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.poses.scope import is_within_reach, scope_of
@@ -21,8 +20,9 @@ from .ray import cast_ray
 from .walk import NUMBERS_OF_STACK
 
 RAYS_PER_RUN = 32
-RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
-"""Of rays that a thread of the CPU casts one by one."""
+"""Rays that count as one tile where threads are counted."""
+RAYS_PER_TURN = wp.constant(128)
+"""Of rays that a thread of the CPU casts one by one: few, so that no thread waits long for the last one."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
