@@ -14,7 +14,7 @@ import warp as wp
 
 from .geometry import Geometry, Patch, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
 from .host.upload import Upload
-from .packets.prefetch import CACHE_LINE
+from .launching.stack import CACHE_LINE
 from .trees.nodes import Node, by_ends, moved_nodes
 from .trees.top_trees import TopTrees
 

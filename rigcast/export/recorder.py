@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import count, groupby
 from pathlib import Path
-from types import TracebackType
+from types import NoneType, TracebackType
 
 import mujoco
 
@@ -29,6 +29,7 @@ from rigcast.export.run_files import RunFiles
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.preview.draw import draw_preview
 from rigcast.sensors.rig.frame import CameraFrame, Frame, as_frames
+from rigcast.sensors.scene.parts.props import as_props
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
@@ -90,9 +91,12 @@ class Recorder:
         require_type("Recorder: folder", folder, str, Path)
         require_type("Recorder: model", model, mujoco.MjModel)
         require_type("Recorder: sensors", sensors, Sequence)
+        for k, spec in enumerate(sensors):
+            require_type(f"Recorder: sensors[{k}]", spec, SensorSpec)
+        require_type("Recorder: options", options, Export, NoneType)
         chosen = choose_formats(sensors, formats)
         options = Export() if options is None else options
-        ids = IdTable.of(model, classes, props)
+        ids = IdTable.of(model, classes, as_props(props))
         used = sorted({name for formats in chosen.values() for name in formats})
         refuse_names(spec.name for spec in sensors)
         for name in used:
