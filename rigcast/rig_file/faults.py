@@ -14,7 +14,7 @@ from rigcast.sensors.specs.presets import load_preset
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.spec import Spec, is_inside
-from rigcast.sensors.yaml_positions import YamlFile
+from rigcast.sensors.yaml.file import YamlFile
 
 from .file import AnySensor, RigFile
 

@@ -12,17 +12,9 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
-from rigcast.sensors.yaml_positions import (
-    MOST_VALUES,
-    Placed,
-    YamlFile,
-    content_of,
-    entries,
-    error_at,
-    placed,
-    read_yaml,
-    require_extent,
-)
+from rigcast.sensors.yaml.file import YamlFile, content_of, read_yaml
+from rigcast.sensors.yaml.limits import MOST_VALUES, require_extent
+from rigcast.sensors.yaml.places import Placed, entries, error_at, placed
 
 from .overrides import assigned, read_assignments
 
