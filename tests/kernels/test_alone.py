@@ -25,7 +25,7 @@ def as_numpy(hits: HitArrays) -> Hits:
 
 
 def rays(seed: int, count: int) -> Rays:
-    return rays_of(*(vectors.reshape(-1, 3) for vectors in random_rays(seed, count)))
+    return rays_of(*random_rays(seed, count))
 
 
 def test_any_number_of_rays_in_turn() -> None:
