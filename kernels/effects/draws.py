@@ -5,7 +5,7 @@ import warp as wp
 from rigcast.kernels.launching.slices import launch_over_runs
 from rigcast.kernels.packets.packet import LANES, lanes
 
-from .random import M0, M1, W0, W1, WORD, RandomSource, as_uniform, normal_radius, random_numbers, turned
+from .random import M0, M1, W0, W1, WORD, RandomSource, as_uniform, cosine_of, normal_radius, random_numbers
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -74,8 +74,8 @@ def draw_lanes(source: RandomSource, i: int, draw: int, numbers: wp.array[wp.vec
     for j in range(LANES):
         radius = normal_radius(as_uniform(c0[j]))
         v = as_uniform(c1[j])
-        first[j] = radius * turned(v, 0)
-        second[j] = radius * turned(v, 1)
+        first[j] = radius * cosine_of(v, 0)
+        second[j] = radius * cosine_of(v, 1)
     for j in range(LANES):
         numbers[i + j] = wp.vec4(first[j], second[j], as_uniform(words.c2[j]), as_uniform(words.c3[j]))
 

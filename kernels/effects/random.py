@@ -107,9 +107,9 @@ def log_of(u: float) -> float:
 
 
 @wp.func
-def turned(v: float, quarters: int) -> float:
-    """cos(2 pi v - quarters pi / 2) of v between 0 and 1: the polynomials of Cephes' cosf and sinf, of what is left of
-    whole quarters of a turn."""
+def cosine_of(v: float, quarters: int) -> float:
+    """cos(2 pi v - quarters pi / 2) of v between 0 and 1, to an ulp of 1: the polynomials of Cephes' cosf and sinf, of
+    what is left of whole quarters of a turn."""
     nearest = int(4.0 * v + 0.5)
     angle = (4.0 * v - float(nearest)) * QUARTER
     z = angle * angle
@@ -135,4 +135,4 @@ def random_numbers(source: RandomSource, ray: int, draw: int) -> wp.vec4:
     bits = random_bits(source, ray, draw)
     radius = normal_radius(as_uniform(bits[0]))
     v = as_uniform(bits[1])
-    return wp.vec4(radius * turned(v, 0), radius * turned(v, 1), as_uniform(bits[2]), as_uniform(bits[3]))
+    return wp.vec4(radius * cosine_of(v, 0), radius * cosine_of(v, 1), as_uniform(bits[2]), as_uniform(bits[3]))

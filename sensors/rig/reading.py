@@ -43,12 +43,13 @@ def read(asked: Sequence[Asked]) -> tuple[list[Brightness | None], object]:
     sensors without errors is to hold.
     """
     brightness: list[Brightness | None] = []
+    used: list[object] = []
     casts: dict[str, Readings] = {}
     for mounted, rays, arrays, random in asked:
         spec, visible = mounted.spec, mounted.visible()
         if mounted.physics is None:
             if spec.name in casts:  # arrays of one sensor may share their launches
-                launch(casts.values())
+                used.append(launch(casts.values()))
                 casts.clear()
             casts[spec.name] = arrays.readings(mounted.scene, rays, visible, (spec.min_range, spec.max_range))
             brightness.append(None)
@@ -56,7 +57,8 @@ def read(asked: Sequence[Asked]) -> tuple[list[Brightness | None], object]:
             hits, bright = mounted.physics.read(rays, visible, random())
             arrays.take(hits, rays)
             brightness.append(bright)
-    return brightness, launch(casts.values())
+    used.append(launch(casts.values()))
+    return brightness, used
 
 
 def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame:

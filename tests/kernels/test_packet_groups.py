@@ -14,9 +14,12 @@ from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.firings import groups_of
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import Packets, sort_into_packets
+from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
+
+SEED = 6
 
 
 def path(count: int, turns: float = 8.0) -> Doubles:
@@ -142,6 +145,38 @@ def test_rays_from_the_second_imager_hit_what_they_hit_alone(seed: int, firings:
     assert view.packets.tiles.size > 0
     assert_every_ray_is_in_one_place(view.packets, np.zeros(len(directions), np.int32) if firing is None else firing)
     assert_same(hits_of(world, view), hits_of(world, replace(view, packets=None)), f"seed {seed}")
+
+
+@pytest.mark.parametrize("std", [0.001, 0.02, 0.3])
+@pytest.mark.parametrize("origins", ["one", "of rows", "of rows, from one"])
+@pytest.mark.parametrize("firings", [1, 6])
+def test_steered_rays_hit_what_they_hit_alone(firings: int, origins: str, std: float) -> None:
+    """In the packets of the rays that they were, with some among them that are no rays."""
+    rng = np.random.default_rng(SEED)
+    elevation, azimuth = np.meshgrid(np.linspace(-0.4, 0.4, 12), np.linspace(-1, 1, 150), indexing="ij")
+    flat = np.cos(elevation)
+    directions = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
+    count = len(directions)
+    of_rows = vectors(rng.uniform(-0.1, 0.1, (4, 3))[np.arange(count) // 150 % 4])
+    firing = None if firings == 1 else (np.arange(count) % 150 * firings // 150).astype(np.int32)
+    rays = replace(
+        rays_of(np.zeros(3), directions),
+        position=vectors(rng.uniform(-3, 3, (firings, 3))),
+        rotation=wp.array(random_rotations(rng, firings), dtype=wp.mat33d, device="cpu"),
+        firing=None if firing is None else wp.array(firing, dtype=int, device="cpu"),
+    )
+    if origins == "of rows":
+        rays = replace(rays, origins=of_rows)
+    rays = replace(rays, packets=sort_into_packets(directions, groups_of(rays)))
+    turned = unit(directions + rng.normal(scale=std, size=directions.shape))
+    turned[rng.random(count) < 0.005] = np.nan
+    got = steered(rays, vectors(turned), of_rows if origins == "of rows, from one" else None)
+    assert isinstance(got.packets, Packets)
+    assert got.packets.tiles.size > 0 or std > 0.1
+    group = groups_of(got)
+    assert_every_ray_is_in_one_place(got.packets, np.zeros(count, np.int32) if group is None else group)
+    world = random_plan(SEED).world()
+    assert_same(hits_of(world, got), hits_of(world, replace(got, packets=None)), f"seed {SEED}")
 
 
 def test_groups_have_one_origin_and_one_firing() -> None:

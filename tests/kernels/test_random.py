@@ -12,7 +12,15 @@ from confidence import assert_even, assert_normal, assert_uncorrelated
 from numpy.typing import NDArray
 
 from rigcast.kernels.effects import draws
-from rigcast.kernels.effects.random import RandomSource, philox, random_bits, random_numbers, random_source
+from rigcast.kernels.effects.random import (
+    RandomSource,
+    cosine_of,
+    log_of,
+    philox,
+    random_bits,
+    random_numbers,
+    random_source,
+)
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -37,6 +45,14 @@ def _draw(
     i = wp.tid()
     bits[i] = random_bits(source, i, draw)
     numbers[i] = random_numbers(source, i, draw)
+
+
+@wp.kernel
+def _functions(v: wp.array[float], logarithm: wp.array[float], cosine: wp.array[float], sine: wp.array[float]) -> None:
+    i = wp.tid()
+    logarithm[i] = log_of(v[i])
+    cosine[i] = cosine_of(v[i], 0)
+    sine[i] = cosine_of(v[i], 1)
 
 
 def philox_reference(counter: NDArray[np.uint32], key: NDArray[np.uint32], rounds: int = 10) -> NDArray[np.uint32]:
@@ -133,6 +149,19 @@ def test_normal_numbers_are_box_muller_within_ulps(device: str) -> None:
     expected = radius * np.array([np.cos(angle), np.sin(angle)])
     error = np.abs(got["normal"] - expected.T) / radius[:, None]
     assert error.max() <= 4 * 2.0**-23, f"got {error.max() * 2**23:.1f} ulps"
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_logarithms_cosines_and_sines_of_all_uniform_numbers_are_right_to_an_ulp(device: str) -> None:
+    v = (np.arange(2**23) + 0.5) / 2**23
+    values = [wp.empty(len(v), dtype=float, device=device) for _ in range(3)]
+    wp.launch(_functions, len(v), inputs=[wp.array(v, dtype=float, device=device)], outputs=values, device=device)
+    exact = np.log(v), np.cos(2 * np.pi * v), np.sin(2 * np.pi * v)
+    for name, got, expected, size in zip(
+        ("ln", "cos", "sin"), values, exact, (1 + np.abs(exact[0]), 1, 1), strict=True
+    ):
+        ulps = np.abs(got.numpy() - expected) / size * 2**23
+        assert ulps.max() <= 1, f"{name} {v[ulps.argmax()]}: off by {ulps.max():.2f} ulps"
 
 
 @pytest.mark.cuda

@@ -99,6 +99,23 @@ def test_one_echo_keeps_its_range_bit_for_bit_and_a_black_one_has_a_range_too() 
         np.testing.assert_array_equal(returns.distance.numpy(), distance[:, 0])
 
 
+@pytest.mark.parametrize("mode", [FIRST, LAST, STRONGEST, DUAL])
+@pytest.mark.parametrize("least", [0.0, 0.4])
+def test_a_beam_with_one_slot_has_the_returns_of_one_whose_other_slots_are_empty(mode: int, least: float) -> None:
+    """Bit for bit, though it is not searched for groups."""
+    rng = np.random.default_rng(SEED)
+    distance, power = np.full((4000, 3), np.inf, np.float32), np.zeros((4000, 3), np.float32)
+    special = np.array([np.inf, np.nan, 0.0, 1e-30, 3e38], np.float32)
+    distance[:, 0] = np.where(rng.random(4000) < 0.5, rng.uniform(0, 100, 4000), rng.choice(special, 4000))
+    special = np.array([np.nan, 0.0, 0.4, np.nextafter(np.float32(0.4), np.float32(0)), 1e-30], np.float32)
+    power[:, 0] = np.where(rng.random(4000) < 0.5, rng.random(4000), rng.choice(special, 4000))
+    one = choose(made(distance[:, :1], power[:, :1]), len(distance), GAP, least, mode)
+    several = choose(made(distance, power), len(distance), GAP, least, mode)
+    for field in ("distance", "power", "shape", "face", "normal"):
+        got, expected = getattr(one, field).numpy(), getattr(several, field).numpy()
+        np.testing.assert_array_equal(got, expected, err_msg=f"seed {SEED}: {field}")
+
+
 def test_a_beam_that_is_not_finite_has_returns_that_are_not_a_number() -> None:
     distance = np.array([[np.nan, np.inf], [1.0, np.inf]], np.float32)
     returns = choose(made(distance, np.ones_like(distance)), 2, GAP, 0.0, DUAL)

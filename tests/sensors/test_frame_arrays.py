@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
@@ -295,6 +295,29 @@ def test_fields_that_were_asked_for_are_worked_out_again_into_their_arrays() -> 
     held = {field: getattr(first, field).numpy() for field in fields}  # views on the CPU
     rig.sense(moved(0.7), ["noisy"], out={"noisy": first})
     assert_same(held, values(again.sense(moved(0.7))["noisy"], *fields), "noisy")
+
+
+@pytest.mark.parametrize("state", [moved, worlds], ids=["one world", "many worlds"])
+def test_fields_that_are_held_are_worked_out_again_after_a_reading_that_failed(
+    state: Callable[[float], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of sensors before and after the one that failed, too."""
+    rig, again = (Rig(MODEL, SENSORS, "cpu", seed=3) for _ in range(2))
+    first = rig.sense(state(0.0))
+    held = {name: {field: getattr(frame, field) for field in FIELDS} for name, frame in first.items()}
+
+    def failing(*_: Any) -> NoReturn:
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr("rigcast.sensors.physics.lidar.LidarPhysics.read", failing)
+        with pytest.raises(MemoryError):
+            rig.sense(state(0.3), out=first)
+    rig.sense(state(0.7), out=first)
+    for by in (0.0, 0.3):
+        again.sense(state(by))
+    for name, frame in again.sense(state(0.7)).items():
+        assert_same({field: array.numpy() for field, array in held[name].items()}, values(frame), name)
 
 
 OUTS: dict[str, tuple[Callable[[dict[str, Frame]], Any], str]] = {
