@@ -105,7 +105,7 @@ def write_return(r: Return, k: int, echoes: Echoes, returns: Echoes) -> None:
 
 @wp.func
 def choose_only(echoes: Echoes, i: int, least_power: float, mode: int, returns: Echoes) -> None:
-    """Where a beam has one echo at most: as `choose_among`, of which this is a part of the time."""
+    """Where a beam has one echo at most: as `choose_among`, in a part of its time."""
     only = no_return()
     none = no_return()
     d = echoes.distance[i]
