@@ -76,9 +76,7 @@ class FrameArrays:
 
         What was asked of the last one the cast writes as far as it can, in less time than it takes later.
         """
-        # what a reading that failed was to work out anew is still held
-        self._before, self._current = self._current | self.asked, set()
-        self._written, self.asked = _NO_FIELDS, set()
+        self._before, self._current, self._written, self.asked = self._current, set(), _NO_FIELDS, set()
         if self._are_shared:
             self._launches, self._are_shared, self._aimed = Launches(), False, None
 
