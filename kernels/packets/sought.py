@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry, Patch, TriangleBlock
+from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.trees.nodes import Node
 
 from .edges import side_rounding
@@ -18,8 +18,6 @@ class Sought:
     packet: PacketRays
     nodes: wp.array[Node]
     blocks: wp.array[TriangleBlock]
-    patches: wp.array[Patch]
-    composed: wp.array[TriangleBlock]  # one, of a patch
     shape: int
     cull: int
     view: View
@@ -41,8 +39,6 @@ def packet_among_triangles(g: Geometry, rays: wp.array[TileRays], view: View, k:
     sought.packet = packet_of(rays, k)
     sought.nodes = g.nodes
     sought.blocks = g.blocks
-    sought.patches = g.patches
-    sought.composed = rays[0].composed
     sought.shape = shape
     sought.cull = cull
     sought.view = view

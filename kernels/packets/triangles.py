@@ -99,8 +99,10 @@ def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) 
     blocks = sought.blocks
     block = int(index)
     if index >= FIRST_PATCH:
-        compose(sought.patches, index - FIRST_PATCH, sought.composed)
-        blocks = sought.composed
+        tile = sought.packet.tile
+        g = tile[0].geometry
+        compose(g[0].patches, index - FIRST_PATCH, tile[0].composed)
+        blocks = tile[0].composed
         block = 0
     if count_bits(lanes) <= FEW:
         return visit_block_lane_by_lane(sought, index, lanes, reach, blocks, block)
@@ -114,7 +116,8 @@ def prefetch_child(sought: Sought, child: int) -> None:
     elif -1 - child < FIRST_PATCH:
         prefetch_block(sought.blocks, -1 - child)
     else:
-        prefetch_patch(sought.patches, -1 - child - FIRST_PATCH)
+        g = sought.packet.tile[0].geometry
+        prefetch_patch(g[0].patches, -1 - child - FIRST_PATCH)
 
 
 @wp.func
