@@ -146,10 +146,12 @@ def _at_once(takers: Sequence[Callable[[], object]], threads: int) -> None:
     """Run these, each of which takes what is left until nothing is: the first here, the others in other threads, of so
     many. One that has not begun when the first is done would find nothing, and is not waited for."""
     others = [_threads(threads).submit(taker) for taker in takers[1:]]
-    takers[0]()
-    for other in others:
-        if not other.cancel():
-            other.result()
+    try:
+        takers[0]()
+    finally:  # after Ctrl-C, too, for the next launch has the same scratch
+        for other in others:
+            if not other.cancel():
+                other.result()
 
 
 @cache

@@ -119,7 +119,8 @@ class Rig:
 
         out: frames of an earlier reading of as many worlds. Their arrays are written over and are those of the frames
         returned, which alone have the new `time` and `pose` of an MjData; fields that have been asked for are worked
-        out again. None takes arrays of earlier frames of the sensor that nobody holds any more, or makes new ones.
+        out again; after an error what they hold is void. None takes arrays of earlier frames of the sensor that nobody
+        holds any more, or makes new ones.
 
         Raises:
             InputError: no sensor of this name, data of another model, no room in `out`, or more than memory holds.

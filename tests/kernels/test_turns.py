@@ -5,6 +5,7 @@
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -62,3 +63,20 @@ def test_a_thread_that_has_not_begun_when_all_is_taken_is_not_waited_for(monkeyp
     busy.shutdown()
     np.testing.assert_array_equal(counted.times.numpy(), 1)
     np.testing.assert_array_equal(counted.by.numpy(), 0)
+
+
+def test_an_interrupted_launch_waits_for_its_other_threads() -> None:
+    begun, done = Event(), list[str]()
+
+    def interrupted() -> None:
+        begun.wait()
+        raise KeyboardInterrupt
+
+    def other() -> None:
+        begun.set()
+        sleep(0.1)
+        done.append("other")
+
+    with pytest.raises(KeyboardInterrupt):
+        slices._at_once([interrupted, other], 2)
+    assert done == ["other"]
