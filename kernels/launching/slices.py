@@ -114,17 +114,17 @@ class OverTiles:
 
     def launch_with(self, others: Sequence["OverTiles"]) -> None:
         """Several at once: a thread goes on to the next when no tile of one is left, and each begins with another."""
-        launches = [self, *others]
         tiles = self.count
         for other in others:
             tiles += other.count
         available = 1 if tiles <= TURN else thread_count()
-        threads = min(-(-tiles // TURN), available)
-        if threads <= 1:
-            for launch in launches:
-                launch.begin(1)[0]()
+        if available == 1:
+            self.begin(1)[0]()
+            for other in others:
+                other.begin(1)[0]()
             return
-        begun = [launch.begin(threads) for launch in launches]
+        threads = min(-(-tiles // TURN), available)
+        begun = [launch.begin(threads) for launch in (self, *others)]
         _at_once([partial(_call_each, begun, k, len(begun) * k // threads) for k in range(threads)], available)
 
 
