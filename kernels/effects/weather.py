@@ -33,7 +33,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.launching.slices import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_runs
 
 from .echoes import Echoes, spread_power
 from .random import RandomSource, as_uniform, log_of, random_bits
@@ -45,6 +45,7 @@ DRAW_DROPS = wp.constant(16)
 NEAREST_DROP = wp.constant(1.5)
 SMALLEST_DROP = wp.constant(0.05)
 DROP_REFLECTIVITY = wp.constant((0.328 / 2.328) ** 2)
+CUBE_ROOT_BITS = wp.constant(709_921_077)  # two thirds of those of 1, less what a straight line is off by
 SPEED_OF_LIGHT = 299_792_458.0
 FOG_STEP = wp.constant(0.1)  # [m] between targets in the table of fog echoes
 _FOG_REACH = 20.0
@@ -134,17 +135,30 @@ def drop_power(distance: float, diameter: float, divergence: float, extinction: 
 
 
 @wp.func
+def cube_root(x: float) -> float:
+    """Of a number that is not subnormal: from a third of its logarithm, as its bits have it, two of Halley's steps."""
+    y = wp.cast(wp.cast(x, int) / 3 + CUBE_ROOT_BITS, float)
+    for _ in range(2):
+        cube = y * y * y
+        y *= (cube + 2.0 * x) / (2.0 * cube + x)
+    return y
+
+
+@wp.func
 def strongest_drop(rain: Rain, source: RandomSource, i: int, target: float, extinction: float) -> wp.vec2:
     """Range [m] and power of the strongest drop in front of the target; +inf and 0 if there is none."""
     per_volume = 12.0 / (wp.PI * rain.divergence * rain.divergence)
     cube = float(NEAREST_DROP * NEAREST_DROP * NEAREST_DROP)
     best = wp.vec2(wp.inf, 0.0)
+    if target <= NEAREST_DROP:
+        return best
+    limit = target * target * target
     for k in range(DROPS):
         bits = random_bits(source, i, DRAW_DROPS + k)
         cube = cube - log_of(as_uniform(bits[0])) / rain.density * per_volume
-        distance = wp.pow(cube, 1.0 / 3.0)
-        if distance >= target:
+        if cube >= limit:
             return best
+        distance = cube_root(cube)
         diameter = SMALLEST_DROP - log_of(as_uniform(bits[1])) / rain.slope
         power = drop_power(distance, diameter, rain.divergence, extinction)
         if power > best[1]:
@@ -152,18 +166,10 @@ def strongest_drop(rain: Rain, source: RandomSource, i: int, target: float, exti
     return best
 
 
-@wp.kernel
-def scatter(
-    first: int,
-    rain: Rain,
-    fog: Fog,
-    source: RandomSource,
-    extinction: float,
-    beams: int,
-    first_slot: int,
-    echoes: Echoes,
+@wp.func
+def scatter_beam(
+    i: int, rain: Rain, fog: Fog, source: RandomSource, extinction: float, beams: int, first_slot: int, echoes: Echoes
 ) -> None:
-    i = first + wp.tid()
     target = echoes.distance[i]
     drop = wp.vec2(wp.inf, 0.0)
     if rain.density > 0.0 and not wp.isnan(target):
@@ -184,10 +190,29 @@ def scatter(
         echoes.normal[slot] = wp.vec3(0.0, 0.0, 0.0)
 
 
+@wp.kernel
+def scatter(
+    first: int,
+    run: int,  # beams per thread
+    rain: Rain,
+    fog: Fog,
+    source: RandomSource,
+    extinction: float,
+    beams: int,
+    first_slot: int,
+    echoes: Echoes,
+) -> None:
+    i = (first + wp.tid()) * run
+    end = wp.min(i + run, beams)
+    while i < end:
+        scatter_beam(i, rain, fog, source, extinction, beams, first_slot, echoes)
+        i += 1
+
+
 def add_weather(
     rain: Rain, fog: Fog, source: RandomSource, extinction: float, echoes: Echoes, beams: int, first_slot: int
 ) -> None:
     """Write the echoes of rain and fog to slots first_slot and first_slot + 1, before what the beam's middle hits."""
-    launch_over_rays(
+    launch_over_runs(
         scatter, beams, [rain, fog, source, extinction, beams, first_slot], [echoes], echoes.distance.device
     )

@@ -1,9 +1,12 @@
 """Rain and fog: extinction by the drops there are, the strongest drop as brute force finds it, fog by quadrature."""
 
+# mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
+
 import math
 
 import numpy as np
 import pytest
+import warp as wp
 from confidence import assert_counts, assert_share
 from numpy.typing import NDArray
 
@@ -11,8 +14,23 @@ from rigcast.kernels.effects import weather
 from rigcast.kernels.effects.echoes import new_echoes
 from rigcast.kernels.effects.random import random_source
 
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
 SEED = 11
 COUNT = 100_000
+
+
+@wp.kernel
+def _roots(x: wp.array[float], out: wp.array[float]) -> None:
+    i = wp.tid()
+    out[i] = weather.cube_root(x[i])
+
+
+def test_cube_roots_are_within_two_ulps() -> None:
+    x = np.geomspace(1e-30, 1e30, 1_000_003).astype(np.float32)
+    got = wp.empty(len(x), dtype=float, device="cpu")
+    wp.launch(_roots, len(x), inputs=[wp.array(x, dtype=float, device="cpu")], outputs=[got], device="cpu")
+    np.testing.assert_allclose(got.numpy(), np.cbrt(x.astype(np.float64)), rtol=2 * 2.0**-23)
 
 
 def scattered(
