@@ -1,8 +1,8 @@
-"""Random numbers of many rays, drawn before they are used: on the CPU those of sixteen rays at once."""
+"""Random numbers of many rays, drawn before they are used: on the CPU of sixteen rays at once, on CUDA of each."""
 
 import warp as wp
 
-from rigcast.kernels.launching.slices import launch_over_runs
+from rigcast.kernels.launching.slices import launch_over_rays, launch_over_runs
 from rigcast.kernels.packets.packet import LANES, lanes
 
 from .random import M0, M1, W0, W1, WORD, RandomSource, as_uniform, cosine_of, normal_radius, random_numbers
@@ -81,7 +81,13 @@ def draw_lanes(source: RandomSource, i: int, draw: int, numbers: wp.array[wp.vec
 
 
 @wp.kernel
-def draw_numbers(first: int, run: int, source: RandomSource, draw: int, draws: Draws) -> None:
+def draw_one(first: int, source: RandomSource, draw: int, draws: Draws) -> None:
+    i = first + wp.tid()
+    draws.numbers[i] = random_numbers(source, i, draw)
+
+
+@wp.kernel
+def draw_run(first: int, run: int, source: RandomSource, draw: int, draws: Draws) -> None:
     """run: rays per thread."""
     i = (first + wp.tid()) * run
     end = wp.min(i + run, draws.numbers.shape[0])
@@ -100,5 +106,8 @@ def drawn(source: RandomSource, draw: int, count: int, device: wp.DeviceLike, ti
     draws.numbers = wp.empty(times * count, dtype=wp.vec4, device=device)
     for k in range(times if count else 0):
         part.numbers = draws.numbers[k * count : (k + 1) * count]
-        launch_over_runs(draw_numbers, count, [source, draw + k], [part], device)
+        if wp.get_device(device).is_cuda:
+            launch_over_rays(draw_one, count, [source, draw + k], [part], device)
+        else:
+            launch_over_runs(draw_run, count, [source, draw + k], [part], device)
     return draws

@@ -140,6 +140,13 @@ def test_numbers_of_many_rays_are_those_of_each_bit_for_bit(count: int, rays: in
     np.testing.assert_array_equal(got, expected)
 
 
+def test_numbers_drawn_one_by_one_are_those_of_sixteen_rays_at_once() -> None:
+    source, one = random_source(SEED, "top", frame=3), draws.Draws()
+    one.numbers = wp.empty(1003, dtype=wp.vec4, device="cpu")
+    wp.launch(draws.draw_one, 1003, inputs=[0, source, 4], outputs=[one], device="cpu")
+    np.testing.assert_array_equal(draws.drawn(source, 4, 1003, "cpu").numbers.numpy(), one.numbers.numpy())
+
+
 @pytest.mark.parametrize("device", DEVICES)
 def test_normal_numbers_are_box_muller_within_ulps(device: str) -> None:
     """4 ulps of the radius for square root, logarithm, cosine and sine."""
