@@ -22,7 +22,7 @@ from .packing.sorting import Packets
 from .packing.warps import Warps
 from .poses.moving import at_firings
 from .poses.scope import scope_of
-from .rays.arrays import Rays, firing_of, origin_of, span_of
+from .rays.arrays import RayArrays, Rays, firing_of, origin_of, span_of
 from .shapes.triangle import CULL_NONE
 from .single.cast import RAYS_PER_RUN, Alone, Job, cast_turns, is_castable
 
@@ -92,6 +92,42 @@ class InPackets:
     facets: wp.array2d[Facets]  # (threads, 1)
 
 
+@wp.func
+def equip(rays: wp.array[TileRays], thread: int, held: wp.array[Geometry], job: Job, these: InPackets) -> None:
+    """Write what is the same for all tiles of a thread."""
+    rays[0].limit = job.limit
+    rays[0].cull = job.cull
+    rays[0].fields = job.fields
+    rays[0].packets = these.packets
+    rays[0].geometry = held
+    rays[0].first_slot = thread * PACKETS
+    rays[0].best = these.best
+    rays[0].directions = these.world_directions
+    rays[0].local = these.local_directions[thread]
+    rays[0].composed = these.composed[thread]
+    rays[0].facets = these.facets[thread]
+
+
+@wp.func
+def aim(rays: wp.array[TileRays], held: wp.array[Geometry], own: RayArrays, tiles: wp.array[Tile], at: int) -> None:
+    """Write tile `at` of all worlds, where its rays are."""
+    world = at / tiles.shape[0]
+    index = at % tiles.shape[0]
+    rays[0].tile = tiles[index]
+    ray = world * own.count + rays[0].tile.ray
+    firing = firing_of(own, ray)
+    rotation = own.rotation[firing]
+    rays[0].start = origin_of(own, ray)
+    rays[0].origin = own.position[firing] + rotation * rays[0].start
+    rays[0].rotation = rotation
+    rays[0].axis = rotation * rays[0].tile.axis
+    rays[0].u = rotation * rays[0].tile.u
+    rays[0].v = rotation * rays[0].tile.v
+    rays[0].scope = scope_of(held, span_of(own, firing), firing)
+    rays[0].first_ray = world * own.count
+    rays[0].first_packet = index * PACKETS
+
+
 @wp.kernel
 def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these: InPackets) -> None:
     """Tiles that no other thread takes, one after the other, of all worlds. taken: how many were."""
@@ -104,39 +140,15 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
     own = job.rays
     out = job.out
     rays = these.rays[thread]
-    rays[0].limit = job.limit
-    rays[0].cull = job.cull
-    rays[0].fields = job.fields
-    rays[0].packets = packets
-    rays[0].geometry = held
-    rays[0].first_slot = thread * PACKETS
-    rays[0].best = these.best
-    rays[0].directions = these.world_directions
-    rays[0].local = these.local_directions[thread]
     places = these.places[thread]
     staged = these.hits[thread]
-    rays[0].composed = these.composed[thread]
-    rays[0].facets = these.facets[thread]
+    equip(rays, thread, held, job, these)
     count = these.worlds * tiles.shape[0]
     threads = these.copies.shape[0]
     at = take_run(taken, count, threads)
     end = end_of_run(at, count, threads)
     while at < count:
-        world = at / tiles.shape[0]
-        index = at % tiles.shape[0]
-        rays[0].tile = tiles[index]
-        ray = world * own.count + rays[0].tile.ray
-        firing = firing_of(own, ray)
-        rotation = own.rotation[firing]
-        rays[0].start = origin_of(own, ray)
-        rays[0].origin = own.position[firing] + rotation * rays[0].start
-        rays[0].rotation = rotation
-        rays[0].axis = rotation * rays[0].tile.axis
-        rays[0].u = rotation * rays[0].tile.u
-        rays[0].v = rotation * rays[0].tile.v
-        rays[0].scope = scope_of(held, span_of(own, firing), firing)
-        rays[0].first_ray = world * own.count
-        rays[0].first_packet = index * PACKETS
+        aim(rays, held, own, tiles, at)
         following = (at + 1) % tiles.shape[0]
         prefetch_tile(tiles, following)
         if is_castable(axis_ray(rays)):
