@@ -9,8 +9,8 @@ from rigcast.kernels.shapes.patches import compose
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.single.ray import Ray, in_frame_of_tree, in_world
-from rigcast.kernels.single.traverse import Entered, sign_bits, traversal
 from rigcast.kernels.trees.nodes import FIRST_PATCH, OUTWARDS, WIDTH, Node, vec8, vec8i
+from rigcast.kernels.trees.traverse import Entered, sign_bits, traversal
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
 
 from .sides import meet_sides, sides_of

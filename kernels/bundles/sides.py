@@ -22,8 +22,8 @@ from rigcast.kernels.shapes.triangle import (
     is_culled,
 )
 from rigcast.kernels.single.ray import Ray
-from rigcast.kernels.single.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
+from rigcast.kernels.trees.traverse import sign_bits
 from rigcast.kernels.vectors import larger, norm1
 
 

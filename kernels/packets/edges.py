@@ -21,8 +21,8 @@ import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.shapes.triangle import GRAZING, ROUNDING, Spans, inside_edges
-from rigcast.kernels.single.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
+from rigcast.kernels.trees.traverse import sign_bits
 from rigcast.kernels.vectors import Interval, interval, larger, norm1, smaller
 
 from .frustum import weighted

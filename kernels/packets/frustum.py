@@ -3,8 +3,8 @@
 import warp as wp
 
 from rigcast.kernels.single.ray import MARGIN
-from rigcast.kernels.single.traverse import Entered
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8
+from rigcast.kernels.trees.traverse import Entered
 from rigcast.kernels.vectors import Interval, interval, larger, smaller
 
 from .packet import PACKETS, Tile, View

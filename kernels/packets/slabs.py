@@ -10,8 +10,8 @@ import warp as wp
 
 from rigcast.kernels.hits.hit import APART
 from rigcast.kernels.single.ray import MARGIN, inverse_of
-from rigcast.kernels.single.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
+from rigcast.kernels.trees.traverse import sign_bits
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
 from .frustum import LANE_ROUNDING

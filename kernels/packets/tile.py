@@ -7,8 +7,8 @@ from rigcast.kernels.hits.hit import NO_SHAPE
 from rigcast.kernels.poses.scope import is_doubled, pose_of
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
-from rigcast.kernels.single.traverse import Entered, traversal
 from rigcast.kernels.trees.nodes import Node, vec8
+from rigcast.kernels.trees.traverse import Entered, traversal
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
 from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box

@@ -9,8 +9,8 @@ import warp as wp
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.hits.hit import APART
 from rigcast.kernels.shapes.patches import compose
-from rigcast.kernels.single.traverse import child_of, stack_of_distances, stack_of_ints
 from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, WIDTH
+from rigcast.kernels.trees.traverse import child_of, stack_of_distances, stack_of_ints
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
 from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
@@ -124,7 +124,7 @@ def prefetch_child(sought: Sought, child: int) -> None:
 def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> float:
     """A packet through the tree of a shape; returns how far its rays still reach.
 
-    As rigcast.kernels.single.traverse, but that of every box is known which rays enter it. What belongs to a box is
+    As rigcast.kernels.trees.traverse, but that of every box is known which rays enter it. What belongs to a box is
     read and written one by one: vectors that are written so and then read as a whole wait for each other in memory.
     """
     packet = sought.packet

@@ -5,9 +5,10 @@ from typing import Any
 
 import warp as wp
 
-from rigcast.kernels.trees.nodes import NO_CHILD, Node, vec8, vec8i
-from rigcast.kernels.trees.tree import STACK
 from rigcast.kernels.vectors import lowest_bit
+
+from .nodes import NO_CHILD, Node, vec8, vec8i
+from .tree import STACK
 
 stack_of_ints = wp.types.vector(length=STACK, dtype=wp.int32)
 stack_of_distances = wp.types.vector(length=STACK, dtype=wp.float32)
