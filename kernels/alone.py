@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from .cast import HIT_NAMES, HitArrays
+from .cast import HitArrays
 from .geometry import Geometry
 from .launching.slices import OverTiles
 from .rays.arrays import Rays
@@ -45,8 +45,7 @@ class _Cast:
         job = self._job.__ctype__()
         job.rays, job.visible = rays.arrays.__ctype__(), visible.__ctype__()
         job.limit, job.cull = limit, cull
-        for name in HIT_NAMES:
-            setattr(job.out, name, getattr(hits, name).__ctype__())
+        hits.turn(self._job)
         self._alone.count, self.tiles.count = rays.total, -(-rays.total // RAYS_PER_RUN)
 
     def _inputs(self, threads: int) -> list[Any]:

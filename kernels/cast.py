@@ -56,6 +56,12 @@ class HitArrays:
         out.distance, out.shape, out.face, out.normal = self.distance, self.shape, self.face, self.normal
         return out
 
+    def turn(self, job: Job) -> None:
+        """Let a job write here from now on. Whoever launches it keeps the arrays."""
+        out = job.__ctype__().out
+        for name in HIT_NAMES:
+            setattr(out, name, getattr(self, name).__ctype__())
+
     def of_worlds(self, part: slice, worlds: int) -> "HitArrays":
         """Those of some of so many worlds, without a copy."""
         count = self.distance.size // worlds
@@ -189,9 +195,7 @@ def cast(
         One entry per ray, world after world.
     """
     hits = HitArrays.empty(rays.total, rays.directions.device) if out is None else out
-    launches = _prepare(geometry, rays, _job(visible, rays, limit, cull, hits.out()))
-    if launches:
-        launches[0].launch_with(launches[1:])
+    _launch(_prepare(geometry, rays, _job(visible, rays, limit, cull, hits.out())))
     return hits
 
 
@@ -214,9 +218,8 @@ class Readings(NamedTuple):
 
         rays: those that it was prepared for, wherever they are now. Whoever launches keeps the arrays.
         """
+        hits.turn(self.job)
         job = self.job.__ctype__()
-        for name in HIT_NAMES:
-            setattr(job.out, name, getattr(hits, name).__ctype__())
         for name in FIELD_NAMES:
             setattr(job.fields, name, fields[name].__ctype__() if name in fields else type(getattr(job.fields, name))())
         job.rays.position, job.rays.rotation = rays.position.__ctype__(), rays.rotation.__ctype__()
@@ -242,7 +245,10 @@ def launch(readings: Iterable[Readings]) -> object:
 
     They cast at one geometry, as it stands. Gives what a graph that repeats that is to hold.
     """
-    launches = [each for reading in readings for each in reading.launches]
+    return _launch([each for reading in readings for each in reading.launches])
+
+
+def _launch(launches: Sequence[Launch]) -> object:
     return launches[0].launch_with(launches[1:]) if launches else None
 
 

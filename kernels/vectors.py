@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from .elements import double_vector_at
+
 Interval = wp.types.vector(length=5, dtype=wp.float32)
 """From where to where a distance is; the rest is not used. What has up to four floats is returned in vector registers,
 and loops over rays or triangles in which that happens are not vectorised."""
@@ -30,7 +32,7 @@ def within(k: int, size: int) -> int:
 @wp.func
 def of_ray(vectors: wp.array[wp.vec3d], i: int) -> wp.vec3d:
     """That of ray i of all worlds: there is one for all rays, one for each of a world, or one for each of all."""
-    return vectors[within(i, vectors.shape[0])]
+    return double_vector_at(vectors, within(i, vectors.shape[0]))
 
 
 @wp.func

@@ -5,11 +5,10 @@ from functools import cached_property
 
 import warp as wp
 
-from rigcast.kernels.elements import double_vector_at
 from rigcast.kernels.packing.bundling import Bundles
 from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.packing.warps import Warps
-from rigcast.kernels.vectors import within
+from rigcast.kernels.vectors import of_ray
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -117,13 +116,13 @@ def firing_of(rays: RayArrays, k: int) -> int:
 @wp.func
 def direction_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame."""
-    return double_vector_at(rays.directions, within(k, rays.directions.shape[0]))
+    return of_ray(rays.directions, k)
 
 
 @wp.func
 def origin_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame [m]."""
-    return double_vector_at(rays.origins, within(k, rays.origins.shape[0]))
+    return of_ray(rays.origins, k)
 
 
 @wp.func
