@@ -9,6 +9,9 @@ from rich.console import Console
 from rigcast.export.files import make_writable, replacing
 
 RigPath = Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)]
+ModelPath = Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")]
+Device = Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")]
+Seed = Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="in place of the rig's own, such as sensors.top.rate_hz=5"),
@@ -28,6 +31,11 @@ def console_beside(json_file: Path | None) -> Console:
     if json_file not in (None, _STANDARD_OUTPUT):
         make_writable(json_file.parent)
     return Console(highlight=False, quiet=json_file == _STANDARD_OUTPUT)
+
+
+def say(console: Console, line: str) -> None:
+    """A line as it is: brackets in it are no markup, and it is not broken where the terminal ends."""
+    console.print(line, markup=False, soft_wrap=True)
 
 
 def counted(count: int, noun: str) -> str:
