@@ -10,7 +10,7 @@ from rich.table import Table
 
 from rigcast.card import Card
 from rigcast.card_picture import draw_card, terminal_picture
-from rigcast.cli.common.options import JsonFile, console_beside, require_png, write_json
+from rigcast.cli.common.options import JsonFile, console_beside, require_png, say, write_json
 from rigcast.export.files import replacing
 from rigcast.rig_file import sensor_of_preset
 from rigcast.sensors.errors import InputError
@@ -43,7 +43,7 @@ def presets(
 
 def _show(card: Card, console: Console, picture: Path | None) -> None:
     for line in _lines(card, console):
-        console.print(line, markup=False, soft_wrap=True)
+        say(console, line)
     if picture is not None:
         with replacing(picture) as temporary:
             draw_card(card).save(temporary, format="png")

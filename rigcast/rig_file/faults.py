@@ -29,8 +29,7 @@ def sensor_of_preset(name: str) -> SensorSpec:
     try:
         return _Only.model_validate({"sensors": [given]}).sensors[0]
     except ValidationError as error:
-        faults = (f"preset {name!r}: {'; '.join(one['msg'] for one in error.errors())}",)
-        raise InputError("\n".join(faults)) from None
+        raise InputError(f"preset {name!r}: {'; '.join(one['msg'] for one in error.errors())}") from None
 
 
 def faults_in(document: YamlFile) -> list[Fault]:

@@ -1,14 +1,16 @@
 """`rigcast bench worlds`: what is cast in many worlds, who casts it, and the shape of what is written; not how fast."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
+import floor
 import mujoco
 import numpy as np
 import pytest
 import warp as wp
+from floor import Visits, visits_in_worlds
+from in_worlds import OnGpu, bars, of_worlds, on_gpu
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -22,11 +24,6 @@ from rigcast.bench.worlds.crowd import G1_HEAD, Crowd, crowd
 from rigcast.bench.worlds.limits import limits
 from rigcast.bench.worlds.measure import OnDevice
 from rigcast.cli import app
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-import floor
-from floor import Visits, visits_in_worlds
-from in_worlds import OnGpu, bars, of_worlds, on_gpu
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco>
   <asset><hfield name="ground" nrow="9" ncol="5" size="4 3 2 1"/></asset>

@@ -215,7 +215,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path, name: str) -> N
 # A run in its own process: writes frames to the folder given, and does what is asked after the third step.
 PROGRAM = """
 import os, signal, sys
-sys.path.insert(0, {tests!r})
+sys.path[:0] = {folders!r}
 import mujoco, made_frames
 from test_recording import RIG, frames_at
 from rigcast.export.recorder import Recorder
@@ -231,7 +231,8 @@ for k in range(5):
 
 
 def run_program(folder: Path, then: str) -> int:
-    program = PROGRAM.format(tests=str(Path(__file__).parent), then=then)
+    folders = [str(Path(module).parent) for module in (__file__, made_frames.__file__)]
+    program = PROGRAM.format(folders=folders, then=then)
     command = [sys.executable, "-c", textwrap.dedent(program), str(folder)]
     return subprocess.run(command, capture_output=True, timeout=120).returncode
 

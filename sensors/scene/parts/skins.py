@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from rigcast.kernels.deform import surface_shapes
 from rigcast.kernels.geometry import FARTHEST
 from rigcast.kernels.shapes import solids
+from rigcast.sensors.rotations import rotation_matrix
 from rigcast.sensors.specs.filter import Filter, is_opaque
 
 from .deforming import all_hidden, flat_surfaces, lost_owners, only_bodies
@@ -72,7 +73,8 @@ class Skins:
     def _bent(self, data: mujoco.MjData, bones: NDArray[np.float64]) -> NDArray[np.float64]:
         """(nskinvert, 3): the vertices as the bones at (nskinbone, 3) carry them, not inflated."""
         model = self.model
-        turn = data.xmat[model.skin_bonebodyid].reshape(-1, 3, 3) @ _matrices(model.skin_bonebindquat).swapaxes(1, 2)
+        bind = np.array([rotation_matrix(quat) for quat in model.skin_bonebindquat])
+        turn = data.xmat[model.skin_bonebodyid].reshape(-1, 3, 3) @ bind.swapaxes(1, 2)
         shift = bones - np.einsum("bij,bj->bi", turn, model.skin_bonebindpos)
         carried = np.einsum("kij,kj->ki", turn[self._bone], model.skin_vert[self._vertex]) + shift[self._bone]
         return _sums(self._vertex, model.skin_bonevertweight[:, None] * carried, model.nskinvert)
@@ -91,11 +93,3 @@ class Skins:
 def _sums(of: NDArray[np.integer], vectors: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """(count, 3): row k is the sum of the vectors (n, 3) that are `of` k."""
     return np.stack([np.bincount(of, vectors[:, axis], minlength=count) for axis in range(3)], axis=-1)
-
-
-def _matrices(quaternions: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(n, 3, 3) rotations of quaternions (n, 4), w first."""
-    matrices = np.zeros((len(quaternions), 9))
-    for matrix, quaternion in zip(matrices, quaternions.astype(np.float64), strict=True):
-        mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrices.reshape(-1, 3, 3)

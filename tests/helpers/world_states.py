@@ -139,6 +139,14 @@ def arrays_of(datas: list[mujoco.MjData], names: tuple[str, ...] = ()) -> dict[s
     return {name: np.array([getattr(data, name) for data in datas]) for name in names}
 
 
+def on_device(datas: list[mujoco.MjData], device: str = "cpu") -> Any:
+    """The same as Warp arrays, of vectors and matrices."""
+    arrays = arrays_of(datas)
+    kinds = {name: wp.mat33d if name.endswith("xmat") else wp.vec3d for name in arrays} | {"time": wp.float64}
+    shaped = {name: v.reshape(*v.shape[:2], 3, 3) if name.endswith("xmat") else v for name, v in arrays.items()}
+    return {name: wp.array(values, dtype=kinds[name], device=device) for name, values in shaped.items()}
+
+
 def rig_of(model: mujoco.MjModel, *names: str, props: tuple[Prop, ...] = (), device: str = "cpu") -> Rig:
     return Rig(model, [SENSORS[name] for name in names or SENSORS], device, seed=5, props=props)
 

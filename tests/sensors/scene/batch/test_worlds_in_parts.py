@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import warp as wp
-from test_worlds import on_device
-from world_states import arrays_of, assert_same, model, rig_of, states
+from world_states import arrays_of, assert_same, model, on_device, rig_of, states
 
 from rigcast import Filter, Frame, InputError, Mount, Rig, Worlds
 

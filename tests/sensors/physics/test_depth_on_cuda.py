@@ -1,6 +1,6 @@
 """Depth cameras on a GPU measure what they measure on the CPU, noise and losses included."""
 
-from pathlib import Path
+from importlib.resources import files
 from typing import Any
 
 import mujoco
@@ -11,7 +11,7 @@ from depth_scenes import camera
 from rigcast import BrownConrady, CameraFrame, Mount, Rig, Stereo, TimeOfFlight
 
 pytestmark = pytest.mark.cuda
-SCENE = Path(__file__).resolve().parents[2] / "configs" / "effects.xml"
+SCENE = files("rigcast.configs") / "effects.xml"
 STEREO = Stereo(
     baseline=0.05,
     disparity_std=0.1,

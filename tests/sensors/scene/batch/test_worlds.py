@@ -11,7 +11,7 @@ import pytest
 import trimesh
 import warp as wp
 from small_scenes import Elsewhere
-from world_states import SENSORS, alone, arrays_of, assert_same, fields_of, model, rig_of, states
+from world_states import SENSORS, alone, arrays_of, assert_same, fields_of, model, on_device, rig_of, states
 
 from rigcast import InputError, Lidar, Mount, Prop, Rig, Scene, Worlds
 
@@ -128,13 +128,6 @@ def nested(datas: list[mujoco.MjData], _device: str) -> Any:
     for name, values in arrays.items():
         arrays[name] = values.reshape(*values.shape[:2], 3, 3) if name.endswith("xmat") else values.tolist()
     return arrays
-
-
-def on_device(datas: list[mujoco.MjData], device: str = "cpu") -> Any:
-    arrays = arrays_of(datas)
-    kinds = {name: wp.mat33d if name.endswith("xmat") else wp.vec3d for name in arrays} | {"time": wp.float64}
-    shaped = {name: v.reshape(*v.shape[:2], 3, 3) if name.endswith("xmat") else v for name, v in arrays.items()}
-    return {name: wp.array(values, dtype=kinds[name], device=device) for name, values in shaped.items()}
 
 
 @ON_EACH

@@ -1,6 +1,6 @@
 """Lidars on a GPU measure what they measure on the CPU, noise and losses included."""
 
-from pathlib import Path
+from importlib.resources import files
 from typing import Any
 
 import mujoco
@@ -11,7 +11,7 @@ from lidar_scenes import wide
 from rigcast import Beam, Detection, LidarFrame, Mount, Noise, Rig, Weather
 
 pytestmark = pytest.mark.cuda
-SCENE = Path(__file__).resolve().parents[2] / "configs" / "effects.xml"
+SCENE = files("rigcast.configs") / "effects.xml"
 NOISE = Noise(range_std=0.02, angle_std_deg=0.1, dropout=0.1, dark_dropout=0.3, range_resolution=0.002)
 
 
