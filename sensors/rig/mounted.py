@@ -96,6 +96,10 @@ class Mounted:
         """With the rays of a reading that begins at `time` [s], where a pattern is another one in each reading."""
         return self if self.pattern.given.later is None else replace(self, pattern=self.pattern.at(time))
 
+    def afresh(self) -> "Mounted":
+        """With its readings counted from the first again."""
+        return replace(self, frames=count(), batches=count())
+
     def bytes_per_world(self, worlds: Worlds) -> int:
         """The most memory that one reading of one of many worlds takes."""
         # of positions and rotations: the sensor's, its carrier's, the frame's (4, 4), which takes less than two, and

@@ -77,7 +77,7 @@ class Rig:
         require_type("Rig: model", model, mujoco.MjModel)
         self.sensors = _as_sensors(sensors)
         self.props = as_props(props)
-        self.seed = _as_seed(seed)
+        seed = _as_seed(seed)
         repeated = [name for name, n in Counter(s.name for s in self.sensors).items() if n > 1]
         if repeated:
             raise InputError(f"Rig: names must differ, got {', '.join(map(repr, repeated))} more than once")
@@ -90,11 +90,33 @@ class Rig:
         self._kinematics = _KINEMATICS if model.ncam or model.nflex else _KINEMATICS[:1]
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
         self._warn_of_enclosed()
-        self._schedules = {s.name: _schedule(s, model.opt.timestep, self.seed) for s in self.sensors}
+        self._begin(seed)
+
+    def _begin(self, seed: int) -> None:
+        self._seed = seed
+        self._schedules = {s.name: _schedule(s, self.model.opt.timestep, seed) for s in self.sensors}
         rounding = {name: schedule.rounding for name, schedule in self._schedules.items()}
         self._under_way = UnderWay(self.scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
+
+    @property
+    def seed(self) -> int:
+        """Of all random numbers of the rig; `reset` takes another."""
+        return self._seed
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begin anew with this seed (None: the same): what follows is what a rig made just now gives, bit for bit.
+
+        Readings are counted from the first again, those that are under way or have not come in are discarded. Without
+        it a clock that goes backwards starts the schedule over, but random numbers go on.
+
+        Raises:
+            InputError: the seed is not from 0 to 2^63 - 1.
+        """
+        seed = self._seed if seed is None else _as_seed(seed)
+        self._mounted = {name: m.afresh() for name, m in self._mounted.items()}
+        self._begin(seed)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a Rig holds memory of its device: make one of its model and sensors in each process")
