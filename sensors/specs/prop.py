@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault
-from rigcast.sensors.scene.parts.mesh_file import read_mesh
+from rigcast.sensors.meshes import read_mesh
 
 from .mount import Mount
 from .spec import FilePath, Spec

@@ -16,6 +16,7 @@ from rigcast.kernels.geometry import Shapes, TriangleTree
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.errors import InputError, warn_user
+from rigcast.sensors.meshes import mesh_of_model
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.cache.trees import FEWEST_FACES, cached_small_trees, cached_triangle_tree
 
@@ -58,7 +59,7 @@ class Asset:
         try:
             if self.kind == "hfield":
                 return hfield_tree(model.hfield_size[self.id], hfield_data(model, self.id))
-            return build(*_mesh(model, self.id))
+            return build(*mesh_of_model(model, self.id))
         except ValueError as error:
             raise InputError(f"{self.name(model)}: {error}") from None
 
@@ -84,7 +85,7 @@ def read_model(model: mujoco.MjModel) -> ModelGeometry:
 def _trees(model: mujoco.MjModel, assets: list[Asset]) -> list[TriangleTree]:
     """The tree of each asset, those of meshes from disk where they were built before."""
     small = [asset for asset in assets if asset.kind == "mesh" and model.mesh_facenum[asset.id] < FEWEST_FACES]
-    meshes = [_mesh(model, asset.id) for asset in small]
+    meshes = [mesh_of_model(model, asset.id) for asset in small]
     of_small = dict(zip(small, cached_small_trees(meshes, lambda: [a.tree(model) for a in small]), strict=True))
     return [of_small[asset] if asset in of_small else asset.tree(model, cached_triangle_tree) for asset in assets]
 
@@ -168,13 +169,6 @@ def refuse_unsupported(model: mujoco.MjModel, on_unsupported: str) -> None:
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
     name = mujoco.mj_id2name(model, kind, index)
     return f"'{name}'" if name else f"{index} (unnamed)"
-
-
-def _mesh(model: mujoco.MjModel, k: int) -> tuple[NDArray[np.floating], NDArray[np.int32]]:
-    """Vertices and faces, in the frame of the geoms."""
-    first, count = model.mesh_vertadr[k], model.mesh_vertnum[k]
-    first_face, faces = model.mesh_faceadr[k], model.mesh_facenum[k]
-    return model.mesh_vert[first : first + count], model.mesh_face[first_face : first_face + faces]
 
 
 def _local_boxes(
