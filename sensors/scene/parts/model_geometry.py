@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.geometry import Shapes, TriangleTree
+from rigcast.kernels.geometry import Shapes, TriangleTree, boxes_of
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.errors import InputError, warn_user
@@ -184,13 +184,11 @@ def _local_boxes(
         _GEOM.mjGEOM_CYLINDER: size[:, [0, 0, 1]],
         _GEOM.mjGEOM_BOX: size,
     }
-    center, half = np.zeros((2, len(size), 3))
+    extents = np.zeros((len(size), 3))
     for kind, extent in by_type.items():
-        half = np.where((types == kind)[:, None], extent, half)
-    placed = np.flatnonzero(tree >= 0)
-    lower, upper = (np.array([getattr(t, end) for t in trees], float).reshape(-1, 3) for end in ("lower", "upper"))
-    lower, upper = lower[tree[placed]], upper[tree[placed]]
-    center[placed], half[placed] = (lower + upper) / 2, (upper - lower) / 2
-    rounded = center.astype(np.float32)
+        extents = np.where((types == kind)[:, None], extent, extents)
     # float64 to float32 may round a half size down
-    return rounded, ((half + np.abs(center - rounded)) * (1 + 1e-6)).astype(np.float32)
+    center, half = np.zeros((len(size), 3), np.float32), (extents * (1 + 1e-6)).astype(np.float32)
+    has_tree = tree >= 0
+    center[has_tree], half[has_tree] = (ends[tree[has_tree]] for ends in boxes_of(trees))
+    return center, half
