@@ -22,8 +22,7 @@ from rigcast.bench.scaling import Series, scaling
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
 from rigcast.bench.worlds.crowd import G1_HEAD, crowd
 from rigcast.bench.worlds.measure import Batch, OnDevice, measure_worlds
-from rigcast.cli.common.options import JsonFile, console_beside, say, write_json
-from rigcast.export.files import make_writable
+from rigcast.cli.common.options import JsonFile, console_beside, require_png, say, write_json
 from rigcast.kernels.launching.slices import thread_count
 from rigcast.quiet import quiet_warp
 from rigcast.sensors.device import find_device
@@ -76,9 +75,9 @@ def bench(
     if threads is not None:
         set_threads(threads)
     console = console_beside(json_file)
-    for picture in (chart, scaling_chart, worlds_chart):
-        if picture is not None:
-            make_writable(picture.parent)
+    require_png("--chart", chart)
+    require_png("--scaling-chart", scaling_chart)
+    require_png("--worlds-chart", worlds_chart)
     quiet_warp()
     casters, missing = load_casters(tuple(dict.fromkeys(("rigcast", *(caster or CASTERS)))))
     for line in missing:

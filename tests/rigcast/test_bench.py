@@ -204,6 +204,13 @@ def test_scaling_has_a_speed_for_every_size() -> None:
         assert len(series.mrays) == len(series.sizes)
 
 
+@pytest.mark.parametrize("option", ["--chart", "--scaling-chart", "--worlds-chart"])
+def test_a_chart_is_a_png(option: str) -> None:
+    done = CliRunner().invoke(app, ["bench", option, "chart.svg"])
+    assert done.exit_code == 2
+    assert f"{option}: got 'chart.svg', expected a name that ends in .png" in done.output
+
+
 def test_chart_of_results_is_drawn(tmp_path: Path) -> None:
     draw_results(small_race(), tmp_path / "chart.png")
     assert width_of(tmp_path / "chart.png") > 500

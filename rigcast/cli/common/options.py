@@ -7,6 +7,7 @@ import typer
 from rich.console import Console
 
 from rigcast.export.files import make_writable, replacing
+from rigcast.sensors.errors import InputError
 
 RigPath = Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)]
 ModelPath = Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")]
@@ -31,6 +32,15 @@ def console_beside(json_file: Path | None) -> Console:
     if json_file not in (None, _STANDARD_OUTPUT):
         make_writable(json_file.parent)
     return Console(highlight=False, quiet=json_file == _STANDARD_OUTPUT)
+
+
+def require_png(option: str, picture: Path | None) -> None:
+    """Raise InputError, before anything is worked out, where a picture is not named as a PNG or cannot be written."""
+    if picture is None:
+        return
+    if picture.suffix.lower() != ".png":
+        raise InputError(f"{option}: got {str(picture)!r}, expected a name that ends in .png")
+    make_writable(picture.parent)
 
 
 def say(console: Console, line: str) -> None:
