@@ -190,7 +190,8 @@ class Stage:
         if isinstance(position, np.ndarray):
             self._warn_of_lost(position, rotation, part.start)
         self._part = None if part == worlds.all else part
-        self._world.update(*standing.shapes(self._attached_props), self._part)
+        position, rotation = standing.shapes(self._attached_props)
+        self._world.update(position, rotation, self._part)
         self._stale = "" if self._part is None else "only some of many worlds stand in it"
         self._worlds = worlds.count
         return standing
