@@ -9,7 +9,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.alone import CastsAlone
-from rigcast.kernels.cast import HitArrays, Readings, cast, prepare_readings
+from rigcast.kernels.cast import Readings, cast, prepare_readings
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
