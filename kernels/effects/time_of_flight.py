@@ -7,20 +7,19 @@ frequency; farther ones wrap.
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.hits.out import Out
 from rigcast.kernels.launching.slices import launch_over_rays, launch_over_runs
 from rigcast.kernels.vectors import of_ray
 
 from .draws import Draws, drawn
-from .infrared import cos_incidence, returned
+from .light import cos_incidence, returned
 from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 DRAW_RANGE = wp.constant(4)
 BLACKEST = wp.constant(1.0e-6)
-SPEED_OF_LIGHT = 299792458.0  # [m/s]
 
 
 @wp.kernel

@@ -29,8 +29,7 @@ from rigcast.export.run_files import RunFiles
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.preview.draw import draw_preview
 from rigcast.sensors.rig.frame import CameraFrame, Frame, as_frames
-from rigcast.sensors.scene.parts.props import as_props
-from rigcast.sensors.specs.prop import Prop
+from rigcast.sensors.specs.prop import Prop, as_props
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 _ROOM = 2**24  # bytes kept free for the index and the ends of recordings, and per frame written ...

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault, faults_of
-from rigcast.sensors.scene.parts.mesh_file import read_mesh
+from rigcast.sensors.meshes import read_mesh
 from rigcast.sensors.specs.presets import load_preset
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec

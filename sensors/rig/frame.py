@@ -107,7 +107,7 @@ class Frame:
     @cached_property
     def body_id(self) -> wp.array:
         """(...) int32: MuJoCo's id of the body of what was hit, -1 where nothing was, or a thing of several bodies."""
-        return self._values("body_id", partial(reading.take, self._source.body_of_shape, self._arrays.hits.shape))
+        return self._values("body_id", partial(reading.look_up, self._source.body_of_shape, self._arrays.hits.shape))
 
     @cached_property
     def points(self) -> wp.array:

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.cast import BYTES_PER_HIT
+from rigcast.kernels.hits.arrays import BYTES_PER_HIT
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.physics.physics import Physics

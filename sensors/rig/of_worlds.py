@@ -6,8 +6,8 @@ from functools import cached_property, partial
 
 import warp as wp
 
-from rigcast.kernels.cast import BYTES_PER_HIT
 from rigcast.kernels.effects.random import random_source
+from rigcast.kernels.hits.arrays import BYTES_PER_HIT
 from rigcast.sensors.captured import is_captured
 from rigcast.sensors.physics.physics import Brightness
 from rigcast.sensors.scene.batch.standing import Standing

@@ -1,7 +1,6 @@
 """A rig: sensors mounted on a MuJoCo model, read together."""
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple, NoReturn
 
@@ -10,17 +9,16 @@ import numpy as np
 import warp as wp
 
 from rigcast.sensors.errors import InputError, require_type, warn_user
-from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.names import expected_one_of, require_different
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
 from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
-from rigcast.sensors.scene.parts.props import as_props
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lidars.lidar import Lidar
-from rigcast.sensors.specs.prop import Prop
+from rigcast.sensors.specs.prop import Prop, as_props
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
@@ -78,9 +76,7 @@ class Rig:
         self.sensors = _as_sensors(sensors)
         self.props = as_props(props)
         seed = _as_seed(seed)
-        repeated = [name for name, n in Counter(s.name for s in self.sensors).items() if n > 1]
-        if repeated:
-            raise InputError(f"Rig: names must differ, got {', '.join(map(repr, repeated))} more than once")
+        require_different("Rig", [s.name for s in self.sensors])
         faults = [f"sensor {s.name!r}: {fault}" for s in self.sensors for fault in s.faults(model)]
         if faults:
             raise InputError("\n".join(faults))

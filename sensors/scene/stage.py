@@ -9,7 +9,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.alone import CastsAlone
-from rigcast.kernels.cast import HitArrays, Readings, cast, prepare_readings
+from rigcast.kernels.cast import Readings, cast, prepare_readings
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
@@ -21,6 +22,7 @@ from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
 
+from .batch.attached import Attached
 from .batch.differences import Differences
 from .batch.per_world import PerWorld
 from .batch.standing import Standing
@@ -56,7 +58,7 @@ class Stage:
         self, model: mujoco.MjModel, device: wp.Device, props: Sequence[Prop], surfaces: Sequence[Surface]
     ) -> None:
         self.model, self.device = model, device
-        self._geoms, self._props = Geoms(model), Props(model, props, self.device)
+        self._geoms, self._props = Geoms(model), Props(model, props)
         self._parts: list[Part] = [
             self._geoms,
             *([Flexes(model)] if model.nflex else []),
@@ -75,6 +77,7 @@ class Stage:
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"  # why nothing can be cast at, if so
         self._worlds: int | None = None  # how many there are, if it is a batch of them
+        self._attached_props = [Attached.by([mount], device) for mount in self._props.mounts]  # in many worlds
         self._gathered: dict[str, Gathered] = {}  # where poses of several MjData are copied together
         self._part: slice | None = None  # which of the worlds stand, if not all
         self._differences = _NO_DIFFERENCES
@@ -187,10 +190,8 @@ class Stage:
         position, rotation = standing.geoms
         if isinstance(position, np.ndarray):
             self._warn_of_lost(position, rotation, part.start)
-        if self._props.ids.size:
-            frames = self._props.poses_after_geoms(standing)
-            position, rotation = frames.position, frames.rotation
         self._part = None if part == worlds.all else part
+        position, rotation = standing.shapes(self._attached_props)
         self._world.update(position, rotation, self._part)
         self._stale = "" if self._part is None else "only some of many worlds stand in it"
         self._worlds = worlds.count

@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 
 from rigcast.kernels.host.shown import shown
-from rigcast.kernels.reading import look_up
+from rigcast.kernels.reading import look_up_entries
 
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)]
 TYPES = {  # of an array of 6, as which type it is shown, in which shape
@@ -50,7 +50,7 @@ def test_kernels_take_it(device: str) -> None:
     given, taken = (shown(wp.zeros(4, dtype=int, device=device), wp.int32, (4,)) for _ in range(2))
     wp.copy(given, wp.array([2, 0, -1, 1], dtype=int, device=device))
     table = shown(wp.array([10, 20, 30], dtype=int, device=device), wp.int32, (3,))
-    wp.launch(look_up, 4, inputs=[0, 1, table, given], outputs=[taken], device=device)
+    wp.launch(look_up_entries, 4, inputs=[0, 1, table, given], outputs=[taken], device=device)
     assert taken.numpy().tolist() == [30, 10, -1, 20]
     assert np.from_dlpack(taken.to("cpu")).tolist() == taken.list()
     assert str(taken) == "[30 10 -1 20]"

@@ -9,7 +9,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.cast import HIT_NAMES, HitArrays, Readings
+from rigcast.kernels.cast import Readings
+from rigcast.kernels.hits.arrays import HIT_NAMES, HitArrays
 from rigcast.kernels.hits.out import FIELD_NAMES
 from rigcast.kernels.host.held import Held
 from rigcast.kernels.host.shown import shown

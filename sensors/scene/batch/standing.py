@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.host.gather import Gathered
-from rigcast.kernels.poses.mounts import Carriers, origin
+from rigcast.kernels.poses.mounts import Carriers, Frames, origin
 from rigcast.sensors.captured import require_as_before, require_on_device
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.mount import CARRIERS
@@ -73,19 +73,27 @@ class Standing:
                 require_no_gaps(name, value)
         return values
 
-    @cached_property
-    def geoms_on_device(self) -> Carriers:
-        return self._uploaded(*self.geoms)
+    def shapes(self, props: Sequence[Attached]) -> Sequence[NDArray[np.floating[Any]] | wp.array]:
+        """The positions and rotations of all geoms, then of these props."""
+        if not props:
+            return self.geoms
+        first = self._model.ngeom
+        frames = Frames.empty(self.count, first + len(props), self.device)
+        frames.copy(self._uploaded(*self.geoms))
+        for k, prop in enumerate(props):
+            frames.place(first + k, self.carriers(prop), prop.on)
+        return frames.position, frames.rotation
 
     def carriers(self, attached: Attached) -> Carriers:
         """The poses of what carries this: of all of its kind (n, m), or of this alone (n, 1)."""
         key = attached.kind, attached.which.tobytes()
         if key not in self._carriers:
-            self._carriers[key] = origin(self.device) if attached.kind == "world" else self._read(attached)
+            self._carriers[key] = (
+                origin(self.device)
+                if attached.kind == "world"
+                else self._uploaded(*self._values(attached.kind, attached.which))
+            )
         return self._carriers[key]
-
-    def _read(self, attached: Attached) -> Carriers:
-        return self._uploaded(*self._values(attached.kind, attached.which))
 
     def _values(self, kind: str, which: NDArray[np.int32] | None = None) -> list[Any]:
         """Position and rotation of all things of a kind, checked, in one precision.

@@ -4,8 +4,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.deform import surface_shapes
-from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.geometry import FARTHEST, Shapes
 from rigcast.kernels.shapes import solids
 from rigcast.sensors.rotations import rotation_matrix
 from rigcast.sensors.specs.filter import Filter, is_opaque
@@ -38,7 +37,7 @@ class Skins:
         self._faces = faces + model.skin_vertadr[skin_of_face, None]
         self._surfaces = flat_surfaces(model.skin_vertnum, (faces[skin_of_face == skin] for skin in skins))
         self.trees = [surface.tree for surface in self._surfaces]
-        self.shapes = surface_shapes([solids.TRIANGLES] * model.nskin, self.trees)
+        self.shapes = self._shapes()
         self.ids = skins.astype(np.int32)
         self._bodies = [np.unique(model.skin_bonebodyid[self._skin_of_bone == skin]) for skin in skins]
         self.bodies = only_bodies(self._bodies)
@@ -61,14 +60,16 @@ class Skins:
         }
         self.trees = [surface.tree for surface in self._surfaces]
         position[lost] = np.nan
-        shapes = surface_shapes([solids.TRIANGLES] * count, self.trees)
-        return Snapshot(position, np.tile(np.eye(3).reshape(9), (count, 1)), shapes, trees)
+        return Snapshot(position, np.tile(np.eye(3).reshape(9), (count, 1)), self._shapes(), trees)
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         model = self.model
         seen = filter.admits(model.skin_group, np.zeros(model.nskin, bool))
         seen &= is_opaque(model, model.skin_rgba, model.skin_matid)
         return seen & ~all_hidden(self._bodies, filter.hidden_bodies(model))
+
+    def _shapes(self) -> Shapes:
+        return Shapes.of_trees([solids.TRIANGLES] * self.model.nskin, range(self.model.nskin), self.trees)
 
     def _bent(self, data: mujoco.MjData, bones: NDArray[np.float64]) -> NDArray[np.float64]:
         """(nskinvert, 3): the vertices as the bones at (nskinbone, 3) carry them, not inflated."""

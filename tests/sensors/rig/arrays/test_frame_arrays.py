@@ -150,7 +150,7 @@ def test_a_cast_writes_what_was_asked_of_the_reading_before(
         assert by_cast(rig, "camera") == set(asked)
     values(rig.sense(state(0.3), ["camera"])["camera"], *WORKED_OUT)
     with monkeypatch.context() as patched:
-        for work_out in ("points", "z_depth", "take"):
+        for work_out in ("points", "z_depth", "look_up"):
             patched.setattr(f"rigcast.kernels.reading.{work_out}", lambda *_: pytest.fail("worked out after the cast"))
         got = values(rig.sense(state(0.5), ["camera"])["camera"], *WORKED_OUT)
     assert_same(got, expected, "camera")

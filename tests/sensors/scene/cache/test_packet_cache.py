@@ -7,7 +7,8 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.packing.sorting import Packets, sort_into_packets
+from rigcast.kernels.packing.sorting import sort_into_packets
+from rigcast.kernels.rays.coherent import Packets
 from rigcast.sensors.scene.cache import packets as packet_cache
 from rigcast.sensors.scene.cache.packets import cached_packets
 

@@ -15,8 +15,8 @@ import rigcast
 from rigcast import Filter, InputError, Lidar, Mount, Prop, Scene, oracle
 from rigcast.cli import main
 from rigcast.oracle import Verdict
+from rigcast.sensors.meshes import read_mesh
 from rigcast.sensors.scene.hits import NumpyHits
-from rigcast.sensors.scene.parts.mesh_file import read_mesh
 
 RAYS = 500
 CARRIER = '<body name="cart" pos="1 0.2 -0.3" euler="20 -30 50"><freejoint/><geom name="axle" size="0.05"/></body>'

@@ -1,10 +1,11 @@
-"""Triangles from mesh files: STL, OBJ, PLY and GLB, read by trimesh."""
+"""Triangles of meshes: those of a model, and of files in STL, OBJ, PLY and GLB, read by trimesh."""
 
 import io
 import re
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +15,12 @@ from rigcast.sensors.names import expected_one_of
 SUFFIXES = (".stl", ".obj", ".ply", ".glb")
 
 _RELATIVE_FACE = re.compile(r"^\s*f\s(?:.*\s)?(?:-|0+(?:[/\s]|$))", re.MULTILINE)  # has an index below 1
+
+
+def mesh_of_model(model: mujoco.MjModel, mesh: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Vertices (n, 3) [m] and faces (m, 3) of a mesh in the frame of its geoms, views of the model's."""
+    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+    return vertices, model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
 
 
 def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
