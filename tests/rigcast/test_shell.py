@@ -1,10 +1,7 @@
 """What makes the shell pleasant: overrides, JSON for programs, completion, a first rig, a schema for editors."""
 
 import json
-import os
 import runpy
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -72,10 +69,8 @@ def test_validate_tells_programs_all_about_a_rig(tmp_path: Path) -> None:
 )
 def test_the_shell_completes(words: str, expected: list[str]) -> None:
     asked = {"_RIGCAST_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
-    program = [sys.executable, "-c", "import sys; sys.argv[0] = 'rigcast'; from rigcast.cli import main; main()"]
-    done = subprocess.run(program, env={**os.environ, **asked}, capture_output=True, text=True, check=True)
-    found = done.stdout.split()
-    assert set(expected) <= set(found), done
+    found = CliRunner().invoke(app, env=asked, prog_name="rigcast").stdout.split()
+    assert set(expected) <= set(found)
     assert all(word.startswith(words.rpartition(" ")[2]) for word in found)
 
 

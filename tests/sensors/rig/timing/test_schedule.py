@@ -1,7 +1,6 @@
 """Every due time is given out once, in the step that reaches it, whatever the timestep."""
 
 from fractions import Fraction
-from math import floor
 
 import numpy as np
 import pytest
@@ -34,8 +33,8 @@ def test_each_multiple_of_the_period_falls_due_in_the_step_that_reaches_it(
     clock = np.cumsum(np.full(steps, dt)) if accumulates else dt * np.arange(1, steps + 1)
     schedule = Schedule(float(rate), dt)
     given = [schedule.due(time) for time in clock.tolist()]
-    periods_per_step = Fraction(rate) * Fraction(timestep)
-    reached = [floor(k * periods_per_step) for k in range(steps + 1)]
+    periods, per_steps = (Fraction(rate) * Fraction(timestep)).as_integer_ratio()
+    reached = [k * periods // per_steps for k in range(steps + 1)]
     assert given == [[k / float(rate) for k in range(reached[i] + 1, reached[i + 1] + 1)] for i in range(steps)]
 
 
