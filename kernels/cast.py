@@ -24,6 +24,7 @@ from .poses.scope import scope_of
 from .rays.arrays import Rays, firing_of, origin_of, span_of
 from .shapes.triangle import CULL_NONE
 from .single.cast import RAYS_PER_RUN, Alone, Job, cast_turns, is_castable
+from .trees.nodes import Node
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -87,6 +88,7 @@ class InPackets:
     local_directions: wp.array2d[Vectors]  # (threads, 1)
     places: wp.array2d[Places]  # (threads, PACKETS)
     hits: wp.array2d[PacketOut]  # (threads, PACKETS)
+    opened: wp.array2d[Node]  # (threads, 1)
     composed: wp.array2d[TriangleBlock]  # (threads, 1)
 
 
@@ -113,6 +115,7 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
     rays[0].local = these.local_directions[thread]
     places = these.places[thread]
     staged = these.hits[thread]
+    rays[0].opened = these.opened[thread]
     rays[0].composed = these.composed[thread]
     count = these.worlds * tiles.shape[0]
     threads = these.copies.shape[0]
@@ -252,6 +255,7 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     these.local_directions = wp.empty((threads, 1), dtype=Vectors, device="cpu")
     these.places = wp.empty((threads, PACKETS), dtype=Places, device="cpu")
     these.hits = wp.empty((threads, PACKETS), dtype=PacketOut, device="cpu")
+    these.opened = wp.empty((threads, 1), dtype=Node, device="cpu")
     these.composed = wp.empty((threads, 1), dtype=TriangleBlock, device="cpu")
     return [geometry, job, these]
 

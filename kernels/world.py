@@ -12,10 +12,19 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .geometry import Geometry, Patch, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
+from .geometry import (
+    Geometry,
+    Plot,
+    Shapes,
+    TriangleBlock,
+    TriangleTree,
+    join_triangle_trees,
+    moved_tree,
+    tree_sizes,
+)
 from .host.upload import Upload
 from .packets.prefetch import CACHE_LINE
-from .trees.nodes import Node, by_ends, moved_nodes
+from .trees.nodes import Node, by_ends
 from .trees.top_trees import TopTrees
 
 _SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
@@ -75,7 +84,7 @@ class World:
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
         old, self.trees[index] = self.trees[index], tree
-        if _sizes(old) == _sizes(tree):
+        if tree_sizes(old) == tree_sizes(tree):
             self._overwrite_tree(index)
         else:
             self._join_trees()
@@ -91,17 +100,20 @@ class World:
 
     def _join_trees(self) -> None:
         g = self.geometry
-        nodes, blocks, patches, self._places = join_triangle_trees(self.trees)
+        nodes, blocks, plots, corners, self._places = join_triangle_trees(self.trees)
         g.nodes = self._on_device(nodes)
         g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
-        patches = _on_cache_lines(patches)
-        g.patches = wp.array(patches, dtype=Patch, device=self.device, copy=False)
+        plots = _on_cache_lines(plots)
+        g.plots = wp.array(plots, dtype=Plot, device=self.device, copy=False)
+        g.corners = wp.array(corners, dtype=float, device=self.device, copy=False)
         # the triangles of all trees are held once
         self.trees = [
             replace(
                 tree,
                 blocks=blocks[place.block : place.block + len(tree.blocks)],
-                patches=patches[place.patch : place.patch + len(tree.patches)],
+                plots=plots[place.plot : place.plot + len(tree.plots)],
+                corners=corners[place.corner : place.corner + len(tree.corners)],
+                first_corner=place.corner,
             )
             for tree, place in zip(self.trees, self._places, strict=True)
         ]
@@ -110,13 +122,12 @@ class World:
         return wp.array(nodes if self.device.is_cpu else by_ends(nodes), dtype=Node, device=self.device, copy=False)
 
     def _overwrite_tree(self, index: int) -> None:
-        tree, place, g = self.trees[index], self._places[index], self.geometry
-        nodes = self._on_device(moved_nodes(tree.nodes, *place))
-        blocks = wp.array(tree.blocks, dtype=TriangleBlock, device=self.device)
-        patches = wp.array(tree.patches, dtype=Patch, device=self.device)
-        wp.copy(g.nodes, nodes, dest_offset=place.node)
-        wp.copy(g.blocks, blocks, dest_offset=place.block)
-        wp.copy(g.patches, patches, dest_offset=place.patch)
+        place, g = self._places[index], self.geometry
+        tree = moved_tree(self.trees[index], place)
+        wp.copy(g.nodes, self._on_device(tree.nodes), dest_offset=place.node)
+        wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=self.device), dest_offset=place.block)
+        wp.copy(g.plots, wp.array(tree.plots, dtype=Plot, device=self.device), dest_offset=place.plot)
+        wp.copy(g.corners, wp.array(tree.corners, dtype=float, device=self.device), dest_offset=place.corner)
 
     def _trees_of_shapes(self) -> dict[str, wp.array]:
         """The arrays of Geometry that say which tree each shape has; closed forms have any."""
@@ -208,10 +219,6 @@ def _on_cache_lines(values: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
     copy = room[first : first + values.nbytes].view(values.dtype)
     copy[...] = values
     return copy
-
-
-def _sizes(tree: TriangleTree) -> tuple[int, int, int]:
-    return len(tree.nodes), len(tree.blocks), len(tree.patches)
 
 
 def _twins(kind: npt.NDArray[np.int32], tree: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:

@@ -8,9 +8,9 @@ from rigcast.kernels.poses.scope import pose_of
 from rigcast.kernels.shapes.patches import compose
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
-from rigcast.kernels.single.ray import Ray, enter_boxes, in_frame_of_tree, in_world
+from rigcast.kernels.single.ray import Ray, enter_boxes, enter_plot, in_frame_of_tree, in_world
 from rigcast.kernels.single.traverse import Entered, traversal
-from rigcast.kernels.trees.nodes import FIRST_PATCH, OUTWARDS, WIDTH, Node
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH, Node
 from rigcast.kernels.vectors import larger, lowest_bit, to_float
 
 from .sides import meet_sides, sides_of
@@ -77,10 +77,30 @@ def offer_to_member(g: wp.array[Geometry], bundle: Bundle, k: int, hit: Hit) -> 
 
 
 @wp.func
-def enter_of_bundle(node: Node, bundle: Bundle, reach: float) -> Entered:
-    """The boxes that any ray of the bundle enters."""
+def widening_of(bundle: Bundle) -> wp.vec3:
+    """By how much to widen boxes so that the middle ray enters those that any ray of the bundle enters."""
     margin = bundle.middle.margin
-    return enter_boxes(node, bundle.middle, bundle.spread + wp.vec3(margin, margin, margin), reach)
+    return bundle.spread + wp.vec3(margin, margin, margin)
+
+
+@wp.func
+def enter_triangles_of_bundle(
+    g: wp.array[Geometry], nodes: wp.array[Node], at: int, bundle: Bundle, reach: float
+) -> Entered:
+    if at >= FIRST_PLOT:
+        return enter_plot(g, at - FIRST_PLOT, bundle.middle, widening_of(bundle), reach)
+    return enter_boxes(nodes[at], bundle.middle, widening_of(bundle), reach)
+
+
+@wp.func
+def enter_shapes_of_bundle(
+    g: wp.array[Geometry],  # noqa: ARG001
+    nodes: wp.array[Node],
+    at: int,
+    bundle: Bundle,
+    reach: float,
+) -> Entered:
+    return enter_boxes(nodes[at], bundle.middle, widening_of(bundle), reach)
 
 
 @wp.func
@@ -94,7 +114,7 @@ def visit_block_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, dis
     blocks = g[0].blocks
     block = int(index)
     if index >= FIRST_PATCH:
-        compose(g[0].patches, index - FIRST_PATCH, bundle.composed)
+        compose(g[0].plots, g[0].corners, index - FIRST_PATCH, bundle.composed)
         blocks = bundle.composed
         block = 0
     sides = sides_of(blocks[block], bundle.middle, bundle.spread)
@@ -117,7 +137,7 @@ def visit_block_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, dis
 
 
 cast_bundle_through_triangles = traversal(
-    "cast_bundle_through_triangles", Bundle, float, enter_of_bundle, reach_of_bundle, visit_block_of_bundle
+    "cast_bundle_through_triangles", Bundle, float, enter_triangles_of_bundle, reach_of_bundle, visit_block_of_bundle
 )
 
 
@@ -158,7 +178,7 @@ def visit_shape_of_bundle(g: wp.array[Geometry], bundle: Bundle, shape: int, dis
 
 
 cast_bundle_through_shapes = traversal(
-    "cast_bundle_through_shapes", Bundle, float, enter_of_bundle, reach_of_bundle, visit_shape_of_bundle
+    "cast_bundle_through_shapes", Bundle, float, enter_shapes_of_bundle, reach_of_bundle, visit_shape_of_bundle
 )
 
 

@@ -8,7 +8,7 @@ from rigcast.kernels.hits.out import Fields
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import Scope
 from rigcast.kernels.single.ray import box_margin
-from rigcast.kernels.trees.nodes import vec8, vec8i
+from rigcast.kernels.trees.nodes import Node, vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
 
 LANES = wp.constant(16)
@@ -133,6 +133,7 @@ class TileRays:
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
     local: wp.array[Vectors]  # one, of a packet's directions in a shape's frame
+    opened: wp.array[Node]  # one, of a plot
     composed: wp.array[TriangleBlock]  # one, of a patch
     fields: Fields
 

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry, Patch, TriangleBlock
+from rigcast.kernels.geometry import Geometry, Plot, TriangleBlock
 from rigcast.kernels.trees.nodes import Node
 
 from .edges import side_rounding
@@ -18,7 +18,9 @@ class Sought:
     packet: PacketRays
     nodes: wp.array[Node]
     blocks: wp.array[TriangleBlock]
-    patches: wp.array[Patch]
+    plots: wp.array[Plot]
+    corners: wp.array[float]
+    opened: wp.array[Node]  # one, of a plot
     composed: wp.array[TriangleBlock]  # one, of a patch
     shape: int
     cull: int
@@ -41,7 +43,9 @@ def packet_among_triangles(g: Geometry, rays: wp.array[TileRays], view: View, k:
     sought.packet = packet_of(rays, k)
     sought.nodes = g.nodes
     sought.blocks = g.blocks
-    sought.patches = g.patches
+    sought.plots = g.plots
+    sought.corners = g.corners
+    sought.opened = rays[0].opened
     sought.composed = rays[0].composed
     sought.shape = shape
     sought.cull = cull

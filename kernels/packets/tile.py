@@ -135,8 +135,8 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
 
 
 @wp.func
-def enter_of_tile(node: Node, sought: TileSought, reach: float) -> Entered:
-    boxes = boxes_from(node, sought.view.origin, sought.view.margin)
+def enter_of_tile(g: Geometry, nodes: wp.array[Node], at: int, sought: TileSought, reach: float) -> Entered:  # noqa: ARG001
+    boxes = boxes_from(nodes[at], sought.view.origin, sought.view.margin)
     return enter_frustum(boxes, sought.frustum, smaller(reach, sought.rays[0].limit))
 
 

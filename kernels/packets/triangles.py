@@ -8,15 +8,15 @@ import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.hits.hit import APART
-from rigcast.kernels.shapes.patches import compose
+from rigcast.kernels.shapes.patches import compose, open_plot
 from rigcast.kernels.single.traverse import child_of, stack_of_distances, stack_of_ints
-from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, WIDTH
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, WIDTH
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
 from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
 from .lanes import direction_of, far_of, near_of
 from .packet import ALL_LANES, decide_lane_of_packet, farthest, offer
-from .prefetch import prefetch_block, prefetch_node, prefetch_patch
+from .prefetch import prefetch_block, prefetch_node, prefetch_plot
 from .slabs import EnteredByLanes, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
 from .sought import Sought
 
@@ -99,7 +99,7 @@ def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) 
     blocks = sought.blocks
     block = int(index)
     if index >= FIRST_PATCH:
-        compose(sought.patches, index - FIRST_PATCH, sought.composed)
+        compose(sought.plots, sought.corners, index - FIRST_PATCH, sought.composed)
         blocks = sought.composed
         block = 0
     if count_bits(lanes) <= FEW:
@@ -109,12 +109,13 @@ def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) 
 
 @wp.func
 def prefetch_child(sought: Sought, child: int) -> None:
-    if child >= 0:
+    """Of a patch there is nothing to ask for: its plot has been opened."""
+    if child >= FIRST_PLOT:
+        prefetch_plot(sought.plots, child - FIRST_PLOT)
+    elif child >= 0:
         prefetch_node(sought.nodes, child)
     elif -1 - child < FIRST_PATCH:
         prefetch_block(sought.blocks, -1 - child)
-    else:
-        prefetch_patch(sought.patches, -1 - child - FIRST_PATCH)
 
 
 @wp.func
@@ -147,7 +148,13 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
                 reach = visit_block_of_packet(sought, -1 - leaf, who, reach)
             at = int(NO_CHILD)
         else:
-            slabs = slabs_of(sought.nodes[at], sought.view.origin, sought.margin, sought.way)
+            nodes = sought.nodes
+            node = int(at)
+            if at >= FIRST_PLOT:
+                open_plot(sought.plots, sought.corners, at - FIRST_PLOT, sought.opened)
+                nodes = sought.opened
+                node = 0
+            slabs = slabs_of(nodes[node], sought.view.origin, sought.margin, sought.way)
             near_x = slabs.near_x
             near_y = slabs.near_y
             near_z = slabs.near_z
@@ -164,7 +171,6 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
             children = entered.children
             distance = entered.distance
             lanes_of_few = entered.lanes
-            node = int(at)
             which = int(entering)
             at = int(NO_CHILD)
             near = float(wp.inf)
@@ -179,7 +185,7 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
                     end = wp.vec3(far_x[j], far_y[j], far_z[j])
                     who = which & lanes_at_box(sought.way.slowness, packet.best[packet.slot].far, start, end)
                 if who != 0:
-                    child = child_of(sought.nodes, node, j)
+                    child = child_of(nodes, node, j)
                     prefetch_child(sought, child)
                     is_nearer = distance[j] < near
                     farther = wp.where(is_nearer, at, child)

@@ -2,14 +2,14 @@
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry, Patch, TriangleBlock
+from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import Scope, pose_of
-from rigcast.kernels.shapes.patches import compose
+from rigcast.kernels.shapes.patches import compose, open_plot
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, may_be_inside, triage_triangle
-from rigcast.kernels.trees.nodes import FIRST_PATCH, WIDTH, Node, vec8, vec8i
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, WIDTH, Node, vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double, to_float
 
 from .traverse import Entered, sign_bits, traversal
@@ -177,16 +177,16 @@ def triage_block(blocks: wp.array[TriangleBlock], k: int, ray: Ray) -> Spans:
 
 
 @noinline
-def triage_patch(patches: wp.array[Patch], k: int, ray: Ray) -> Spans:
+def triage_patch(g: wp.array[Geometry], k: int, ray: Ray) -> Spans:
     composed = wp.zeros(shape=1, dtype=TriangleBlock)
-    compose(patches, k, composed)
+    compose(g[0].plots, g[0].corners, k, composed)
     return triage_block(composed, 0, ray)
 
 
 @wp.func
 def triage_leaf(g: wp.array[Geometry], index: int, ray: Ray) -> Spans:
     if index >= FIRST_PATCH:
-        return triage_patch(g[0].patches, index - FIRST_PATCH, ray)
+        return triage_patch(g, index - FIRST_PATCH, ray)
     return triage_block(g[0].blocks, index, ray)
 
 
@@ -213,12 +213,23 @@ def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, be
     return best
 
 
+@noinline
+def enter_plot(g: wp.array[Geometry], k: int, ray: Ray, wider: wp.vec3, reach: float) -> Entered:
+    """As enter_boxes, of the patches of plot k."""
+    opened = wp.zeros(shape=1, dtype=Node)
+    open_plot(g[0].plots, g[0].corners, k, opened)
+    return enter_boxes(opened[0], ray, wider, reach)
+
+
 @wp.func
-def enter_of_ray(node: Node, ray: Ray, reach: float) -> Entered:
-    return enter_boxes(node, ray, wp.vec3(ray.margin, ray.margin, ray.margin), reach)
+def enter_among_triangles(g: wp.array[Geometry], nodes: wp.array[Node], at: int, ray: Ray, reach: float) -> Entered:
+    wider = wp.vec3(ray.margin, ray.margin, ray.margin)
+    if at >= FIRST_PLOT:
+        return enter_plot(g, at - FIRST_PLOT, ray, wider, reach)
+    return enter_boxes(nodes[at], ray, wider, reach)
 
 
-cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_of_ray, reach_of_ray, visit_block)
+cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_among_triangles, reach_of_ray, visit_block)
 
 
 @wp.func
@@ -249,7 +260,12 @@ def visit_shape(g: wp.array[Geometry], ray: Ray, shape: int, distance: float, be
     return decided(g, best, hit, in_world(ray))
 
 
-cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_of_ray, reach_of_ray, visit_shape)
+@wp.func
+def enter_among_shapes(g: wp.array[Geometry], nodes: wp.array[Node], at: int, ray: Ray, reach: float) -> Entered:  # noqa: ARG001
+    return enter_boxes(nodes[at], ray, wp.vec3(ray.margin, ray.margin, ray.margin), reach)
+
+
+cast_through_shapes = traversal("cast_through_shapes", Ray, Hit, enter_among_shapes, reach_of_ray, visit_shape)
 
 
 @wp.func

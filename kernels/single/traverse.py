@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from rigcast.kernels.trees.nodes import NO_CHILD, Node, vec8, vec8i
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, Node, vec8, vec8i
 from rigcast.kernels.trees.tree import STACK
 from rigcast.kernels.vectors import lowest_bit
 
@@ -41,11 +41,12 @@ def sign_bits(a: vec8i) -> int:  # type: ignore[empty-body]
     """Bit by bit, which of eight numbers are below 0: one instruction, which no loop is turned into."""
 
 
-@wp.func_native("""
-    return wp::address(nodes, at)->child[j];
+@wp.func_native(f"""
+    return at >= {int(FIRST_PLOT)} ? -1 - ({int(FIRST_PATCH)} + 8 * (at - {int(FIRST_PLOT)}) + j)
+                                   : wp::address(nodes, at)->child[j];
 """)
 def child_of(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[empty-body]
-    """Child j of a node, read alone: the others would be copied first."""
+    """Child j of a node, read alone: the others would be copied first. Or patch j of a plot."""
 
 
 def traversal(
@@ -60,7 +61,8 @@ def traversal(
 
     Args:
         query, found: types of what is sought, and of what has been found so far.
-        enter: (node, query, distance) -> Entered, the boxes that the query enters no farther than the distance.
+        enter: (geometry, nodes, at, query, distance) -> Entered, the boxes of a node that the query enters no farther
+            than the distance.
         reach: (found) -> distance beyond which nothing better can be.
         visit: (geometry, query, leaf, distance of its box, found) -> found.
     """
@@ -78,7 +80,7 @@ def traversal(
                 best = visit(g, sought, -1 - at, near, best)
                 limit = reach(best)
             else:
-                entered = enter(nodes[at], sought, limit)
+                entered = enter(g, nodes, at, sought, limit)
                 children = entered.children
             if children != 0:
                 distance = entered.distance

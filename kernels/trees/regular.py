@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .nodes import NO_CHILD, OUTWARDS, empty_nodes
+from .nodes import FIRST_PLOT, NO_CHILD, OUTWARDS, empty_nodes
 
 _FANS = ((1, 8), (2, 4), (4, 2), (8, 1))
 """Rows and columns of the children of a node."""
@@ -67,10 +67,10 @@ class RegularNodes:
         return boxes
 
     def from_last(self) -> npt.NDArray[np.void]:
-        """All nodes, the last one first: children come after their parents."""
+        """All nodes, the last one first: children come after their parents. Plots have numbers of their own."""
         nodes = np.concatenate(self._made)[::-1].copy()
         child = nodes["child"]
-        nodes["child"] = np.where(child >= 0, self._count - 1 - child, child)
+        nodes["child"] = np.where((child >= 0) & (child < FIRST_PLOT), self._count - 1 - child, child)
         return nodes
 
 
