@@ -50,7 +50,8 @@ class TriangleBlock:
 class Plot:
     """Four by eight cells of the surface of a height field in three cache lines; see rigcast.kernels.shapes.patches.
 
-    x, y: where in Geometry.corners those of its nine columns and of its five rows of corners begin.
+    x: where in Geometry.sides those of its nine columns of corners begin, and after them of centres, then of half sizes
+    of the boxes of the four columns of patches. y: the same of its five rows, and of all eight patches.
     """
 
     z: wp.types.matrix(shape=(5, 9), dtype=wp.float32)  # type: ignore[valid-type]  # row by row
@@ -86,7 +87,7 @@ class Geometry:
     nodes: wp.array[Node]
     blocks: wp.array[TriangleBlock]
     plots: wp.array[Plot]  # of height fields on the CPU, and x and y of their corners
-    corners: wp.array[float]
+    sides: wp.array[float]
     patches: wp.array[Patch]  # of height fields on CUDA
     # shapes:
     kind: wp.array[int]  # (n,)
@@ -120,7 +121,7 @@ class Geometry:
 class TriangleTree:
     """A tree over triangles, in the frame of its vertices; child ~k of a node is block k, FIRST_PLOT + k is plot k.
 
-    dropped: how many faces had no area and were left out. plots, corners, columns: of a height field, see Geometry.
+    dropped: how many faces had no area and were left out. plots, sides, columns: of a height field, see Geometry.
     """
 
     nodes: npt.NDArray[np.void]
@@ -129,18 +130,18 @@ class TriangleTree:
     upper: npt.NDArray[np.float32]
     dropped: int
     plots: npt.NDArray[np.void] = field(default_factory=lambda: struct_zeros(Plot, 0))
-    corners: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
+    sides: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
     columns: int = 0
-    first_corner: int = 0  # what plots call corners[0]
+    first_side: int = 0  # what plots call sides[0]
 
 
 class TreePlace(NamedTuple):
-    """Where in joined arrays a tree's nodes, blocks, plots and corners begin."""
+    """Where in joined arrays a tree's nodes, blocks, plots and sides begin."""
 
     node: int
     block: int
     plot: int
-    corner: int
+    side: int
 
 
 class JoinedTrees(NamedTuple):
@@ -149,7 +150,7 @@ class JoinedTrees(NamedTuple):
     nodes: npt.NDArray[np.void]
     blocks: npt.NDArray[np.void]
     plots: npt.NDArray[np.void]
-    corners: npt.NDArray[np.float32]
+    sides: npt.NDArray[np.float32]
     places: list[TreePlace]
 
 
@@ -169,23 +170,23 @@ def join_triangle_trees(trees: Sequence[TriangleTree]) -> JoinedTrees:
         np.concatenate([struct_zeros(Node, 0), *(tree.nodes for tree in moved)]),
         np.concatenate([struct_zeros(TriangleBlock, 0), *(tree.blocks for tree in moved)]),
         np.concatenate([struct_zeros(Plot, 0), *(tree.plots for tree in moved)]),
-        np.concatenate([np.zeros(0, np.float32), *(tree.corners for tree in moved)]),
+        np.concatenate([np.zeros(0, np.float32), *(tree.sides for tree in moved)]),
         places,
     )
 
 
 def tree_sizes(tree: TriangleTree) -> TreePlace:
     """How much room a tree takes in joined arrays."""
-    return TreePlace(len(tree.nodes), len(tree.blocks), len(tree.plots), len(tree.corners))
+    return TreePlace(len(tree.nodes), len(tree.blocks), len(tree.plots), len(tree.sides))
 
 
 def moved_tree(tree: TriangleTree, place: TreePlace) -> TriangleTree:
     """The tree as it is at a place of joined arrays."""
     plots = tree.plots.copy()
-    plots["x"] += place.corner - tree.first_corner
-    plots["y"] += place.corner - tree.first_corner
+    plots["x"] += place.side - tree.first_side
+    plots["y"] += place.side - tree.first_side
     nodes = moved_nodes(tree.nodes, place.node, place.block, place.plot)
-    return replace(tree, nodes=nodes, plots=plots, first_corner=place.corner)
+    return replace(tree, nodes=nodes, plots=plots, first_side=place.side)
 
 
 @dataclass(frozen=True)

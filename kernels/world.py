@@ -100,20 +100,20 @@ class World:
 
     def _join_trees(self) -> None:
         g = self.geometry
-        nodes, blocks, plots, corners, self._places = join_triangle_trees(self.trees)
+        nodes, blocks, plots, sides, self._places = join_triangle_trees(self.trees)
         g.nodes = self._on_device(nodes)
         g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
         plots = _on_cache_lines(plots)
         g.plots = wp.array(plots, dtype=Plot, device=self.device, copy=False)
-        g.corners = wp.array(corners, dtype=float, device=self.device, copy=False)
+        g.sides = wp.array(sides, dtype=float, device=self.device, copy=False)
         # the triangles of all trees are held once
         self.trees = [
             replace(
                 tree,
                 blocks=blocks[place.block : place.block + len(tree.blocks)],
                 plots=plots[place.plot : place.plot + len(tree.plots)],
-                corners=corners[place.corner : place.corner + len(tree.corners)],
-                first_corner=place.corner,
+                sides=sides[place.side : place.side + len(tree.sides)],
+                first_side=place.side,
             )
             for tree, place in zip(self.trees, self._places, strict=True)
         ]
@@ -127,7 +127,7 @@ class World:
         wp.copy(g.nodes, self._on_device(tree.nodes), dest_offset=place.node)
         wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=self.device), dest_offset=place.block)
         wp.copy(g.plots, wp.array(tree.plots, dtype=Plot, device=self.device), dest_offset=place.plot)
-        wp.copy(g.corners, wp.array(tree.corners, dtype=float, device=self.device), dest_offset=place.corner)
+        wp.copy(g.sides, wp.array(tree.sides, dtype=float, device=self.device), dest_offset=place.side)
 
     def _trees_of_shapes(self) -> dict[str, wp.array]:
         """The arrays of Geometry that say which tree each shape has; closed forms have any."""

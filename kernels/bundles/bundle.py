@@ -114,7 +114,7 @@ def visit_block_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, dis
     blocks = g[0].blocks
     block = int(index)
     if index >= FIRST_PATCH:
-        compose(g[0].plots, g[0].corners, index - FIRST_PATCH, bundle.composed)
+        compose(g[0].plots, g[0].sides, index - FIRST_PATCH, bundle.composed)
         blocks = bundle.composed
         block = 0
     sides = sides_of(blocks[block], bundle.middle, bundle.spread)

@@ -19,7 +19,7 @@ class Sought:
     nodes: wp.array[Node]
     blocks: wp.array[TriangleBlock]
     plots: wp.array[Plot]
-    corners: wp.array[float]
+    sides: wp.array[float]
     opened: wp.array[Node]  # one, of a plot
     composed: wp.array[TriangleBlock]  # one, of a patch
     shape: int
@@ -44,7 +44,7 @@ def packet_among_triangles(g: Geometry, rays: wp.array[TileRays], view: View, k:
     sought.nodes = g.nodes
     sought.blocks = g.blocks
     sought.plots = g.plots
-    sought.corners = g.corners
+    sought.sides = g.sides
     sought.opened = rays[0].opened
     sought.composed = rays[0].composed
     sought.shape = shape

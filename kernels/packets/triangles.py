@@ -99,7 +99,7 @@ def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) 
     blocks = sought.blocks
     block = int(index)
     if index >= FIRST_PATCH:
-        compose(sought.plots, sought.corners, index - FIRST_PATCH, sought.composed)
+        compose(sought.plots, sought.sides, index - FIRST_PATCH, sought.composed)
         blocks = sought.composed
         block = 0
     if count_bits(lanes) <= FEW:
@@ -157,7 +157,7 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
             nodes = sought.nodes
             node = int(at)
             if at >= FIRST_PLOT:
-                open_plot(sought.plots, sought.corners, at - FIRST_PLOT, sought.opened)
+                open_plot(sought.plots, sought.sides, at - FIRST_PLOT, sought.opened)
                 nodes = sought.opened
                 node = 0
             slabs = slabs_of(nodes[node], sought.view.origin, sought.margin, sought.way)

@@ -118,12 +118,12 @@ def _in_patch(on_cuda: str, on_cpu: str) -> str:
 """
 
 
-@wp.func_native(_in_patch("x[column]", "g.data[0].corners.data[plot.x + 2 * (k & 3) + column]"))
+@wp.func_native(_in_patch("x[column]", "g.data[0].sides.data[plot.x + 2 * (k & 3) + column]"))
 def x_of(g: wp.array[Geometry], k: int, column: int) -> float:  # type: ignore[empty-body]
     """That of a column of corners."""
 
 
-@wp.func_native(_in_patch("y[row]", "g.data[0].corners.data[plot.y + 2 * (k >> 2 & 1) + row]"))
+@wp.func_native(_in_patch("y[row]", "g.data[0].sides.data[plot.y + 2 * (k >> 2 & 1) + row]"))
 def y_of(g: wp.array[Geometry], k: int, row: int) -> float:  # type: ignore[empty-body]
     """That of a row of corners."""
 

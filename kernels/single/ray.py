@@ -179,7 +179,7 @@ def triage_block(blocks: wp.array[TriangleBlock], k: int, ray: Ray) -> Spans:
 @noinline
 def triage_patch(g: wp.array[Geometry], k: int, ray: Ray) -> Spans:
     composed = wp.zeros(shape=1, dtype=TriangleBlock)
-    compose(g[0].plots, g[0].corners, k, composed)
+    compose(g[0].plots, g[0].sides, k, composed)
     return triage_block(composed, 0, ray)
 
 
@@ -217,7 +217,7 @@ def visit_block(g: wp.array[Geometry], ray: Ray, index: int, distance: float, be
 def enter_plot(g: wp.array[Geometry], k: int, ray: Ray, wider: wp.vec3, reach: float) -> Entered:
     """As enter_boxes, of the patches of plot k."""
     opened = wp.zeros(shape=1, dtype=Node)
-    open_plot(g[0].plots, g[0].corners, k, opened)
+    open_plot(g[0].plots, g[0].sides, k, opened)
     return enter_boxes(opened[0], ray, wider, reach)
 
 

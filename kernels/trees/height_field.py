@@ -8,15 +8,14 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.geometry import FARTHEST, NO_FACE, Plot, TriangleBlock, TriangleTree
+from rigcast.kernels.shapes.patches import COLUMNS, ROWS
 
-from .nodes import FIRST_PATCH, FIRST_PLOT, WIDTH, struct_zeros
+from .nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH, struct_zeros
 from .regular import Boxes, RegularNodes
 from .triangle_tree import fill, on_cpu
 
 Floats = npt.NDArray[np.float32]
 
-ROWS, COLUMNS = 4, 8
-"""Of the cells of a plot."""
 MOST_ROWS = 5
 """Of triangles, which are children of the root, as are the nodes of the surface: eight in all."""
 
@@ -54,7 +53,7 @@ def build_height_field(
         root.upper[0, 0],
         dropped=0,
         plots=surface.plots(cells[1]),
-        corners=surface.coordinates(),
+        sides=surface.sides(),
         columns=cells[1],
     )
 
@@ -93,13 +92,19 @@ class _Corners(NamedTuple):
         plots = struct_zeros(Plot, windows.shape[0] * windows.shape[1])
         grid = plots.reshape(windows.shape[:2])
         grid["z"] = windows
-        grid["x"], grid["y"] = COLUMNS * column, len(self.x) + ROWS * row
+        across, along = self._sides()
+        grid["x"], grid["y"] = across.shape[1] * column, across.size + along.shape[1] * row
         grid["face"] = 2 * (columns * ROWS * row + COLUMNS * column)
         return plots
 
-    def coordinates(self) -> Floats:
-        """Those of x, then those of y, and after these what may be read with the last ones, and is not used."""
-        return np.concatenate([self.x, self.y, np.zeros(WIDTH, np.float32)])
+    def sides(self) -> Floats:
+        """Of all columns of plots, then of all rows, as Plot says."""
+        return np.concatenate([sides.ravel() for sides in self._sides()])
+
+    def _sides(self) -> tuple[Floats, Floats]:
+        """Of the columns (n, 17) and of the rows (m, 21)."""
+        across, along = _side(self.x, COLUMNS), _side(self.y, ROWS)
+        return np.concatenate(across, axis=1), np.concatenate([along[0], *np.repeat(along[1:], 4, axis=2)], axis=1)
 
     def boxes(self) -> Boxes:
         """Those of the plots."""
@@ -112,6 +117,17 @@ class _Corners(NamedTuple):
         x, y = _over(end, self.x, COLUMNS), _over(end, self.y, ROWS)
         z = _over(end, _over(end, self.z, ROWS).T, COLUMNS).T
         return np.stack([*np.meshgrid(x, y, copy=False), z], axis=-1)
+
+
+def _side(corners: Floats, cells: int) -> tuple[Floats, Floats, Floats]:
+    """Of each plot its corners (n, cells + 1), and centre and half size (n, cells / 2) of the boxes of patches."""
+    windows = np.lib.stride_tricks.sliding_window_view(corners, cells + 1)[::cells]
+    low, middle, high = windows[:, 0:-1:2], windows[:, 1::2], windows[:, 2::2]
+    high = np.where(np.isnan(high), middle, high)
+    center = np.float32(0.5) * low + np.float32(0.5) * high
+    half = np.maximum(high - center, center - low) * np.float32(OUTWARDS)
+    absent = np.isnan(middle)
+    return windows, np.where(absent, np.float32(0), center), np.where(absent, np.float32(-np.inf), half)
 
 
 def _over(end: np.ufunc, values: Floats, step: int) -> Floats:
