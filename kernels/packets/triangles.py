@@ -17,7 +17,7 @@ from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
 from .lanes import direction_of, far_of, near_of
 from .packet import ALL_LANES, decide_lane_of_packet, farthest, offer
 from .prefetch import prefetch_block, prefetch_node, prefetch_plot
-from .slabs import EnteredByLanes, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
+from .slabs import EnteredByLanes, Slabs, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
 from .sought import Sought
 
 FEW = wp.constant(6)
@@ -154,13 +154,12 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
                 reach = visit_block_of_packet(sought, -1 - at, entering, reach)
             at = int(NO_CHILD)
         else:
-            nodes = sought.nodes
-            node = int(at)
+            slabs = Slabs()
             if at >= FIRST_PLOT:
                 open_plot(sought.plots, sought.sides, at - FIRST_PLOT, sought.opened)
-                nodes = sought.opened
-                node = 0
-            slabs = slabs_of(nodes[node], sought.view.origin, sought.margin, sought.way)
+                slabs = slabs_of(sought.opened[0], sought.view.origin, sought.margin, sought.way)
+            else:
+                slabs = slabs_of(sought.nodes[at], sought.view.origin, sought.margin, sought.way)
             near_x = slabs.near_x
             near_y = slabs.near_y
             near_z = slabs.near_z
@@ -177,6 +176,7 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
             children = entered.children
             distance = entered.distance
             lanes_of_few = entered.lanes
+            node = int(at)
             which = int(entering)
             at = int(NO_CHILD)
             near = float(wp.inf)
@@ -191,7 +191,7 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
                     end = wp.vec3(far_x[j], far_y[j], far_z[j])
                     who = which & lanes_at_box(sought.way.slowness, packet.best[packet.slot].far, start, end)
                 if who != 0:
-                    child = child_of(nodes, node, j)
+                    child = child_of(sought.nodes, node, j)
                     prefetch_child(sought, child)
                     is_nearer = distance[j] < near
                     farther = wp.where(is_nearer, at, child)
