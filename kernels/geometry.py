@@ -62,7 +62,7 @@ class Plot:
 
 @wp.struct
 class Patch:
-    """Two by two cells of the surface of a height field, which fill a cache line, as CUDA has them.
+    """Two by two cells of a plot, which fill a cache line, as CUDA has them.
 
     Where there are but one row or column of cells, y or x of the last corners is NaN, and z that of those before.
     """
@@ -70,7 +70,7 @@ class Patch:
     x: wp.vec3  # of the columns of corners
     y: wp.vec3  # of the rows
     z: wp.mat33  # row by row
-    face: int  # the lower one of the first cell
+    face: int  # that of its plot
 
 
 @wp.struct
@@ -86,9 +86,9 @@ class Geometry:
     # triangle trees:
     nodes: wp.array[Node]
     blocks: wp.array[TriangleBlock]
-    plots: wp.array[Plot]  # of height fields on the CPU, and x and y of their corners
-    sides: wp.array[float]
-    patches: wp.array[Patch]  # of height fields on CUDA
+    plots: wp.array[Plot]  # of height fields on the CPU
+    sides: wp.array[float]  # what Plot says
+    patches: wp.array[Patch]  # of height fields on CUDA, whose plots are nodes there
     # shapes:
     kind: wp.array[int]  # (n,)
     twin: wp.array[int]  # an earlier shape of the same kind and triangle tree, or -1

@@ -13,9 +13,12 @@ import numpy.typing as npt
 import warp as wp
 
 from .geometry import (
+    PATCHES,
     Geometry,
+    Patch,
     Plot,
     Shapes,
+    TreePlace,
     TriangleBlock,
     TriangleTree,
     join_triangle_trees,
@@ -26,6 +29,7 @@ from .host.upload import Upload
 from .packets.prefetch import CACHE_LINE
 from .trees.nodes import Node, by_ends
 from .trees.top_trees import TopTrees
+from .trees.unfolded import lead_to_nodes, nodes_of, patches_of
 
 _SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
 
@@ -101,11 +105,17 @@ class World:
     def _join_trees(self) -> None:
         g = self.geometry
         nodes, blocks, plots, sides, self._places = join_triangle_trees(self.trees)
-        g.nodes = self._on_device(nodes)
-        g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
         plots = _on_cache_lines(plots)
-        g.plots = wp.array(plots, dtype=Plot, device=self.device, copy=False)
-        g.sides = wp.array(sides, dtype=float, device=self.device, copy=False)
+        g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
+        if self.device.is_cpu:
+            g.nodes = wp.array(nodes, dtype=Node, device=self.device, copy=False)
+            g.plots = wp.array(plots, dtype=Plot, device=self.device, copy=False)
+            g.sides = wp.array(sides, dtype=float, device=self.device, copy=False)
+        else:
+            patches = patches_of(plots, sides)
+            stored = np.concatenate([lead_to_nodes(nodes, len(nodes)), nodes_of(patches)])
+            g.nodes = wp.array(by_ends(stored), dtype=Node, device=self.device)
+            g.patches = wp.array(patches, dtype=Patch, device=self.device)
         # the triangles of all trees are held once
         self.trees = [
             replace(
@@ -118,16 +128,24 @@ class World:
             for tree, place in zip(self.trees, self._places, strict=True)
         ]
 
-    def _on_device(self, nodes: npt.NDArray[np.void]) -> wp.array:
-        return wp.array(nodes if self.device.is_cpu else by_ends(nodes), dtype=Node, device=self.device, copy=False)
-
     def _overwrite_tree(self, index: int) -> None:
         place, g = self._places[index], self.geometry
         tree = moved_tree(self.trees[index], place)
-        wp.copy(g.nodes, self._on_device(tree.nodes), dest_offset=place.node)
         wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=self.device), dest_offset=place.block)
-        wp.copy(g.plots, wp.array(tree.plots, dtype=Plot, device=self.device), dest_offset=place.plot)
-        wp.copy(g.sides, wp.array(tree.sides, dtype=float, device=self.device), dest_offset=place.side)
+        if self.device.is_cpu:
+            wp.copy(g.nodes, wp.array(tree.nodes, dtype=Node, device="cpu"), dest_offset=place.node)
+            wp.copy(g.plots, wp.array(tree.plots, dtype=Plot, device="cpu"), dest_offset=place.plot)
+            wp.copy(g.sides, wp.array(tree.sides, dtype=float, device="cpu"), dest_offset=place.side)
+            return
+        patches = patches_of(moved_tree(tree, TreePlace(0, 0, 0, 0)).plots, tree.sides)
+        first_patch, first = PATCHES * place.plot, g.nodes.size - g.patches.size // PATCHES
+        nodes = {
+            place.node: lead_to_nodes(tree.nodes, first),
+            first + place.plot: nodes_of(patches, first_patch),
+        }
+        for at, own in nodes.items():
+            wp.copy(g.nodes, wp.array(by_ends(own), dtype=Node, device=self.device), dest_offset=at)
+        wp.copy(g.patches, wp.array(patches, dtype=Patch, device=self.device), dest_offset=first_patch)
 
     def _trees_of_shapes(self) -> dict[str, wp.array]:
         """The arrays of Geometry that say which tree each shape has; closed forms have any."""

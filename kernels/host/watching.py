@@ -3,9 +3,10 @@
 A digest reads half of what a comparison with a copy reads, and asks for it so that it does not drive out of the cache
 what a cast needs from there (a field of 10 M triangles has 20 MB of heights).
 
-Of every 64 bytes each number w of 32 bits goes into two of the 32 numbers a of a digest: a' = b ^ (b >> s), b = (a ^ w)
-m, m odd. A step can be taken back, so that one number alone that differs makes another digest for sure. Where several
-that go into the same two do, they would have to cancel each other out in both, a chance of one in 2^64.
+Of every 128 bytes each number w of 32 bits goes into two of the 64 numbers a of a digest: a' = b ^ (b >> s), b = (a ^
+w) m, m odd. With fewer of them one step would wait for the last one for longer than for memory. A step can be taken
+back, so that one number alone that differs makes another digest for sure. Where several that go into the same two do,
+they would have to cancel each other out in both, a chance of one in 2^64.
 """
 
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 PIECE = 2**15
 """Bytes that have a digest together."""
 
-digest32 = wp.types.vector(length=32, dtype=wp.uint32)
+digest64 = wp.types.vector(length=64, dtype=wp.uint32)
 
 
 @wp.struct
@@ -32,8 +33,8 @@ class Watch:
 
     address: wp.array[wp.uint64]
     size: wp.array[wp.int64]
-    now: wp.array[digest32]
-    before: wp.array[digest32]
+    now: wp.array[digest64]
+    before: wp.array[digest64]
     differ: wp.array[wp.bool]
 
 
@@ -41,7 +42,7 @@ class Watch:
 #if defined(__CUDA_ARCH__)
     return false;
 #else
-    typedef unsigned words __attribute__((ext_vector_type(8)));
+    typedef unsigned words __attribute__((ext_vector_type(16)));
     const unsigned factor[2] = {0x9E3779B1u, 0x85EBCA77u};  // odd, of xxHash
     const int shift[2] = {15, 13};
     words own[4] = {1, 2, 3, 4};
@@ -50,7 +51,9 @@ class Watch:
         words w[2] = {0, 0};
         if (size >= (wp::int64)sizeof(w)) {
             __builtin_memcpy(w, bytes, sizeof(w));
-            __builtin_prefetch(bytes + 512, 0, 0);  // not to stay in the cache
+            // not to stay in the cache
+            __builtin_prefetch(bytes + 2048, 0, 0);
+            __builtin_prefetch(bytes + 2112, 0, 0);
         } else {
             __builtin_memcpy(w, bytes, size);
         }
@@ -66,7 +69,7 @@ class Watch:
 #endif
 """)
 def digest_differs(  # type: ignore[empty-body]
-    address: wp.uint64, size: wp.int64, now: wp.array[digest32], before: wp.array[digest32], i: int
+    address: wp.uint64, size: wp.int64, now: wp.array[digest64], before: wp.array[digest64], i: int
 ) -> bool:
     """Make digest i of so many bytes at an address, and say whether it is another than before."""
 
@@ -94,7 +97,7 @@ class Watched:
         watch = Watch()
         watch.address = wp.array(np.concatenate(address), dtype=wp.uint64, device="cpu")
         watch.size = wp.array(np.concatenate(size), dtype=wp.int64, device="cpu")
-        watch.now, watch.before = (wp.zeros(watch.size.size, dtype=digest32, device="cpu") for _ in range(2))
+        watch.now, watch.before = (wp.zeros(watch.size.size, dtype=digest64, device="cpu") for _ in range(2))
         watch.differ = wp.zeros(1, dtype=wp.bool, device="cpu")
         self._now, self._before, self._differ = watch.now.numpy(), watch.before.numpy(), watch.differ.numpy()
         self._compare = prepare_over_tiles(compare_pieces, watch.size.size, lambda _: [watch])

@@ -109,7 +109,7 @@ def meet_triangle(
     v = Triangle()
     normal = wp.vec3()
     if number >= FIRST_IN_PATCHES:
-        v = triangle_of_patch(held, number - FIRST_IN_PATCHES)
+        v = triangle_of_patch(g.patches, g.plots, g.sides, number - FIRST_IN_PATCHES)
         normal = normal_in_patch(number, v)
     else:
         v = triangle_of_block(g.blocks, number)
