@@ -54,7 +54,7 @@ class Plot:
     of the boxes of the four columns of patches. y: the same of its five rows, and of all eight patches.
     """
 
-    z: wp.types.matrix(shape=(5, 9), dtype=wp.float32)  # type: ignore[valid-type]  # row by row
+    z: wp.types.matrix(shape=(5, 9), dtype=wp.float32)  # row by row
     x: int
     y: int
     face: int  # the lower one of the first cell
