@@ -9,7 +9,7 @@ from rigcast.kernels.shapes.patches import compose
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.single.ray import Ray, enter_boxes, enter_plot, in_frame_of_tree, in_world
-from rigcast.kernels.single.traverse import Entered, traversal
+from rigcast.kernels.single.traverse import Entered, child_among_triangles, traversal
 from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH, Node
 from rigcast.kernels.vectors import larger, lowest_bit, to_float
 
@@ -137,7 +137,13 @@ def visit_block_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, dis
 
 
 cast_bundle_through_triangles = traversal(
-    "cast_bundle_through_triangles", Bundle, float, enter_triangles_of_bundle, reach_of_bundle, visit_block_of_bundle
+    "cast_bundle_through_triangles",
+    Bundle,
+    float,
+    enter_triangles_of_bundle,
+    reach_of_bundle,
+    visit_block_of_bundle,
+    child_among_triangles,
 )
 
 

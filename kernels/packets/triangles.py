@@ -9,7 +9,7 @@ import warp as wp
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.hits.hit import APART
 from rigcast.kernels.shapes.patches import compose, open_plot
-from rigcast.kernels.single.traverse import child_of, stack_of_distances, stack_of_ints
+from rigcast.kernels.single.traverse import child_among_triangles, stack_of_distances, stack_of_ints
 from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, WIDTH
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
@@ -191,7 +191,7 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
                     end = wp.vec3(far_x[j], far_y[j], far_z[j])
                     who = which & lanes_at_box(sought.way.slowness, packet.best[packet.slot].far, start, end)
                 if who != 0:
-                    child = child_of(sought.nodes, node, j)
+                    child = child_among_triangles(sought.nodes, node, j)
                     prefetch_child(sought, child)
                     is_nearer = distance[j] < near
                     farther = wp.where(is_nearer, at, child)

@@ -12,7 +12,7 @@ from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, may_be_inside
 from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, WIDTH, Node, vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double, to_float
 
-from .traverse import Entered, sign_bits, traversal
+from .traverse import Entered, child_among_triangles, sign_bits, traversal
 
 MARGIN = wp.constant(4.0 * 2.0**-23)
 SMALLEST = wp.constant(1.0e-20)
@@ -229,7 +229,9 @@ def enter_among_triangles(g: wp.array[Geometry], nodes: wp.array[Node], at: int,
     return enter_boxes(nodes[at], ray, wider, reach)
 
 
-cast_through_triangles = traversal("cast_through_triangles", Ray, Hit, enter_among_triangles, reach_of_ray, visit_block)
+cast_through_triangles = traversal(
+    "cast_through_triangles", Ray, Hit, enter_among_triangles, reach_of_ray, visit_block, child_among_triangles
+)
 
 
 @wp.func

@@ -41,12 +41,19 @@ def sign_bits(a: vec8i) -> int:  # type: ignore[empty-body]
     """Bit by bit, which of eight numbers are below 0: one instruction, which no loop is turned into."""
 
 
+@wp.func_native("""
+    return wp::address(nodes, at)->child[j];
+""")
+def child_of(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[empty-body]
+    """Child j of a node, read alone: the others would be copied first."""
+
+
 @wp.func_native(f"""
     return at >= {int(FIRST_PLOT)} ? -1 - ({int(FIRST_PATCH)} + 8 * (at - {int(FIRST_PLOT)}) + j)
                                    : wp::address(nodes, at)->child[j];
 """)
-def child_of(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[empty-body]
-    """Child j of a node, read alone: the others would be copied first. Or patch j of a plot."""
+def child_among_triangles(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[empty-body]
+    """The same where it may be patch j of a plot."""
 
 
 def traversal(
@@ -56,6 +63,7 @@ def traversal(
     enter: Callable[..., Any],
     reach: Callable[..., Any],
     visit: Callable[..., Any],
+    child: Callable[..., Any] = child_of,
 ) -> Any:
     """A Warp function that takes a query through a tree and shows it every leaf that may hold something better.
 
@@ -65,6 +73,7 @@ def traversal(
             than the distance.
         reach: (found) -> distance beyond which nothing better can be.
         visit: (geometry, query, leaf, distance of its box, found) -> found.
+        child: (nodes, at, j) -> child j of a node.
     """
 
     def traverse(g: Any, nodes: wp.array[Node], root: int, sought: query, best: found) -> found:
@@ -86,18 +95,18 @@ def traversal(
                 distance = entered.distance
                 node = int(at)
                 j = lowest_bit(children)
-                at = child_of(nodes, node, j)
+                at = child(nodes, node, j)
                 near = distance[j]
                 children = children & (children - 1)
                 floor = int(top)
                 while children != 0:
                     j = lowest_bit(children)
                     children = children & (children - 1)
-                    child = child_of(nodes, node, j)
+                    other = child(nodes, node, j)
                     is_nearer = distance[j] < near
-                    farther = wp.where(is_nearer, at, child)
+                    farther = wp.where(is_nearer, at, other)
                     far = wp.where(is_nearer, near, distance[j])
-                    at = wp.where(is_nearer, child, at)
+                    at = wp.where(is_nearer, other, at)
                     near = wp.where(is_nearer, distance[j], near)
                     # insert where those farther still are below
                     k = int(top)
