@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry, Plot, TriangleBlock
+from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.trees.nodes import Node
 
 from .edges import side_rounding
@@ -18,10 +18,6 @@ class Sought:
     packet: PacketRays
     nodes: wp.array[Node]
     blocks: wp.array[TriangleBlock]
-    plots: wp.array[Plot]
-    sides: wp.array[float]
-    opened: wp.array[Node]  # one, of a plot
-    composed: wp.array[TriangleBlock]  # one, of a patch
     shape: int
     cull: int
     view: View
@@ -43,10 +39,6 @@ def packet_among_triangles(g: Geometry, rays: wp.array[TileRays], view: View, k:
     sought.packet = packet_of(rays, k)
     sought.nodes = g.nodes
     sought.blocks = g.blocks
-    sought.plots = g.plots
-    sought.sides = g.sides
-    sought.opened = rays[0].opened
-    sought.composed = rays[0].composed
     sought.shape = shape
     sought.cull = cull
     sought.view = view

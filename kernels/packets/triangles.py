@@ -99,8 +99,10 @@ def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) 
     blocks = sought.blocks
     block = int(index)
     if index >= FIRST_PATCH:
-        compose(sought.plots, sought.sides, index - FIRST_PATCH, sought.composed)
-        blocks = sought.composed
+        tile = sought.packet.tile
+        g = tile[0].geometry
+        compose(g[0].plots, g[0].sides, index - FIRST_PATCH, tile[0].composed)
+        blocks = tile[0].composed
         block = 0
     if count_bits(lanes) <= FEW:
         return visit_block_lane_by_lane(sought, index, lanes, reach, blocks, block)
@@ -111,7 +113,8 @@ def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) 
 def prefetch_child(sought: Sought, child: int) -> None:
     """Of a patch there is nothing to ask for: its plot has been opened."""
     if child >= FIRST_PLOT:
-        prefetch_plot(sought.plots, child - FIRST_PLOT)
+        g = sought.packet.tile[0].geometry
+        prefetch_plot(g[0].plots, child - FIRST_PLOT)
     elif child >= 0:
         prefetch_node(sought.nodes, child)
     elif -1 - child < FIRST_PATCH:
@@ -156,8 +159,10 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
         else:
             slabs = Slabs()
             if at >= FIRST_PLOT:
-                open_plot(sought.plots, sought.sides, at - FIRST_PLOT, sought.opened)
-                slabs = slabs_of(sought.opened[0], sought.view.origin, sought.margin, sought.way)
+                g = packet.tile[0].geometry
+                opened = packet.tile[0].opened
+                open_plot(g[0].plots, g[0].sides, at - FIRST_PLOT, opened)
+                slabs = slabs_of(opened[0], sought.view.origin, sought.margin, sought.way)
             else:
                 slabs = slabs_of(sought.nodes[at], sought.view.origin, sought.margin, sought.way)
             near_x = slabs.near_x
