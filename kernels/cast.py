@@ -1,17 +1,17 @@
 """The cast: the rays of a sensor, through the geometry, to hits."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
 from .hits.out import FIELD_NAMES, Out
-from .launching.slices import prepare_over_tiles
+from .launching.slices import OverTiles
 from .launching.turns import end_of_run, take_run
-from .packets.packet import PACKETS, Directions, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
+from .packets.packet import PACKETS, Directions, Facets, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
 from .packets.places import Places, place_packet, stage_packet
 from .packets.prefetch import align_stack, prefetch_out, prefetch_packet, prefetch_tile
 from .packets.staging import PacketOut, end_stream, stage_misses, write_part
@@ -90,6 +90,7 @@ class InPackets:
     hits: wp.array2d[PacketOut]  # (threads, PACKETS)
     opened: wp.array2d[Node]  # (threads, 1)
     composed: wp.array2d[TriangleBlock]  # (threads, 1)
+    facets: wp.array2d[Facets]  # (threads, 1)
 
 
 @wp.kernel
@@ -117,6 +118,7 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
     staged = these.hits[thread]
     rays[0].opened = these.opened[thread]
     rays[0].composed = these.composed[thread]
+    rays[0].facets = these.facets[thread]
     count = these.worlds * tiles.shape[0]
     threads = these.copies.shape[0]
     at = take_run(taken, count, threads)
@@ -177,15 +179,24 @@ def cast(
         One entry per ray, world after world.
     """
     hits = HitArrays.empty(rays.total, rays.directions.device) if out is None else out
-    for launch in _prepare(geometry, rays, _job(visible, rays, limit, cull, hits.out())):
-        launch()
+    launches = _prepare(geometry, rays, _job(visible, rays, limit, cull, hits.out()))
+    if launches:
+        launches[0].launch_with(launches[1:])
     return hits
+
+
+class Launch(Protocol):
+    """A launch for as often as it is wanted."""
+
+    def launch_with(self, others: Sequence[Any]) -> object:
+        """Launch it, and others of its type, all at once. Gives what a graph that repeats that is to hold."""
+        ...
 
 
 class Readings(NamedTuple):
     """A cast whose hits are readings: launches for as often as it is wanted, that hold no arrays which they write."""
 
-    launches: list[Callable[[], object]]
+    launches: Sequence[Launch]
     job: Job
 
     def turn_to(self, hits: HitArrays, rays: Rays, fields: Mapping[str, wp.array]) -> None:
@@ -216,13 +227,22 @@ def prepare_readings(
     return Readings(_prepare(geometry, rays, job), job)
 
 
+def launch(readings: Iterable[Readings]) -> object:
+    """Cast and read what several sensors see on one device, all at once: on CUDA in one launch of all their rays.
+
+    They cast at one geometry, as it stands. Gives what a graph that repeats that is to hold.
+    """
+    launches = [each for reading in readings for each in reading.launches]
+    return launches[0].launch_with(launches[1:]) if launches else None
+
+
 def _job(visible: wp.array, rays: Rays, limit: float, cull: int, out: Out) -> Job:
     job = Job()
     job.rays, job.visible, job.limit, job.cull, job.out = rays.arrays, visible, limit, cull, out
     return job
 
 
-def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Callable[[], object]]:
+def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Launch]:
     device = rays.directions.device
     placed = geometry if geometry.instants == 1 else at_firings(geometry, rays)
     if rays.packets is None:
@@ -234,10 +254,10 @@ def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Callable[[], obje
         from .bundles.cast import prepare_bundles  # here, as a rig without parallel rays needs none of it
 
         return [prepare_bundles(placed, job, packets, worlds)]
-    launches: list[Callable[[], object]] = []
+    launches: list[Launch] = []
     if packets.tiles.size:
         inputs = partial(_in_packets, placed, job, packets, worlds)
-        launches.append(prepare_over_tiles(cast_packets, worlds * packets.tiles.size, inputs))
+        launches.append(OverTiles(cast_packets, worlds * packets.tiles.size, inputs))
     if packets.singles.size:
         launches += _prepare_alone(placed, job, packets.singles, worlds * packets.singles.size)
     return launches
@@ -257,26 +277,27 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     these.hits = wp.empty((threads, PACKETS), dtype=PacketOut, device="cpu")
     these.opened = wp.empty((threads, 1), dtype=Node, device="cpu")
     these.composed = wp.empty((threads, 1), dtype=TriangleBlock, device="cpu")
+    these.facets = wp.empty((threads, 1), dtype=Facets, device="cpu")
     return [geometry, job, these]
 
 
-def _prepare_alone(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
+def _prepare_alone(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Launch]:
     """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
     prepare = _in_turns if which.device.is_cpu else _in_threads
     return prepare(geometry, job, which, count)
 
 
-def _in_turns(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
+def _in_turns(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Launch]:
     def inputs(threads: int) -> list[Any]:
         return [geometry, job, _alone(which, count, threads)]
 
-    return [prepare_over_tiles(cast_turns, -(-count // RAYS_PER_RUN), inputs)]
+    return [OverTiles(cast_turns, -(-count // RAYS_PER_RUN), inputs)]
 
 
-def _in_threads(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Callable[[], object]]:
-    from .single.threads.cast import prepare_threads  # here, as nothing but CUDA needs it
+def _in_threads(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Launch]:
+    from .single.threads.cast import InThreads  # here, as nothing but CUDA needs it
 
-    return prepare_threads(geometry, job, which, count)
+    return [InThreads(geometry, job, which, count)] if count else []
 
 
 def _alone(which: wp.array, count: int, threads: int) -> Alone:

@@ -18,9 +18,19 @@ def to_double(a: wp.vec3) -> wp.vec3d:
 
 
 @wp.func
+def within(k: int, size: int) -> int:
+    """k modulo size, without a division where none is needed."""
+    if k < size:
+        return k
+    if size == 1:
+        return 0
+    return k % size
+
+
+@wp.func
 def of_ray(vectors: wp.array[wp.vec3d], i: int) -> wp.vec3d:
     """That of ray i of all worlds: there is one for all rays, one for each of a world, or one for each of all."""
-    return vectors[i % vectors.shape[0]]
+    return vectors[within(i, vectors.shape[0])]
 
 
 @wp.func

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import warp as wp
 
 from .host.held import Held
-from .launching.slices import TURN, prepare_over_tiles
+from .launching.slices import TURN, OverTiles
 from .launching.turns import turn_of
 from .packets.packet import LANES, TILE, Tile, double_lanes
 from .packing.in_order import Packing, PackingInOrder, by_number, pack_tile
@@ -206,7 +206,7 @@ class _Reading:
         if not in_packets:
             these.tiles = wp.empty(0, dtype=Tile, device="cpu")
         self.held = Held(self.directions, these.tiles, these.packets)
-        self.launch = prepare_over_tiles(bend_and_pack, -(-samples // LANES), lambda _: [wedges, these])
+        self.launch = OverTiles(bend_and_pack, -(-samples // LANES), lambda _: [wedges, these])
 
 
 def _doubles(values: Doubles) -> wp.array:

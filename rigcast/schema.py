@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from .dataset.file import DatasetFile
+from .dataset.description.file import DatasetFile
 from .rig_file.file import RigFile
 
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"

@@ -1,6 +1,5 @@
 """The cast of rays in bundles, on the CPU."""
 
-from collections.abc import Callable
 from typing import Any
 
 import warp as wp
@@ -8,7 +7,7 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.hit import WorldRay, no_hit
 from rigcast.kernels.hits.out import write_miss
-from rigcast.kernels.launching.slices import TURN, prepare_over_tiles
+from rigcast.kernels.launching.slices import TURN, OverTiles
 from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.packing.bundling import MOST, Bundles
 from rigcast.kernels.poses.scope import scope_of
@@ -101,7 +100,7 @@ def cast_bundles(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
         begin = turn_of(turns) * TURN
 
 
-def prepare_bundles(geometry: Geometry, job: Job, bundles: Bundles, worlds: int) -> Callable[[], object]:
+def prepare_bundles(geometry: Geometry, job: Job, bundles: Bundles, worlds: int) -> OverTiles:
     """The launch of a cast of all bundles in so many worlds."""
 
     def inputs(threads: int) -> list[Any]:
@@ -112,4 +111,4 @@ def prepare_bundles(geometry: Geometry, job: Job, bundles: Bundles, worlds: int)
         these.composed = wp.empty((threads, 1), dtype=TriangleBlock, device="cpu")
         return [geometry, job, these]
 
-    return prepare_over_tiles(cast_bundles, worlds * bundles.rays.shape[0], inputs)
+    return OverTiles(cast_bundles, worlds * bundles.rays.shape[0], inputs)

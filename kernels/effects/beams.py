@@ -17,7 +17,8 @@ from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.vectors import of_ray
 
-from .random import RandomSource, random_normal
+from .draws import Draws, drawn
+from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -66,8 +67,8 @@ def aim_beams(
     directions: wp.array[wp.vec3d],
     spread: wp.array[wp.vec2],
     # noise:
-    source: RandomSource,
     angle_std: float,
+    draws: Draws,  # empty without noise
     # out, spread.size for each direction:
     aimed: wp.array[wp.vec3d],
 ) -> None:
@@ -77,8 +78,8 @@ def aim_beams(
     v = wp.cross(d, h)
     noise = wp.vec2(0.0, 0.0)
     if angle_std > 0.0:
-        z = random_normal(source, i, DRAW_ANGLE)
-        noise = angle_std * wp.vec2(z[0], z[1])
+        numbers = draws.numbers[i]
+        noise = angle_std * wp.vec2(numbers[0], numbers[1])
     for s in range(spread.shape[0]):
         aimed[i * spread.shape[0] + s] = turned(d, h, v, noise + spread[s])
 
@@ -96,7 +97,8 @@ def aim(rays: Rays, spread: wp.array, source: RandomSource, angle_std: float, wo
     """
     count, device = worlds * rays.directions.size, rays.directions.device
     aimed = wp.empty(count * spread.size, dtype=wp.vec3d, device=device)
-    launch_over_rays(aim_beams, count, [rays.directions, spread, source, angle_std], [aimed], device)
+    draws = drawn(source, DRAW_ANGLE, count if angle_std > 0 else 0, device)
+    launch_over_rays(aim_beams, count, [rays.directions, spread, angle_std, draws], [aimed], device)
     return aimed
 
 

@@ -24,9 +24,9 @@ import warp as wp
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.hits.out import Out
-from rigcast.kernels.launching.slices import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_runs
 from rigcast.kernels.rays.arrays import RayArrays, Rays, firing_of
-from rigcast.kernels.vectors import of_ray, to_double
+from rigcast.kernels.vectors import of_ray, to_double, within
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -95,7 +95,9 @@ def stopped() -> wp.vec3d:
 def spread_power(share: float, distance: float, extinction: float) -> float:
     """share exp(-2 a R) / R^2."""
     nearest = wp.max(distance, NEAREST)
-    return share * wp.exp(-2.0 * extinction * distance) / (nearest * nearest)
+    if extinction > 0.0:
+        share *= wp.exp(-2.0 * extinction * distance)
+    return share / (nearest * nearest)
 
 
 @wp.func
@@ -110,45 +112,54 @@ def go_on(paths: Paths, j: int, direction: wp.vec3d, distance: float, share: flo
     """Light that goes on from this far along path j, a share of it each way."""
     out.direction[j] = direction
     out.origin[j] = of_ray(paths.origin, j) + wp.float64(distance) * of_ray(paths.direction, j)
-    out.travelled[j] = paths.travelled[j % paths.travelled.shape[0]] + distance
-    out.share[j] = paths.share[j % paths.share.shape[0]] * share * share
+    out.travelled[j] = paths.travelled[within(j, paths.travelled.shape[0])] + distance
+    out.share[j] = paths.share[within(j, paths.share.shape[0])] * share * share
 
 
-@wp.kernel
-def reflect_paths(
-    first: int,
-    # what was hit:
-    surfaces: SurfaceArrays,
-    hits: Out,
-    # the light:
-    paths: Paths,
-    rays: RayArrays,
-    limit: float,
-    extinction: float,
-    lobe_cosine: float,
-    sub_rays: int,
-    first_slot: int,
-    # out; beyond and aside may be empty:
-    echoes: Echoes,
-    beyond: Paths,
-    aside: Paths,
-) -> None:
-    j = first + wp.tid()
-    slot = (first_slot + j % sub_rays) * (hits.distance.shape[0] / sub_rays) + j / sub_rays
+@wp.struct
+class Meeting:
+    """Surfaces, what of them is hit, and the light that meets them, as in Setting; the slots of its echoes."""
+
+    surfaces: SurfaceArrays
+    hits: Out
+    paths: Paths
+    rays: RayArrays
+    limit: float
+    extinction: float
+    lobe_cosine: float
+    sub_rays: int
+    first_slot: int
+
+
+@wp.func
+def slot_of(meeting: Meeting, j: int) -> int:
+    """Of the echo of path j."""
+    paths = meeting.hits.distance.shape[0]
+    if meeting.sub_rays == 1:
+        return meeting.first_slot * paths + j
+    return (meeting.first_slot + j % meeting.sub_rays) * (paths / meeting.sub_rays) + j / meeting.sub_rays
+
+
+@wp.func
+def reflect_path(meeting: Meeting, j: int, echoes: Echoes, beyond: Paths, aside: Paths) -> None:
+    hits = meeting.hits
+    paths = meeting.paths
+    surfaces = meeting.surfaces
+    slot = slot_of(meeting, j)
     echoes.distance[slot] = wp.inf
     echoes.power[slot] = 0.0
     if beyond.direction.shape[0] > 0:
         beyond.direction[j] = stopped()
     hit = hits.shape[j]
     if hit < 0:
-        if first_slot == 0:
+        if meeting.first_slot == 0:
             echoes.distance[slot] = hits.distance[j]  # +inf, or NaN
         return
     distance = hits.distance[j]
-    travelled = paths.travelled[j % paths.travelled.shape[0]] + distance
-    if travelled > limit:
+    travelled = paths.travelled[within(j, paths.travelled.shape[0])] + distance
+    if travelled > meeting.limit:
         return
-    rotation = rays.rotation[firing_of(rays, j)]
+    rotation = meeting.rays.rotation[firing_of(meeting.rays, j)]
     direction = of_ray(paths.direction, j)
     d = rotation * direction
     n = to_double(hits.normal[j])
@@ -157,10 +168,11 @@ def reflect_paths(
     opaque = 1.0 - surfaces.transmission[hit]
     mirrored = opaque * surfaces.mirror[hit]
     reflected = diffuse_share(surfaces, hit, cosine)
-    if cosine >= lobe_cosine:
+    if cosine >= meeting.lobe_cosine:
         reflected += mirrored
+    share = paths.share[within(j, paths.share.shape[0])]
     echoes.distance[slot] = travelled
-    echoes.power[slot] = spread_power(paths.share[j % paths.share.shape[0]] * reflected, travelled, extinction)
+    echoes.power[slot] = spread_power(share * reflected, travelled, meeting.extinction)
     echoes.shape[slot] = hit
     echoes.face[slot] = hits.face[j]
     echoes.normal[slot] = hits.normal[j]
@@ -169,13 +181,30 @@ def reflect_paths(
     step = 1.0e-5 * (1.0 + distance) / wp.max(cosine, SHALLOWEST)
     if beyond.direction.shape[0] > 0 and let_through > 0.0:
         go_on(paths, j, direction, distance + step, let_through, beyond)
-    is_seen_aside = aside.direction.shape[0] > 0 and mirrored > 0.0 and cosine < lobe_cosine
+    is_seen_aside = aside.direction.shape[0] > 0 and mirrored > 0.0 and cosine < meeting.lobe_cosine
     # one bounce: the first mirror on the way
     # nested, as older versions of Warp evaluate the whole of an `and`, and aside may be empty
     if is_seen_aside:  # noqa: SIM102
         if not wp.isfinite(aside.direction[j]):
             reflected_direction = wp.transpose(rotation) * (d - wp.float64(2.0) * along * n)
             go_on(paths, j, reflected_direction, distance - step, mirrored, aside)
+
+
+@wp.kernel
+def reflect_paths(
+    first: int,
+    run: int,  # paths per thread
+    meeting: Meeting,
+    # out; beyond and aside may be empty:
+    echoes: Echoes,
+    beyond: Paths,
+    aside: Paths,
+) -> None:
+    j = (first + wp.tid()) * run
+    end = wp.min(j + run, meeting.hits.distance.shape[0])
+    while j < end:
+        reflect_path(meeting, j, echoes, beyond, aside)
+        j += 1
 
 
 def new_echoes(slots: int, beams: int, device: wp.DeviceLike) -> Echoes:
@@ -215,6 +244,8 @@ def reflect(
 
     beyond: what goes through a surface. aside: what the first mirror throws elsewhere.
     """
-    inputs = [setting.surfaces, hits.out(), paths, setting.rays.arrays]
-    inputs += [setting.limit, setting.extinction, math.cos(setting.lobe), setting.sub_rays, first_slot]
-    launch_over_rays(reflect_paths, hits.distance.size, inputs, [echoes, beyond, aside], hits.distance.device)
+    meeting = Meeting()
+    meeting.surfaces, meeting.hits, meeting.paths = setting.surfaces, hits.out(), paths
+    meeting.rays, meeting.sub_rays, meeting.first_slot = setting.rays.arrays, setting.sub_rays, first_slot
+    meeting.limit, meeting.extinction, meeting.lobe_cosine = setting.limit, setting.extinction, math.cos(setting.lobe)
+    launch_over_runs(reflect_paths, hits.distance.size, [meeting], [echoes, beyond, aside], hits.distance.device)

@@ -13,7 +13,8 @@ from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.vectors import of_ray, to_double
 
-from .random import RandomSource, random_uniform
+from .draws import Draws, drawn
+from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -78,7 +79,7 @@ class Losses:
 def lose_some(
     first: int,
     losses: Losses,
-    source: RandomSource,
+    draws: Draws,
     reflectivity: wp.array[float],
     textured: wp.array[wp.bool],
     directions: wp.array[wp.vec3d],
@@ -90,10 +91,10 @@ def lose_some(
     i = first + wp.tid()
     if shape[i] < 0 or not wp.isfinite(distance[i]):
         return
-    u = random_uniform(source, i, DRAW_LOSS)
+    numbers = draws.numbers[i]
     cosine = cos_incidence(normal[i], of_ray(directions, i))
-    is_lost = u[0] < losses.dropout or cosine < losses.min_cosine
-    is_lost = is_lost or (u[1] < losses.untextured_dropout and not textured[shape[i]])
+    is_lost = numbers[2] < losses.dropout or cosine < losses.min_cosine
+    is_lost = is_lost or (numbers[3] < losses.untextured_dropout and not textured[shape[i]])
     is_dark = returned(reflectivity[shape[i]], cosine, distance[i]) < losses.min_intensity
     if is_lost or is_dark:
         distance[i] = wp.nan
@@ -103,5 +104,6 @@ def lose(
     hits: HitArrays, losses: Losses, source: RandomSource, directions: wp.array, tables: tuple[wp.array, wp.array]
 ) -> None:
     """Make the distance NaN where a pixel is lost. tables: reflectivity and whether it has a texture, per shape."""
-    inputs = [losses, source, *tables, directions, hits.shape, hits.normal]
-    launch_over_rays(lose_some, hits.distance.size, inputs, [hits.distance], directions.device)
+    count, device = hits.distance.size, directions.device
+    inputs = [losses, drawn(source, DRAW_LOSS, count, device), *tables, directions, hits.shape, hits.normal]
+    launch_over_rays(lose_some, count, inputs, [hits.distance], device)

@@ -20,8 +20,9 @@ import warp as wp
 from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.vectors import of_ray
 
+from .draws import Draws, drawn
 from .infrared import cos_incidence
-from .random import RandomSource, random_normal
+from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -61,7 +62,7 @@ def shift_pixels(
     model: int,
     width: int,
     height: int,
-    source: RandomSource,
+    draws: Draws,
     directions: wp.array[wp.vec3d],
     normal: wp.array[wp.vec3],
     # out:
@@ -72,7 +73,7 @@ def shift_pixels(
     if model == NGUYEN:
         theta = incidence(normal[i], of_ray(directions, i))
         sigma = 0.8 + 0.035 * theta / wp.max(HALF_PI - theta, 1.0e-6)
-    shift = random_normal(source, i, DRAW_SHIFT)
+    shift = draws.numbers[i]
     pixel = i % (width * height)
     u = float(pixel % width) + sigma * shift[0]
     v = float(pixel / width) + sigma * shift[1]
@@ -85,7 +86,8 @@ def shift(model: int, size: tuple[int, int], source: RandomSource, directions: w
     model: NGUYEN, which needs the normals of what the rays meet, or DISPARITY.
     """
     out = wp.empty(normal.size, dtype=wp.vec3d, device=directions.device)
-    launch_over_rays(shift_pixels, out.size, [model, *size, source, directions, normal], [out], directions.device)
+    draws = drawn(source, DRAW_SHIFT, out.size, out.device)
+    launch_over_rays(shift_pixels, out.size, [model, *size, draws, directions, normal], [out], out.device)
     return out
 
 
@@ -116,7 +118,7 @@ def nguyen_sigma(z: float, theta: float) -> float:
 def disturb_depth(
     first: int,
     model: int,
-    source: RandomSource,
+    draws: Draws,
     directions: wp.array[wp.vec3d],
     normal: wp.array[wp.vec3],
     # in and out:
@@ -128,7 +130,7 @@ def disturb_depth(
     z = distance[i] * along
     if not (wp.isfinite(distance[i]) and z > 0.0):
         return
-    chance = random_normal(source, i, DRAW_DEPTH)[0]
+    chance = draws.numbers[i][0]
     measured = float(0.0)
     if model == NGUYEN:
         measured = z + nguyen_sigma(z, incidence(normal[i], direction)) * chance
@@ -140,5 +142,5 @@ def disturb_depth(
 
 def measure_depth(model: int, source: RandomSource, directions: wp.array, normal: wp.array, distance: wp.array) -> None:
     """Give distances the axial error, in place."""
-    inputs = [model, source, directions, normal]
-    launch_over_rays(disturb_depth, distance.size, inputs, [distance], directions.device)
+    inputs = [model, drawn(source, DRAW_DEPTH, distance.size, distance.device), directions, normal]
+    launch_over_rays(disturb_depth, distance.size, inputs, [distance], distance.device)

@@ -5,8 +5,8 @@ Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy 
     (c0, c1, c2, c3) -> (hi(M1 c2) ^ c1 ^ k0, lo(M1 c2), hi(M0 c0) ^ c3 ^ k1, lo(M0 c0)),  (k0, k1) += (W0, W1)
 
 turn a counter of four words and a key of two into four words. Here the counter is (draw, ray, frame, world) and the key
-is hashed from the seed and the sensor's name. Integers and uniforms have the same bits on every device; normals differ
-by the few ulps by which logarithms, sines and cosines do.
+is hashed from the seed and the sensor's name. Logarithms, sines and cosines are polynomials here, of sums and products
+alone, so that all numbers have the same bits on every device; and no loop over rays stops to call a function for them.
 """
 
 import hashlib
@@ -21,7 +21,9 @@ W0 = wp.constant(wp.uint32(0x9E3779B9))
 W1 = wp.constant(wp.uint32(0xBB67AE85))
 WORD = wp.constant(wp.uint64(32))
 UNUSED_BITS = wp.constant(wp.uint32(9))
-TWO_PI = wp.constant(6.283185307179586)
+SQRT_HALF_BITS, MANTISSA_BITS = wp.constant(0x3F3504F3), wp.constant(23)  # of a float32
+LN_2, LN_2_REST = wp.constant(0.693359375), wp.constant(-2.12194440e-4)  # the first times a power of two is exact
+QUARTER = wp.constant(1.5707963267948966)  # of a turn [rad]
 
 
 @wp.struct
@@ -86,23 +88,51 @@ def as_uniform(bits: wp.uint32) -> float:
 
 
 @wp.func
-def random_uniform(source: RandomSource, ray: int, draw: int) -> wp.vec4:
-    """Four independent uniform numbers between 0 and 1, both left out."""
+def log_of(u: float) -> float:
+    """ln u of a number between 0 and 1 that is not subnormal, to an ulp of 1 + |ln u|: that of a power of two, and of
+    m = 1 + x in [sqrt 1/2, sqrt 2) the polynomial of Cephes' logf (Moshier)."""
+    bits = wp.cast(u, int)
+    power = (bits - SQRT_HALF_BITS) >> MANTISSA_BITS
+    x = wp.cast(bits - (power << MANTISSA_BITS), float) - 1.0
+    p = 7.0376836292e-2 * x - 1.1514610310e-1
+    p = p * x + 1.1676998740e-1
+    p = p * x - 1.2420140846e-1
+    p = p * x + 1.4249322787e-1
+    p = p * x - 1.6668057665e-1
+    p = p * x + 2.0000714765e-1
+    p = p * x - 2.4999993993e-1
+    p = p * x + 3.3333331174e-1
+    k = float(power)
+    return x + ((p * x * x * x + k * LN_2_REST) - 0.5 * x * x) + k * LN_2
+
+
+@wp.func
+def turned(v: float, quarters: int) -> float:
+    """cos(2 pi v - quarters pi / 2) of v between 0 and 1: the polynomials of Cephes' cosf and sinf, of what is left of
+    whole quarters of a turn."""
+    nearest = int(4.0 * v + 0.5)
+    angle = (4.0 * v - float(nearest)) * QUARTER
+    z = angle * angle
+    cosine = 1.0 - 0.5 * z + z * z * (4.166664568298827e-2 + z * (-1.388731625493765e-3 + z * 2.443315711809948e-5))
+    sine = angle + angle * z * (-1.6666654611e-1 + z * (8.3321608736e-3 + z * -1.9515295891e-4))
+    turns = nearest - quarters
+    size = wp.where((turns & 1) != 0, sine, cosine)
+    return wp.where(((turns + 1) & 2) != 0, -size, size)
+
+
+@wp.func
+def normal_radius(u: float) -> float:
+    """sqrt(-2 ln u)."""
+    return wp.sqrt(-2.0 * log_of(u))
+
+
+@wp.func
+def random_numbers(source: RandomSource, ray: int, draw: int) -> wp.vec4:
+    """Two standard normal numbers, up to 5.77 in size, and two uniform ones between 0 and 1, all independent.
+
+    The normal ones are sqrt(-2 ln u) (cos 2 pi v, sin 2 pi v) of two uniform ones (Box and Muller, 1958).
+    """
     bits = random_bits(source, ray, draw)
-    return wp.vec4(as_uniform(bits[0]), as_uniform(bits[1]), as_uniform(bits[2]), as_uniform(bits[3]))
-
-
-@wp.func
-def box_muller(u: float, v: float) -> wp.vec2:
-    """Two independent standard normal numbers of two uniform ones: sqrt(-2 ln u) (cos 2 pi v, sin 2 pi v)."""
-    radius = wp.sqrt(-2.0 * wp.log(u))
-    return wp.vec2(radius * wp.cos(TWO_PI * v), radius * wp.sin(TWO_PI * v))
-
-
-@wp.func
-def random_normal(source: RandomSource, ray: int, draw: int) -> wp.vec4:
-    """Four independent standard normal numbers, up to 5.64 in size."""
-    u = random_uniform(source, ray, draw)
-    first = box_muller(u[0], u[1])
-    second = box_muller(u[2], u[3])
-    return wp.vec4(first[0], first[1], second[0], second[1])
+    radius = normal_radius(as_uniform(bits[0]))
+    v = as_uniform(bits[1])
+    return wp.vec4(radius * turned(v, 0), radius * turned(v, 1), as_uniform(bits[2]), as_uniform(bits[3]))

@@ -15,10 +15,11 @@ reflect instead, 1 for that surface itself in clear air.
 
 import warp as wp
 
-from rigcast.kernels.launching.slices import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_runs
 
+from .draws import Draws, drawn
 from .echoes import Echoes
-from .random import RandomSource, as_uniform, box_muller, random_bits
+from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -38,23 +39,15 @@ class RangeNoise:
     dark_limit: float
 
 
-@wp.kernel
-def measure_returns(
-    first: int,
-    noise: RangeNoise,
-    source: RandomSource,
-    per_beam: int,
-    min_range: float,
-    max_range: float,
-    returns: Echoes,  # in and out
+@wp.func
+def measure_return(
+    k: int, numbers: wp.vec4, noise: RangeNoise, min_range: float, max_range: float, returns: Echoes
 ) -> None:
-    k = first + wp.tid()
     d = returns.distance[k]
     intensity = returns.power[k] * d * d
     returns.power[k] = 0.0
     if not wp.isfinite(d):
         return
-    bits = random_bits(source, k / per_beam, DRAW_RETURN + k % per_beam)
     keep = (1.0 - noise.dropout) * (1.0 - noise.dark_dropout * wp.max(0.0, 1.0 - intensity / noise.dark_limit))
     by_power = 0.0
     if noise.power_std > 0.0:
@@ -62,10 +55,10 @@ def measure_returns(
     by_rain = noise.rain_std * d
     std = wp.sqrt(noise.range_std * noise.range_std + by_power + by_rain * by_rain)
     if std > 0.0:
-        d += std * box_muller(as_uniform(bits[1]), as_uniform(bits[2]))[0]
+        d += std * numbers[0]
     if noise.resolution > 0.0:
         d = noise.resolution * wp.rint(d / noise.resolution)
-    is_lost = as_uniform(bits[0]) > keep or d > max_range
+    is_lost = numbers[2] > keep or d > max_range
     returns.distance[k] = d
     if is_lost:
         returns.distance[k] = wp.inf
@@ -78,6 +71,28 @@ def measure_returns(
         returns.power[k] = intensity
 
 
+@wp.kernel
+def measure_returns(
+    first: int,
+    run: int,  # returns per thread
+    noise: RangeNoise,
+    draws: Draws,  # the first of all beams, then the second
+    per_beam: int,
+    min_range: float,
+    max_range: float,
+    returns: Echoes,  # in and out
+) -> None:
+    k = (first + wp.tid()) * run
+    end = wp.min(k + run, returns.distance.shape[0])
+    beams = returns.distance.shape[0] / per_beam
+    while k < end:
+        at = k
+        if per_beam > 1:
+            at = k % per_beam * beams + k / per_beam
+        measure_return(k, draws.numbers[at], noise, min_range, max_range, returns)
+        k += 1
+
+
 def measure(
     returns: Echoes, per_beam: int, noise: RangeNoise, source: RandomSource, limits: tuple[float, float]
 ) -> None:
@@ -85,5 +100,6 @@ def measure(
 
     Their power is overwritten with the intensity, 0 where there is no return.
     """
-    inputs = [noise, source, per_beam, *limits]
-    launch_over_rays(measure_returns, returns.distance.size, inputs, [returns], returns.distance.device)
+    count, device = returns.distance.size, returns.distance.device
+    draws = drawn(source, DRAW_RETURN, count // per_beam, device, per_beam)
+    launch_over_runs(measure_returns, count, [noise, draws, per_beam, *limits], [returns], device)

@@ -7,7 +7,7 @@ groups whose power reaches the least that is detected, the first, the last, the 
 
 import warp as wp
 
-from rigcast.kernels.launching.slices import launch_over_rays
+from rigcast.kernels.launching.slices import launch_over_runs
 
 from .echoes import Echoes, new_echoes
 
@@ -103,11 +103,30 @@ def write_return(r: Return, k: int, echoes: Echoes, returns: Echoes) -> None:
         returns.normal[k] = echoes.normal[r.slot]
 
 
-@wp.kernel
-def choose_returns(
-    first_beam: int, echoes: Echoes, beams: int, gap: float, least_power: float, mode: int, returns: Echoes
+@wp.func
+def choose_only(echoes: Echoes, i: int, least_power: float, mode: int, returns: Echoes) -> None:
+    """Where a beam has one echo at most: as `choose_among`, of which this is a part of the time."""
+    only = no_return()
+    none = no_return()
+    d = echoes.distance[i]
+    if d < wp.inf and echoes.power[i] >= least_power:
+        only.distance = d
+        only.power = echoes.power[i]
+        only.slot = i
+    if wp.isnan(d):
+        only.distance = d
+        none.distance = d
+    if mode == DUAL:
+        write_return(only, 2 * i, echoes, returns)
+        write_return(none, 2 * i + 1, echoes, returns)
+    else:
+        write_return(only, i, echoes, returns)
+
+
+@wp.func
+def choose_among(
+    echoes: Echoes, i: int, beams: int, gap: float, least_power: float, mode: int, returns: Echoes
 ) -> None:
-    i = first_beam + wp.tid()
     first = no_return()
     last = no_return()
     strongest = no_return()
@@ -143,6 +162,28 @@ def choose_returns(
         write_return(other, 2 * i + 1, echoes, returns)
 
 
+@wp.kernel
+def choose_returns(
+    first: int,
+    run: int,  # beams per thread
+    echoes: Echoes,
+    beams: int,
+    gap: float,
+    least_power: float,
+    mode: int,
+    returns: Echoes,
+) -> None:
+    i = (first + wp.tid()) * run
+    end = wp.min(i + run, beams)
+    is_one = echoes.distance.shape[0] == beams
+    while i < end:
+        if is_one:
+            choose_only(echoes, i, least_power, mode, returns)
+        else:
+            choose_among(echoes, i, beams, gap, least_power, mode, returns)
+        i += 1
+
+
 def choose(echoes: Echoes, beams: int, gap: float, least_power: float, mode: int) -> Echoes:
     """The returns of each beam: one per beam, or two beside each other for DUAL.
 
@@ -151,5 +192,5 @@ def choose(echoes: Echoes, beams: int, gap: float, least_power: float, mode: int
     """
     device = echoes.distance.device
     returns = new_echoes(2 if mode == DUAL else 1, beams, device)
-    launch_over_rays(choose_returns, beams, [echoes, beams, gap, least_power, mode], [returns], device)
+    launch_over_runs(choose_returns, beams, [echoes, beams, gap, least_power, mode], [returns], device)
     return returns

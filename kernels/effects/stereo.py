@@ -10,21 +10,20 @@ camera and the second imager, or the projector, at (B, 0, 0) in the optical fram
   greatest disparity, so that nearer surfaces are not found.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import warp as wp
 
 from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.hits.out import Out
-from rigcast.kernels.launching.slices import launch_over_rays
-from rigcast.kernels.packing.firings import groups_of
-from rigcast.kernels.packing.in_order import pack_in_order
-from rigcast.kernels.packing.sorting import Packets
+from rigcast.kernels.launching.slices import launch_over_rays, launch_over_runs
+from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.vectors import of_ray, to_double, to_float
 
+from .draws import Draws, drawn
 from .infrared import cos_incidence
-from .random import RandomSource, random_normal
+from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -112,11 +111,7 @@ def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
     inputs = [pair.baseline, lines_of(rays.directions, hits.distance), lines_of(towards, length)]
     launch_over_rays(look_from_second, towards.size, inputs, [], device)
     origin = wp.full(1, wp.vec3d(pair.baseline, 0.0, 0.0), dtype=wp.vec3d, device=device)
-    packets = None
-    if isinstance(rays.packets, Packets) and rays.worlds == 1:  # packets are of the same rays in every world
-        packets = pack_in_order(towards, groups_of(rays), rays.packets.order)
-    seen = replace(rays, directions=towards.reshape((rays.worlds, -1)), origins=origin, packets=packets)
-    return SecondView(seen, length)
+    return SecondView(steered(rays, towards, origin), length)
 
 
 def hide(hits: HitArrays, view: SecondView, met: HitArrays, pair: StereoPair) -> None:
@@ -168,17 +163,8 @@ def fatten(surface: HitArrays, matched: wp.array, directions: wp.array, pair: St
     return out
 
 
-@wp.kernel
-def disturb_disparity(
-    first: int,
-    pair: StereoPair,
-    std: float,
-    step: float,
-    greatest: float,
-    source: RandomSource,
-    seen: Lines,  # distance in and out
-) -> None:
-    i = first + wp.tid()
+@wp.func
+def disturb(i: int, chance: float, pair: StereoPair, std: float, step: float, greatest: float, seen: Lines) -> None:
     along = float(of_ray(seen.directions, i)[2])
     z = seen.distance[i] * along
     if not wp.isfinite(seen.distance[i]):
@@ -187,8 +173,7 @@ def disturb_disparity(
         seen.distance[i] = wp.nan
         return
     disparity = depth_of_disparity(pair, z)
-    if std > 0.0:
-        disparity += std * random_normal(source, i, DRAW_DISPARITY)[0]
+    disparity += std * chance
     if step > 0.0:
         disparity = step * wp.round(disparity / step)
     seen.distance[i] = depth_of_disparity(pair, disparity) / along
@@ -196,6 +181,24 @@ def disturb_disparity(
         seen.distance[i] = wp.inf
     elif disparity > greatest:
         seen.distance[i] = -wp.inf
+
+
+@wp.kernel
+def disturb_disparity(
+    first: int,
+    run: int,  # rays per thread
+    pair: StereoPair,
+    std: float,
+    step: float,
+    greatest: float,
+    draws: Draws,
+    seen: Lines,  # distance in and out
+) -> None:
+    i = (first + wp.tid()) * run
+    end = wp.min(i + run, seen.distance.shape[0])
+    while i < end:
+        disturb(i, draws.numbers[i][0], pair, std, step, greatest, seen)
+        i += 1
 
 
 def measure_disparity(
@@ -209,5 +212,6 @@ def measure_disparity(
     greatest: float,
 ) -> None:
     """Give distances the error of a measured disparity [pixels], in place; beyond the greatest it is -inf."""
-    inputs = [pair, std, step, greatest, source, lines_of(directions, hits.distance)]
-    launch_over_rays(disturb_disparity, hits.distance.size, inputs, [], directions.device)
+    count, device = hits.distance.size, directions.device
+    inputs = [pair, std, step, greatest, drawn(source, DRAW_DISPARITY, count, device)]
+    launch_over_runs(disturb_disparity, count, inputs, [lines_of(directions, hits.distance)], device)

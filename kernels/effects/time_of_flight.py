@@ -8,11 +8,13 @@ frequency; farther ones wrap.
 import warp as wp
 
 from rigcast.kernels.cast import HitArrays
-from rigcast.kernels.launching.slices import launch_over_rays
+from rigcast.kernels.hits.out import Out
+from rigcast.kernels.launching.slices import launch_over_rays, launch_over_runs
 from rigcast.kernels.vectors import of_ray
 
+from .draws import Draws, drawn
 from .infrared import cos_incidence, returned
-from .random import RandomSource, random_normal
+from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -68,28 +70,30 @@ def mix(rays: HitArrays, directions: wp.array, reflectivity: wp.array, subrays: 
 @wp.kernel
 def disturb_range(
     first: int,
+    run: int,  # rays per thread
     std: float,
     bias: float,
     bias_per_metre: float,
     wrap: float,
-    source: RandomSource,
-    # in and out:
-    distance: wp.array[float],
+    draws: Draws,
+    out: Out,  # in and out
 ) -> None:
-    i = first + wp.tid()
-    if not wp.isfinite(distance[i]):
-        return
-    measured = distance[i] + bias + bias_per_metre * distance[i]
-    if std > 0.0:
-        measured += std * random_normal(source, i, DRAW_RANGE)[0]
-    if wp.isfinite(wrap):
-        measured -= wrap * wp.floor(measured / wrap)
-    distance[i] = measured
+    i = (first + wp.tid()) * run
+    end = wp.min(i + run, out.distance.shape[0])
+    while i < end:
+        distance = out.distance[i]
+        if wp.isfinite(distance):
+            distance += bias + bias_per_metre * distance + std * draws.numbers[i][0]
+            if wp.isfinite(wrap):
+                distance -= wrap * wp.floor(distance / wrap)
+            out.distance[i] = distance
+        i += 1
 
 
 def measure_range(
     hits: HitArrays, source: RandomSource, *, std: float, bias: float, bias_per_metre: float, wrap: float
 ) -> None:
     """Give distances [m] bias, noise and, where `wrap` [m] is finite, the remainder by it, in place."""
-    inputs = [std, bias, bias_per_metre, wrap, source]
-    launch_over_rays(disturb_range, hits.distance.size, inputs, [hits.distance], hits.distance.device)
+    count, device = hits.distance.size, hits.distance.device
+    inputs = [std, bias, bias_per_metre, wrap, drawn(source, DRAW_RANGE, count, device)]
+    launch_over_runs(disturb_range, count, inputs, [hits.out()], device)

@@ -36,7 +36,7 @@ import warp as wp
 from rigcast.kernels.launching.slices import launch_over_rays
 
 from .echoes import Echoes, spread_power
-from .random import RandomSource, as_uniform, random_bits
+from .random import RandomSource, as_uniform, log_of, random_bits
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -141,11 +141,11 @@ def strongest_drop(rain: Rain, source: RandomSource, i: int, target: float, exti
     best = wp.vec2(wp.inf, 0.0)
     for k in range(DROPS):
         bits = random_bits(source, i, DRAW_DROPS + k)
-        cube = cube - wp.log(as_uniform(bits[0])) / rain.density * per_volume
+        cube = cube - log_of(as_uniform(bits[0])) / rain.density * per_volume
         distance = wp.pow(cube, 1.0 / 3.0)
         if distance >= target:
             return best
-        diameter = SMALLEST_DROP - wp.log(as_uniform(bits[1])) / rain.slope
+        diameter = SMALLEST_DROP - log_of(as_uniform(bits[1])) / rain.slope
         power = drop_power(distance, diameter, rain.divergence, extinction)
         if power > best[1]:
             best = wp.vec2(distance, power)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.launching.slices import TURN, prepare_over_tiles
+from rigcast.kernels.launching.slices import TURN, OverTiles
 from rigcast.kernels.launching.turns import turn_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -100,7 +100,7 @@ class Watched:
         watch.now, watch.before = (wp.zeros(watch.size.size, dtype=digest64, device="cpu") for _ in range(2))
         watch.differ = wp.zeros(1, dtype=wp.bool, device="cpu")
         self._now, self._before, self._differ = watch.now.numpy(), watch.before.numpy(), watch.differ.numpy()
-        self._compare = prepare_over_tiles(compare_pieces, watch.size.size, lambda _: [watch])
+        self._compare = OverTiles(compare_pieces, watch.size.size, lambda _: [watch])
         self.taken()
 
     def have_changed(self) -> bool:

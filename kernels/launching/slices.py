@@ -86,31 +86,52 @@ def prepare_over_rays(
     return partial(launch_over_rays, kernel, count, inputs, outputs, device, slice_size)
 
 
-def prepare_over_tiles(kernel: wp.Kernel, count: int, inputs: Callable[[int], Sequence[Any]]) -> Callable[[], object]:
-    """A launch of a CPU kernel over tiles 0..count-1, as `prepare_over_rays`: once in each thread, to take tiles until
-    none are left, each some when it is done with its last, as rigcast.kernels.launching.turns says.
+class OverTiles:
+    """A launch of a CPU kernel over tiles 0..count-1, to be made again and again: once in each thread, to take tiles
+    until none are left, each some when it is done with its last, as rigcast.kernels.launching.turns says.
 
     Its first arguments are the number of a thread, and an array of one number that is 0 at first, how many turns or
-    tiles were taken; then those for so many threads.
+    tiles were taken; then `inputs` for so many threads.
     """
-    most = max(1, -(-count // TURN))
-    turns = wp.zeros(1, dtype=int, device="cpu")
-    taken = turns.numpy()
-    of_threads: list[Callable[[], None]] = []
 
-    def launch() -> None:
-        available = 1 if most == 1 else thread_count()
-        threads = min(most, available)
-        if threads != len(of_threads):
-            given = inputs(threads)
-            of_threads[:] = [recorded(kernel, 1, [k, turns, *given], [], "cpu") for k in range(threads)]
-        taken[0] = 0
-        if threads == 1:
-            of_threads[0]()
-        else:
-            _at_once(of_threads, available)
+    def __init__(self, kernel: wp.Kernel, count: int, inputs: Callable[[int], Sequence[Any]]) -> None:
+        self.count = count
+        self._kernel, self._inputs = kernel, inputs
+        self._turns = wp.zeros(1, dtype=int, device="cpu")
+        self._taken = self._turns.numpy()
+        self._of_threads: list[Callable[[], None]] = []
 
-    return launch
+    def begin(self, threads: int) -> list[Callable[[], None]]:
+        """What so many threads are to call, any of them or all: no tile is taken yet."""
+        if threads > len(self._of_threads):
+            given = self._inputs(threads)
+            self._of_threads = [recorded(self._kernel, 1, [k, self._turns, *given], [], "cpu") for k in range(threads)]
+        self._taken[0] = 0
+        return self._of_threads
+
+    def __call__(self) -> None:
+        self.launch_with([])
+
+    def launch_with(self, others: Sequence["OverTiles"]) -> None:
+        """Several at once: a thread goes on to the next when no tile of one is left, and each begins with another."""
+        launches = [self, *others]
+        tiles = self.count
+        for other in others:
+            tiles += other.count
+        available = 1 if tiles <= TURN else thread_count()
+        threads = min(-(-tiles // TURN), available)
+        if threads <= 1:
+            for launch in launches:
+                launch.begin(1)[0]()
+            return
+        begun = [launch.begin(threads) for launch in launches]
+        _at_once([partial(_call_each, begun, k, len(begun) * k // threads) for k in range(threads)], available)
+
+
+def _call_each(begun: Sequence[Sequence[Callable[[], None]]], thread: int, first: int) -> None:
+    """What a thread is to call, from the first on and round again."""
+    for k in range(first - len(begun), first):
+        begun[k][thread]()
 
 
 def thread_count() -> int:

@@ -111,6 +111,18 @@ class Directions:
 
 
 @wp.struct
+class Facets:
+    """Of the triangle that each ray of a packet hits, what its plane is in its shape's frame: n, not of unit length,
+    1 / its length, V0 . n; and the number of its face."""
+
+    height: double_lanes
+    normal_x: double_lanes
+    normal_y: double_lanes
+    normal_z: double_lanes
+    face: int_lanes
+
+
+@wp.struct
 class TileRays:
     """A tile of rays in the world, and where its hits are kept. Functions have it in an array of one, not copied."""
 
@@ -135,6 +147,7 @@ class TileRays:
     local: wp.array[Vectors]  # one, of a packet's directions in a shape's frame
     opened: wp.array[Node]  # one, of a plot
     composed: wp.array[TriangleBlock]  # one, of a patch
+    facets: wp.array[Facets]  # one, of a packet's hits on a shape
     fields: Fields
 
 

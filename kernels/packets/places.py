@@ -7,11 +7,11 @@ what was there and what is new LLVM makes a masked store, which takes longer tha
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits.hit import NO_SHAPE, distance_of, height_above, middle, outward
+from rigcast.kernels.hits.hit import NO_SHAPE, distance_of, middle
 from rigcast.kernels.hits.out import Out
 from rigcast.kernels.poses.scope import pose_of
-from rigcast.kernels.shapes.facets import facet_at
-from rigcast.kernels.shapes.solids import LARGEST, PLANE, has_triangles
+from rigcast.kernels.shapes.facets import FIRST_IN_PATCHES, facet_at
+from rigcast.kernels.shapes.solids import LARGEST, PLANE, SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import GRAZING
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double
 
@@ -19,6 +19,7 @@ from .lanes import lane_bits
 from .packet import (
     ALL_LANES,
     LANES,
+    Facets,
     TileRays,
     Vectors,
     double_lanes,
@@ -44,14 +45,53 @@ class Places:
 
 # these have no return type, which Warp 1.12 would take for that of a value
 @wp.func_native("""
-    auto& own = *wp::address(places, k);
-    own.distance[i] = distance;
-    own.face[i] = face;
-    own.normal_x[i] = normal[0];
-    own.normal_y[i] = normal[1];
-    own.normal_z[i] = normal[2];
+    auto& all = *wp::address(facets, 0);
+#if defined(__CUDA_ARCH__)
+    for (int i = 0; i < 16; ++i)
+        if (numbers[i] == number) {
+            all.height[i] = height;
+            all.normal_x[i] = normal[0];
+            all.normal_y[i] = normal[1];
+            all.normal_z[i] = normal[2];
+            all.face[i] = face;
+        }
+#else
+    typedef int ints __attribute__((ext_vector_type(16)));
+    typedef long long longs __attribute__((ext_vector_type(16)));
+    typedef double doubles __attribute__((ext_vector_type(16)));
+    ints hit;
+    __builtin_memcpy(&hit, &numbers, sizeof(hit));
+    const ints is_own = hit == number;
+    const longs is_own_too = __builtin_convertvector(is_own, longs);
+    const auto take = [&](auto& to, double value) {
+        doubles values;
+        __builtin_memcpy(&values, &to, sizeof(values));
+        values = is_own_too ? (doubles)value : values;
+        __builtin_memcpy(&to, &values, sizeof(values));
+    };
+    take(all.height, height);
+    take(all.normal_x, normal[0]);
+    take(all.normal_y, normal[1]);
+    take(all.normal_z, normal[2]);
+    ints faces;
+    __builtin_memcpy(&faces, &all.face, sizeof(faces));
+    faces = is_own ? (ints)face : faces;
+    __builtin_memcpy(&all.face, &faces, sizeof(faces));
+#endif
 """)
-def take_place(places: wp.array[Places], k: int, i: int, distance: float, face: int, normal: wp.vec3):  # type: ignore[no-untyped-def]
+def take_facet(  # type: ignore[no-untyped-def]
+    facets: wp.array[Facets],
+    numbers: int_lanes,
+    number: int,
+    height: wp.float64,
+    normal: wp.vec3d,
+    face: int,
+):
+    """The triangle by this number is that of all rays that hit it. height: V0 . n."""
+
+
+@wp.func_native("wp::address(places, k)->distance[i] = distance;")
+def take_distance(places: wp.array[Places], k: int, i: int, distance: float):  # type: ignore[no-untyped-def]
     """That of ray i of packet k, alone, where Warp would copy all sixteen."""
 
 
@@ -62,7 +102,7 @@ def take_place(places: wp.array[Places], k: int, i: int, distance: float, face: 
     for (int i = 0; i < 16; ++i)
         if (shapes[i] == shape) {
             own.distance[i] = distance[i];
-            own.face[i] = -1;
+            own.face[i] = face[i];
             own.normal_x[i] = normal.x[i];
             own.normal_y[i] = normal.y[i];
             own.normal_z[i] = normal.z[i];
@@ -76,16 +116,36 @@ def take_place(places: wp.array[Places], k: int, i: int, distance: float, face: 
         __builtin_memcpy(&to, &all, sizeof(all));
     };
     take(own.distance, bits(distance));
-    take(own.face, is_own);
+    take(own.face, bits(face));
     take(own.normal_x, bits(normal.x));
     take(own.normal_y, bits(normal.y));
     take(own.normal_z, bits(normal.z));
 #endif
 """)
 def take_places(  # type: ignore[no-untyped-def]
-    places: wp.array[Places], k: int, shapes: int_lanes, shape: int, distance: lanes, normals: wp.array[Vectors]
+    places: wp.array[Places],
+    k: int,
+    shapes: int_lanes,
+    shape: int,
+    distance: lanes,
+    face: int_lanes,
+    normals: wp.array[Vectors],
 ):
-    """Those of the rays of packet k that hit this closed form, of what was worked out for all of them."""
+    """Those of the rays of packet k that hit this shape, of what was worked out for all of them."""
+
+
+@wp.func
+def scales_of(last: int, number: int_lanes, x: double_lanes, y: double_lanes, z: double_lanes) -> double_lanes:
+    """1 / the lengths of the normals (x, y, z) of triangles by these numbers, as Facet has it. last: the largest."""
+    scale = double_lanes()
+    if last >= FIRST_IN_PATCHES:
+        for i in range(LANES):
+            by_length = wp.float64(1.0) / wp.length(wp.vec3d(x[i], y[i], z[i]))
+            scale[i] = wp.where(number[i] >= FIRST_IN_PATCHES, by_length, wp.float64(1.0))
+    else:
+        for i in range(LANES):
+            scale[i] = wp.float64(1.0)
+    return scale
 
 
 @wp.func
@@ -98,28 +158,54 @@ def place_triangles(
     y = rays[0].directions[slot].y
     z = rays[0].directions[slot].z
     hit = rays[0].best[slot].triangle
-    kind = g.kind[shape]
-    pose = pose_of(rays[0].geometry, shape, rays[0].scope)
-    rotation = pose.rotation
-    offset = rays[0].origin - pose.position
+    facets = rays[0].facets
+    last = int(0)
     todo = int(which)
     while todo != 0:
         triangle = hit[lowest_bit(todo)]
-        same = todo & lanes_at(hit, triangle)
-        todo = todo & ~same
+        todo = todo & ~lanes_at(hit, triangle)
+        last = wp.max(last, triangle)
         facet = facet_at(rays[0].geometry, rays[0].scope.first_shape + shape, triangle)
-        normal = rotation * facet.normal
-        height = height_above(facet, normal, offset)
-        unit_normal = normal * facet.scale
-        while same != 0:
-            i = lowest_bit(same)
-            same = same & (same - 1)
-            slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
-            distance = larger(float(height / slope), 0.0)
-            if wp.abs(slope) * facet.scale <= wp.float64(GRAZING):
-                distance = float(distance_of(rays[0].geometry, shape, triangle, world_ray(rays, slot, i)))
-            facing = outward(kind, unit_normal, slope)
-            take_place(places, k, i, distance, facet.face, facing)
+        height = wp.dot(to_double(facet.corner), facet.normal)
+        take_facet(facets, hit, triangle, height, facet.normal, facet.face)
+    pose = pose_of(rays[0].geometry, shape, rays[0].scope)
+    rotation = pose.rotation
+    offset = rays[0].origin - pose.position
+    heights = facets[0].height
+    normal_x = facets[0].normal_x
+    normal_y = facets[0].normal_y
+    normal_z = facets[0].normal_z
+    scales = scales_of(last, hit, normal_x, normal_y, normal_z)
+    is_sheet = g.kind[shape] == SHEET
+    distances = double_lanes()
+    grazing = double_lanes()  # below 0 where float64 must find the distance
+    for i in range(LANES):
+        normal = rotation * wp.vec3d(normal_x[i], normal_y[i], normal_z[i])
+        slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
+        distances[i] = (heights[i] - wp.dot(offset, normal)) / slope
+        is_grazing = wp.abs(slope) * scales[i] <= wp.float64(GRAZING)
+        grazing[i] = wp.where(is_grazing, wp.float64(-1.0), wp.float64(1.0))
+        outward = wp.where(is_sheet and slope > wp.float64(0.0), wp.float64(-1.0), wp.float64(1.0))
+        unit = normal * scales[i]
+        normal_x[i] = outward * unit[0]
+        normal_y[i] = outward * unit[1]
+        normal_z[i] = outward * unit[2]
+    local = rays[0].local
+    round_vectors(local, distances, grazing, grazing)
+    distance = local[0].x
+    rounded = local[0].y
+    are_grazing = int_lanes()
+    for i in range(LANES):
+        distance[i] = larger(distance[i], 0.0)
+        are_grazing[i] = wp.where(rounded[i] < 0.0, -1, 0)
+    round_vectors(local, normal_x, normal_y, normal_z)
+    take_places(places, k, rays[0].best[slot].shape, shape, distance, facets[0].face, local)
+    todo = which & lane_bits(are_grazing)
+    while todo != 0:
+        i = lowest_bit(todo)
+        todo = todo & (todo - 1)
+        ray = world_ray(rays, slot, i)
+        take_distance(places, k, i, float(distance_of(rays[0].geometry, shape, hit[i], ray)))
 
 
 @wp.func
@@ -144,7 +230,7 @@ def place_closed_form(g: Geometry, rays: wp.array[TileRays], places: wp.array[Pl
         for i in range(LANES):
             z[i] = 1.0
     turn(rays[0].local, rotation, x, y, z)
-    take_places(places, k, rays[0].best[slot].shape, shape, distance, rays[0].local)
+    take_places(places, k, rays[0].best[slot].shape, shape, distance, int_lanes(-1), rays[0].local)
 
 
 @wp.func

@@ -42,30 +42,46 @@ def stage_misses(staged: wp.array[PacketOut], distance: float):  # type: ignore[
     """Those of a whole tile."""
 
 
-_LINES = """
+def _interleaved(begin: int) -> tuple[str, str]:
+    """Of C++: what makes 16 of 48 numbers, x, y and z by turns, of 16 of each: those of x and y, and then z to them."""
+    numbers = [divmod(begin + i, 3) for i in range(16)]
+    of_xy = ", ".join(str(ray + 16 * axis if axis < 2 else -1) for ray, axis in numbers)
+    with_z = ", ".join(str(i if axis < 2 else 16 + ray) for i, (ray, axis) in enumerate(numbers))
+    return of_xy, with_z
+
+
+_VECTORS = "".join(
+    f"store(to + {begin}, __builtin_shufflevector(__builtin_shufflevector(x, y, {of_xy}), z, {with_z}));"
+    for begin in (0, 16, 32)
+    for of_xy, with_z in [_interleaved(begin)]
+)
+
+_LINES = f"""
     typedef float floats __attribute__((ext_vector_type(4)));
     typedef float floats_anywhere __attribute__((ext_vector_type(4), aligned(4)));
-    const auto four = [&](const auto& of, int part) {
-        return *(const floats_anywhere*)((const float*)&of + (at + part * step) % 16);
-    };
-    const auto hits_of = [&](int part) -> const auto& { return staged.data[(at + part * step) / 16]; };
-    const auto store_vectors = [](auto store, float* to, floats x, floats y, floats z) {
-        const floats xy01 = __builtin_shufflevector(x, y, 0, 4, 1, 5);
-        const floats yz1 = __builtin_shufflevector(y, z, 1, 5, 1, 5);
-        const floats xy23 = __builtin_shufflevector(x, y, 2, 6, 3, 7);
-        store(to, __builtin_shufflevector(xy01, z, 0, 1, 4, 2));
-        store(to + 4, __builtin_shufflevector(yz1, xy23, 0, 1, 4, 5));
-        store(to + 8, __builtin_shufflevector(z, xy23, 2, 6, 7, 3));
-    };
-    const auto write_lines = [&](auto write, size_t ends) {  // line by line: few are open at once
-        if (is_streamed && ends % 16 == 0)
-            write([](float* to, floats values) { __builtin_nontemporal_store(values, (floats*)to); });
+    typedef float line __attribute__((ext_vector_type(16)));
+    typedef float line_anywhere __attribute__((ext_vector_type(16), aligned(4)));
+    const auto packet_at = [&](unsigned part) {{ return (at + part * step) / 16u; }};
+    const auto four = [&](const auto& of, unsigned part) {{
+        return *(const floats_anywhere*)((const float*)&of + (at + part * step) % 16u);
+    }};
+    const auto hits_of = [&](unsigned part) -> const auto& {{ return staged.data[packet_at(part)]; }};
+    const auto joined = [](floats a, floats b, floats c, floats d) {{
+        const auto low = __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7);
+        const auto high = __builtin_shufflevector(c, d, 0, 1, 2, 3, 4, 5, 6, 7);
+        return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    }};
+    const auto line_of = [&](auto part_of) {{ return joined(part_of(0), part_of(1), part_of(2), part_of(3)); }};
+    const auto store_vectors = [](auto store, float* to, line x, line y, line z) {{ {_VECTORS} }};
+    const auto write_lines = [&](auto write, size_t ends) {{  // line by line: few are open at once
+        if (is_streamed && ends % sizeof(line) == 0)
+            write([](float* to, line values) {{ __builtin_nontemporal_store(values, (line*)to); }});
         else
-            write([](float* to, floats values) { *(floats_anywhere*)to = values; });
-    };
+            write([](float* to, line values) {{ *(line_anywhere*)to = values; }});
+    }};
 """
-"""C++ for a CPU: parts of four of 16 rays, and how they get to arrays of which these are the `ends`, past the cache if
-all begin where vectors do."""
+"""C++ for a CPU: lines of 16 rays, in parts of four, and how they get to arrays of which these are the `ends`, past the
+cache if all begin where its lines do."""
 
 
 @wp.func_native(f"""
@@ -84,14 +100,13 @@ all begin where vectors do."""
     float *const distance = &out.distance.data[ray], *const normal = (float*)&out.normal.data[ray];
     float *const shape = (float*)&out.shape.data[ray], *const face = (float*)&out.face.data[ray];
     const auto write = [&](auto store) {{
-        for (int part = 0; part < 4; ++part) store(distance + 4 * part, four(hits_of(part).distance, part));
-        for (int part = 0; part < 4; ++part) store(shape + 4 * part, four(hits_of(part).shape, part));
-        for (int part = 0; part < 4; ++part) store(face + 4 * part, four(hits_of(part).face, part));
-        for (int part = 0; part < 4; ++part) {{
-            const auto& hits = hits_of(part);
-            const floats x = four(hits.normal_x, part), y = four(hits.normal_y, part), z = four(hits.normal_z, part);
-            store_vectors(store, normal + 12 * part, x, y, z);
-        }}
+        store(distance, line_of([&](int part) {{ return four(hits_of(part).distance, part); }}));
+        store(shape, line_of([&](int part) {{ return four(hits_of(part).shape, part); }}));
+        store(face, line_of([&](int part) {{ return four(hits_of(part).face, part); }}));
+        const line x = line_of([&](int part) {{ return four(hits_of(part).normal_x, part); }});
+        const line y = line_of([&](int part) {{ return four(hits_of(part).normal_y, part); }});
+        const line z = line_of([&](int part) {{ return four(hits_of(part).normal_z, part); }});
+        store_vectors(store, normal, x, y, z);
     }};
     write_lines(write, (size_t)distance | (size_t)shape | (size_t)face | (size_t)normal);
 #endif
@@ -134,38 +149,40 @@ _FIELDS_OF_ONE = """
     const auto& tile = rays.data[0];
     const auto& fields = tile.fields;
     const auto packet_of = [&](int part) -> const auto& {{
-        return tile.packets.data[tile.first_packet + (at + part * step) / 16];
+        return tile.packets.data[tile.first_packet + packet_at(part)];
     }};
     const auto along = [&](const auto& direction, floats t, int part) {{
-        const double* from = (const double*)&direction + (at + part * step) % 16;
+        const double* from = (const double*)&direction + (at + part * step) % 16u;
         return __builtin_convertvector(t, doubles) * *(const doubles_anywhere*)from;
     }};
     const auto rounded = [](doubles values) {{ return __builtin_convertvector(values, floats); }};
+    const auto distance_of = [&](int part) {{ return four(hits_of(part).distance, part); }};
+    const auto finite_of = [&](int part) {{
+        const floats distance = distance_of(part);
+        return distance - distance == 0.0f ? distance : (floats)NAN;
+    }};
     const auto write_points = [&](auto store) {{
-        for (int part = 0; part < 4; ++part) {{
-            const auto& packet = packet_of(part);
-            const floats distance = four(hits_of(part).distance, part);
-            const floats t = distance - distance == 0.0f ? distance : (floats)NAN;
-            const floats x = rounded(tile.start[0] + along(packet.x, t, part));
-            const floats y = rounded(tile.start[1] + along(packet.y, t, part));
-            const floats z = rounded(tile.start[2] + along(packet.z, t, part));
-            store_vectors(store, (float*)&fields.points.data[ray] + 12 * part, x, y, z);
-        }}
+        const auto from = [&](double start, const auto& direction, int part) {{
+            return rounded(start + along(direction, finite_of(part), part));
+        }};
+        const line x = line_of([&](int part) {{ return from(tile.start[0], packet_of(part).x, part); }});
+        const line y = line_of([&](int part) {{ return from(tile.start[1], packet_of(part).y, part); }});
+        const line z = line_of([&](int part) {{ return from(tile.start[2], packet_of(part).z, part); }});
+        store_vectors(store, (float*)&fields.points.data[ray], x, y, z);
     }};
     const auto write_depth = [&](auto store) {{
-        for (int part = 0; part < 4; ++part) {{
-            const floats distance = four(hits_of(part).distance, part);
-            const floats z = rounded(along(packet_of(part).z, distance, part));
-            store(&fields.depth.data[ray] + 4 * part, distance - distance == 0.0f ? z : distance);
-        }}
+        store((float*)&fields.depth.data[ray], line_of([&](int part) {{
+            const floats distance = distance_of(part), z = rounded(along(packet_of(part).z, distance, part));
+            return distance - distance == 0.0f ? z : distance;
+        }}));
     }};
     const auto write_bodies = [&](auto store) {{
-        for (int part = 0; part < 4; ++part) {{
-            const int* shape = (const int*)&hits_of(part).shape + (at + part * step) % 16;
+        store((float*)&fields.body_id.data[ray], line_of([&](int part) {{
+            const int* shape = (const int*)&hits_of(part).shape + (at + part * step) % 16u;
             ints body;
             for (int i = 0; i < 4; ++i) body[i] = shape[i] < 0 ? -1 : fields.body_of_shape.data[shape[i]];
-            store((float*)&fields.body_id.data[ray] + 4 * part, (floats)body);
-        }}
+            return (floats)body;
+        }}));
     }};
     if (fields.points.shape[0] > 0) write_lines(write_points, (size_t)&fields.points.data[ray]);
     if (fields.depth.shape[0] > 0) write_lines(write_depth, (size_t)&fields.depth.data[ray]);
@@ -205,8 +222,9 @@ def write_one_by_one(out: Out, first_ray: int, numbers: int_lanes, staged: wp.ar
 
 @wp.func_native(f"""
     {_FIELDS_OF_ONE}
-    for (int i = 0; i < 16; ++i)
-        if (numbers[i] >= 0) write_fields_of(tile.first_ray + numbers[i], k, i);
+    if (fields.points.shape[0] + fields.depth.shape[0] + fields.body_id.shape[0] > 0)
+        for (int i = 0; i < 16; ++i)
+            if (numbers[i] >= 0) write_fields_of(tile.first_ray + numbers[i], k, i);
 """)
 def write_fields_one_by_one(  # type: ignore[no-untyped-def]
     rays: wp.array[TileRays], numbers: int_lanes, staged: wp.array[PacketOut], k: int
@@ -219,7 +237,9 @@ def write_part(out: Out, rays: wp.array[TileRays], staged: wp.array[PacketOut], 
     """Write what row k of a tile hits, or its packet k where it has no rows, and what follows from that."""
     across = rays[0].tile.across
     if across > 0:
-        at = k / across * across * LANES + k % across * 4
+        at = k * LANES
+        if across == 4:
+            at = (k & ~3) * LANES + (k & 3) * 4
         ray = rays[0].first_ray + rays[0].tile.rows[k]
         write_row(out, ray, staged, at, 4 * across, is_streamed)
         write_fields_of_row(rays, ray, staged, at, 4 * across, is_streamed)

@@ -141,15 +141,23 @@ def enter_of_tile(g: Geometry, nodes: wp.array[Node], at: int, sought: TileSough
 
 
 @wp.func
-def reach_of_tile(reach: vec8) -> float:
+def most_of_tile(of_packets: vec8) -> float:
     return larger(
-        larger(larger(reach[0], reach[1]), larger(reach[2], reach[3])),
-        larger(larger(reach[4], reach[5]), larger(reach[6], reach[7])),
+        larger(larger(of_packets[0], of_packets[1]), larger(of_packets[2], of_packets[3])),
+        larger(larger(of_packets[4], of_packets[5]), larger(of_packets[6], of_packets[7])),
+    )
+
+
+@wp.func
+def least_of_tile(of_packets: vec8) -> float:
+    return smaller(
+        smaller(smaller(of_packets[0], of_packets[1]), smaller(of_packets[2], of_packets[3])),
+        smaller(smaller(of_packets[4], of_packets[5]), smaller(of_packets[6], of_packets[7])),
     )
 
 
 cast_tile_through_shapes = traversal(
-    "cast_tile_through_shapes", TileSought, vec8, enter_of_tile, reach_of_tile, visit_shape_of_tile
+    "cast_tile_through_shapes", TileSought, vec8, enter_of_tile, most_of_tile, visit_shape_of_tile
 )
 
 
@@ -158,24 +166,26 @@ def cast_tile(g: Geometry, rays: wp.array[TileRays]) -> None:
     """The first hits of a tile's rays among the visible shapes, into its slots; they may lie beyond the limit."""
     tile = rays[0].tile
     rays[0].met = 0
-    p_low = float(wp.inf)
-    p_high = float(-wp.inf)
-    q_low = float(wp.inf)
-    q_high = float(-wp.inf)
     reach = vec8()
+    p_low = tile.p_low
+    p_high = tile.p_high
+    q_low = tile.q_low
+    q_high = tile.q_high
+    packets = tile.packets
     for k in range(PACKETS):
-        reach[k] = -wp.inf
-        if tile.packets & (1 << k) != 0:
-            reach[k] = wp.inf
-            p_low = wp.min(p_low, tile.p_low[k])
-            p_high = wp.max(p_high, tile.p_high[k])
-            q_low = wp.min(q_low, tile.q_low[k])
-            q_high = wp.max(q_high, tile.q_high[k])
+        has_rays = packets & (1 << k) != 0
+        reach[k] = wp.where(has_rays, wp.inf, -wp.inf)
+        p_low[k] = wp.where(has_rays, p_low[k], wp.inf)
+        p_high[k] = wp.where(has_rays, p_high[k], -wp.inf)
+        q_low[k] = wp.where(has_rays, q_low[k], wp.inf)
+        q_high[k] = wp.where(has_rays, q_high[k], -wp.inf)
     identity = wp.identity(n=3, dtype=wp.float64)
     sought = TileSought()
     sought.rays = rays
     span = rays[0].scope.span
     view = view_from(rays[0].origin - g.anchor[span], identity, rays, g.top_reach[span])
     sought.view = view
-    sought.frustum = frustum_of(view, p_low, p_high, q_low, q_high)
+    sought.frustum = frustum_of(
+        view, least_of_tile(p_low), most_of_tile(p_high), least_of_tile(q_low), most_of_tile(q_high)
+    )
     cast_tile_through_shapes(g, g.top, span * g.top_count, sought, reach)

@@ -8,6 +8,7 @@ import warp as wp
 from rigcast.kernels.packing.bundling import Bundles
 from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.packing.warps import Warps
+from rigcast.kernels.vectors import of_ray
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -115,23 +116,13 @@ def firing_of(rays: RayArrays, k: int) -> int:
 @wp.func
 def direction_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame."""
-    return rays.directions[within(k, rays.directions.shape[0])]
+    return of_ray(rays.directions, k)
 
 
 @wp.func
 def origin_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame [m]."""
-    return rays.origins[within(k, rays.origins.shape[0])]
-
-
-@wp.func
-def within(k: int, size: int) -> int:
-    """k modulo size, without a division where none is needed."""
-    if k < size:
-        return k
-    if size == 1:
-        return 0
-    return k % size
+    return of_ray(rays.origins, k)
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""The command line. Each command is a module of the same name, imported when it is called.
+"""The command line. Each command is a module of the same name, imported when it is called; `common` is what they share.
 
 An InputError anywhere becomes its message on stderr and exit code 2; Ctrl-C is exit code 130.
 """
@@ -73,6 +73,9 @@ _EXIT_CODES = (
 )
 
 
+_SETTINGS = {"help_option_names": ["-h", "--help"]}
+
+
 class _Commands(TyperGroup):
     """Knows its commands by name, so that `rigcast --help` waits for none of their libraries."""
 
@@ -84,7 +87,8 @@ class _Commands(TyperGroup):
             return None
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
         examples = "\n".join(f"  {example}" for example in _COMMANDS[name].examples)
-        alone.command(name, epilog=f"\b\nExamples:\n{examples}")(getattr(import_module(f"rigcast.cli.{name}"), name))
+        command = getattr(import_module(f"rigcast.cli.{name}"), name)
+        alone.command(name, epilog=f"\b\nExamples:\n{examples}", context_settings=_SETTINGS)(command)
         return typer.main.get_command(alone)
 
     def format_commands(self, _ctx: Any, formatter: Any) -> None:
@@ -111,6 +115,7 @@ app = typer.Typer(
     cls=_Commands,
     no_args_is_help=True,
     epilog=_EXIT_CODES,
+    context_settings=_SETTINGS,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )

@@ -22,7 +22,8 @@ from rigcast.bench.scaling import Series, scaling
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
 from rigcast.bench.worlds.crowd import G1_HEAD, crowd
 from rigcast.bench.worlds.measure import Batch, OnDevice, measure_worlds
-from rigcast.cli.options import JsonFile, console_beside, write_json
+from rigcast.cli.common.options import JsonFile, console_beside, write_json
+from rigcast.export.files import make_writable
 from rigcast.kernels.launching.slices import thread_count
 from rigcast.quiet import quiet_warp
 from rigcast.sensors.device import find_device
@@ -53,7 +54,7 @@ def bench(
         list[str] | None, typer.Option(help=f"any of {', '.join(CASTERS)}  [default: those installed]")
     ] = None,
     rounds: Annotated[int, typer.Option(min=1, help="times that each caster is timed")] = 7,
-    threads: Annotated[int | None, typer.Option(help="CPU threads  [default: all]")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, max=9999, help="CPU threads  [default: all]")] = None,
     triangles: Annotated[int, typer.Option(min=2, help="of the largest height field")] = 1_000_000,
     worlds: Annotated[
         list[int] | None,
@@ -75,6 +76,9 @@ def bench(
     if threads is not None:
         set_threads(threads)
     console = console_beside(json_file)
+    for picture in (chart, scaling_chart, worlds_chart):
+        if picture is not None:
+            make_writable(picture.parent)
     quiet_warp()
     casters, missing = load_casters(tuple(dict.fromkeys(("rigcast", *(caster or CASTERS)))))
     for line in missing:

@@ -12,8 +12,8 @@ from rich.table import Table
 
 from rigcast.check import Hit, Report, Row, WrongRay
 from rigcast.check import check as check_rig
-from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import JsonFile, Overrides, RigPath, console_beside, write_json
+from rigcast.cli.common.options import JsonFile, Overrides, RigPath, console_beside, write_json
+from rigcast.cli.common.ready import ready_rig
 from rigcast.rig_file import open_rig
 from rigcast.simulation import initial_data
 
@@ -22,7 +22,7 @@ COUNTS = ("rays", "agree", "edge", "wrong")
 
 def check(
     rig: RigPath,
-    model: Annotated[Path | None, typer.Option(help="MJCF model in place of the rig's own")] = None,
+    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
     rays: Annotated[int, typer.Option(min=1, help="rays in all, over sensors and states")] = 20_000,
     json_file: JsonFile = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,

@@ -10,16 +10,16 @@ from rich.filesize import decimal
 from rich.markup import escape
 from rich.table import Table
 
-from rigcast.cli.kernels import word_if_compiling
-from rigcast.cli.options import Overrides
-from rigcast.cli.run import progress
-from rigcast.dataset.config import DatasetConfig, read_dataset
-from rigcast.dataset.engines import Engine, InProcess, Processes, Ray
-from rigcast.dataset.episode import Result
-from rigcast.dataset.generate import Done, Report, make_dataset, missing_units, warm_kernels
-from rigcast.dataset.manifest import MANIFEST_NAME
+from rigcast.cli.common.options import counted
+from rigcast.cli.common.progress import progress
+from rigcast.cli.common.ready import word_if_compiling
+from rigcast.dataset.description.config import DatasetConfig, read_dataset
+from rigcast.dataset.making.engines import Engine, InProcess, Processes, Ray
+from rigcast.dataset.making.episode import Result
+from rigcast.dataset.making.generate import Done, Report, make_dataset, missing_units, warm_kernels
 from rigcast.dataset.reading import open_dataset
-from rigcast.dataset.stores import is_url
+from rigcast.dataset.storage.manifest import MANIFEST_NAME
+from rigcast.dataset.storage.stores import is_url
 from rigcast.sensors.errors import InputError
 
 _SHOWN = 20  # failed episodes that are listed on the terminal; the manifest has them all
@@ -37,7 +37,10 @@ def dataset(
     shard: Annotated[str | None, typer.Option(metavar="I/N", help="only the I-th of N parts, from 1 to N")] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
     verify: Annotated[bool, typer.Option("--verify", help="only compare what is there with its checksums")] = False,
-    overrides: Overrides = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="in place of the file's own, such as episodes.count=3"),
+    ] = None,
 ) -> None:
     """Make a data set, or what is missing of it; the same command goes on after any interruption."""
     console = Console(highlight=False)
@@ -110,11 +113,10 @@ def _verify(console: Console, place: str | Path) -> None:
     for fault in faults:
         console.print(escape(fault), soft_wrap=True)
     shards = read.manifest["shards"]
-    files = sum(len(entry["files"]) for entry in shards)
+    files = counted(sum(len(entry["files"]) for entry in shards), "file")
+    found = f"{files} of {counted(len(shards), 'episode')}, {counted(len(read), 'frame')}"
     words = f"{len(faults)} wrong" if faults else "all as they were written"
-    console.print(
-        escape(f"{place}: {files} files of {len(shards)} episodes, {len(read)} frames, {words}"), soft_wrap=True
-    )
+    console.print(escape(f"{place}: {found}, {words}"), soft_wrap=True)
     if faults:
         raise typer.Exit(1)
 
@@ -153,5 +155,5 @@ def _throughput(done: Done, workers: int) -> str:
     shares = {name: 100 * seconds / (workers * done.seconds) for name, seconds in purposes.items()}
     limit = max(shares, key=lambda name: shares[name])
     listed = ", ".join(f"{name} {share:.0f} %" for name, share in shares.items())
-    made = f"{done.episodes} episodes in {done.seconds:.1f} s: {rates}"
+    made = f"{counted(done.episodes, 'episode')} in {done.seconds:.1f} s: {rates}"
     return f"{made}; the limit is {limit} ({listed} of the workers' time)"

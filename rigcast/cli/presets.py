@@ -10,7 +10,7 @@ from rich.table import Table
 
 from rigcast.card import Card
 from rigcast.card_picture import draw_card, terminal_picture
-from rigcast.cli.options import JsonFile, console_beside, write_json
+from rigcast.cli.common.options import JsonFile, console_beside, write_json
 from rigcast.export.files import replacing
 from rigcast.rig_file import sensor_of_preset
 from rigcast.sensors.errors import InputError

@@ -10,9 +10,9 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import Overrides, RigPath, counted
-from rigcast.cli.run import step_count
+from rigcast.cli.common.options import Overrides, RigPath, counted
+from rigcast.cli.common.progress import step_count
+from rigcast.cli.common.ready import ready_rig
 from rigcast.rig_file import open_rig
 from rigcast.ros.node import RosNode, require_ros
 from rigcast.sensors.errors import InputError
@@ -22,7 +22,7 @@ from rigcast.simulation import initial_data
 
 def publish(
     rig: RigPath,
-    model: Annotated[Path | None, typer.Option(help="MJCF model in place of the rig's own")] = None,
+    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
     duration: Annotated[float | None, typer.Option(help="time to simulate, s  [default: until Ctrl-C]")] = None,
     speed: Annotated[float, typer.Option(help="simulated seconds per second, at most")] = 1.0,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,

@@ -1,22 +1,20 @@
 """`rigcast run`: step the simulation, write every frame that falls due, say what was written."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
 
 import mujoco
-import numpy as np
 import typer
 from rich.console import Console
 from rich.filesize import decimal
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import Overrides, RigPath, counted
+from rigcast.cli.common.options import Overrides, RigPath, counted
+from rigcast.cli.common.progress import progress, step_count
+from rigcast.cli.common.ready import ready_rig
 from rigcast.export.formats import FORMATS
 from rigcast.export.recorder import INDEX_NAME, Recorder
 from rigcast.rig_file import open_rig
@@ -28,7 +26,7 @@ from rigcast.simulation import Spent, divergence, initial_data
 
 def run(
     rig: RigPath,
-    model: Annotated[Path | None, typer.Option(help="MJCF model in place of the rig's own")] = None,
+    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
     out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<rig>]")] = None,
     duration: Annotated[float, typer.Option(help="time to simulate, s")] = 3.0,
     formats: Annotated[
@@ -36,7 +34,7 @@ def run(
         typer.Option("--format", help=f"of {','.join(FORMATS)}  [default: exr for cameras, ply for the others]"),
     ] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
-    seed: Annotated[int | None, typer.Option(help="in place of the rig's own")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")] = None,
     overrides: Overrides = None,
 ) -> None:
     """Run a rig on its model and write what its sensors see."""
@@ -70,13 +68,6 @@ def run(
 def split_formats(text: str) -> list[str]:
     """`"exr, ply"` as `["exr", "ply"]`."""
     return [name.strip().lower() for name in text.split(",") if name.strip()]
-
-
-def step_count(model: mujoco.MjModel, duration: float) -> int:
-    """Steps of the model's timestep that make up `duration` [s], at least one."""
-    if not (np.isfinite(duration) and duration > 0.0):
-        raise InputError(f"--duration: got {duration}, expected a positive number of seconds")
-    return max(1, round(duration / float(model.opt.timestep)))
 
 
 def simulate(
@@ -114,44 +105,6 @@ def _refuse_divergence(model: mujoco.MjModel, data: mujoco.MjData, time: float, 
     reason = divergence(model, data, time)
     if reason is not None:
         raise InputError(f"{reason}; {counted(recorder.frames, 'frame')} from before are in {recorder.folder}")
-
-
-@contextmanager
-def progress(console: Console, duration: float) -> Iterator[Callable[[float, int], None]]:
-    """Yield what to call with the time simulated [s] and the frames written.
-
-    On a terminal that moves a bar; elsewhere it prints a line at every quarter of the way.
-    """
-    if console.is_terminal:
-        with _bar(console) as bar:
-            task = bar.add_task("simulating", total=duration, frames=0)
-            yield lambda time, frames: bar.update(task, completed=time, frames=frames)
-    else:
-        yield _quarterly(console, duration)
-
-
-def _bar(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.2f} of {task.total:.2f} s  {task.fields[frames]} frames  remaining"),
-        TimeRemainingColumn(),
-        console=console,
-    )
-
-
-def _quarterly(console: Console, duration: float) -> Callable[[float, int], None]:
-    quarters = 0
-    began = perf_counter()
-
-    def report(time: float, frames: int) -> None:
-        nonlocal quarters
-        if int(4.0 * time / duration + 1e-9) > quarters:
-            quarters = int(4.0 * time / duration + 1e-9)
-            left = (perf_counter() - began) * (duration / time - 1.0)
-            console.print(f"simulated {time:.2f} of {duration:.2f} s, {counted(frames, 'frame')}, {left:.0f} s left")
-
-    return report
 
 
 def summary(sensors: Sequence[SensorSpec], recorder: Recorder) -> Table:

@@ -9,9 +9,11 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from rigcast.cli.options import JsonFile, Overrides, RigPath, console_beside, counted, write_json
+from rigcast.cli.common.options import JsonFile, Overrides, RigPath, console_beside, counted, write_json
 from rigcast.rig_file import RigConfig, open_rig
+from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.mount import Mount
+from rigcast.simulation import initial_data
 
 
 def validate(
@@ -29,6 +31,10 @@ def validate(
         table.add_row(sensor.name, sensor.type, rays, rate, escape(_place(sensor.mount)))
     console = console_beside(json_file)
     console.print(table)
+    data = initial_data(compiled, config.keyframe)
+    mujoco.mj_fwdPosition(compiled, data)
+    for sentence in enclosed(compiled, data, config.sensors):
+        console.print(escape(sentence), soft_wrap=True)
     console.print(escape(f"{rig}: valid, {counted(len(config.sensors), 'sensor')}"), soft_wrap=True)
     if json_file is not None:
         write_json(json_file, as_json(config, compiled))

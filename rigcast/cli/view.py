@@ -11,9 +11,9 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import Overrides, counted
-from rigcast.cli.run import progress, step_count
+from rigcast.cli.common.options import Overrides, counted
+from rigcast.cli.common.progress import progress, step_count
+from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_writable, replacing
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError

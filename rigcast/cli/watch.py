@@ -9,8 +9,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from rigcast.cli.kernels import ready_rig
-from rigcast.cli.options import Overrides, RigPath, counted
+from rigcast.cli.common.options import Overrides, RigPath, counted
+from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_writable, replacing
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError

@@ -1,6 +1,6 @@
 """The formats that there are, and which sensor is written in which."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Literal
@@ -59,13 +59,13 @@ def choose_formats(sensors: Sequence[SensorSpec], formats: Sequence[str] | None)
     """
     if formats is None:
         return {spec.name: ("exr",) if _is_image(spec) else ("ply",) for spec in sensors}
-    if isinstance(formats, str):
-        raise InputError(f"Recorder: formats: got {formats!r}, expected a list of names, such as [{formats!r}]")
+    if isinstance(formats, str) or not isinstance(formats, Iterable):
+        raise InputError(f"Recorder: formats: got {formats!r}, expected a list of names, such as [{str(formats)!r}]")
     wanted = tuple(dict.fromkeys(formats))
     faults = [_unknown(name) for name in wanted if name not in FORMATS]
     faults += [_missing(name) for name in wanted if name in FORMATS and not is_installed(name)]
     if not wanted:
-        faults = [f"--format: got none, expected any of {', '.join(FORMATS)}"]
+        faults = [f"got no format, expected any of {', '.join(FORMATS)}"]
     if faults:
         raise InputError("\n".join(faults))
     chosen = {spec.name: tuple(f for f in wanted if _is_image(spec) or not FORMATS[f].images_only) for spec in sensors}
@@ -86,16 +86,16 @@ def _is_image(spec: SensorSpec) -> bool:
 
 
 def _unknown(name: str) -> str:
-    return f"--format: got {name!r}, expected any of {', '.join(FORMATS)}{did_you_mean(name, list(FORMATS))}"
+    return f"no format {name!r}, expected any of {', '.join(FORMATS)}{did_you_mean(str(name), list(FORMATS))}"
 
 
 def _missing(name: str) -> str:
     module, extra = FORMATS[name].needs or ("", "")
-    return f"--format: {name} needs {module}, which is not installed; pip install 'rigcast[{extra}]' brings it"
+    return f"format {name} needs {module}, which is not installed; pip install 'rigcast[{extra}]' brings it"
 
 
 def _unfit(spec: SensorSpec, wanted: Sequence[str]) -> str:
     return (
-        f"--format: sensor {spec.name!r} is a {spec.type}, and got {', '.join(wanted)} only, for depth cameras; "
+        f"sensor {spec.name!r} is a {spec.type}, and got format {', '.join(wanted)} only, for depth cameras; "
         f"expected ply, npz or another as well"
     )

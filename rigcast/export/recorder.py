@@ -97,6 +97,8 @@ class Recorder:
         props: Sequence[Prop] = (),
         options: Export | None = None,
     ) -> None:
+        require_type("Recorder: folder", folder, str, Path)
+        require_type("Recorder: model", model, mujoco.MjModel)
         require_type("Recorder: sensors", sensors, Sequence)
         chosen = choose_formats(sensors, formats)
         options = Export() if options is None else options

@@ -135,7 +135,7 @@ def compile_model(path: Path) -> mujoco.MjModel:
     try:
         return load(str(path))
     except (ValueError, mujoco.FatalError) as error:
-        reason = "; ".join(str(error).splitlines())
+        reason = "; ".join(str(error).splitlines()).replace(":; ", ": ")
         raise InputError(f"{path} does not compile: {reason}") from None
 
 

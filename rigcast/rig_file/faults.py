@@ -35,6 +35,8 @@ def sensor_of_preset(name: str) -> SensorSpec:
 
 def faults_in(document: YamlFile) -> list[Fault]:
     """What is wrong with a rig file in itself."""
+    if isinstance(document.content, dict) and "scenes" in document.content and "sensors" not in document.content:
+        return [Fault((), f"a data set, expected a rig; `rigcast dataset {document.path}` makes it")]
     _, faults = read_document(document)
     return faults + _repeated_names(document.content) + _outside_faults(document, faults)
 
@@ -51,9 +53,18 @@ def read_document(document: YamlFile) -> tuple[RigFile | None, list[Fault]]:
     try:
         file = RigFile.model_validate({**content, "sensors": sensors} if raws else content)
     except ValidationError as error:
-        others = faults_of(error, RigFile)
+        others = [_of_a_name(fault, content) for fault in faults_of(error, RigFile)]
         return None, [*(fault for fault in others if not (faults and fault.where == ("sensors",))), *faults]
     return (None if faults else file), faults
+
+
+def _of_a_name(fault: Fault, content: Any) -> Fault:
+    """The same fault; where a sensor or prop bears the name that stands in place of a key, with what leads to it."""
+    (key, *rest) = fault.where or (None,)
+    for items in () if rest or not fault.at_key else ("sensors", "props"):
+        if any(isinstance(item, dict) and item.get("name") == key for item in raw_items(items, content)):
+            return replace(fault, message=f"unknown key {key!r}; did you mean '{items}.{key}'?")
+    return fault
 
 
 def read_sensor(document: YamlFile, index: int) -> AnySensor:

@@ -1,15 +1,17 @@
 """A depth camera's way from rays to a reading: what it sees, what of that it measures, and how well."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import warp as wp
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
+from rigcast.kernels.effects.draws import BYTES_PER_DRAW
 from rigcast.kernels.effects.infrared import Losses, infrared, lose
 from rigcast.kernels.effects.random import RandomSource
+from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import bound, read
 from rigcast.sensors.scene.rays.given import upload
@@ -67,10 +69,11 @@ class DepthPhysics:
 
     @property
     def bytes_per_ray(self) -> int:
-        """The most memory that a reading takes for each of its rays: of every cast, its hits and its directions."""
+        """The most memory that a reading takes for each of its rays: of every cast, its hits and its directions; and
+        random numbers."""
         flight = self._spec.time_of_flight
         casts = 4 if flight is None else 2 + flight.subrays**2
-        return casts * (BYTES_PER_HIT + 24)
+        return casts * (BYTES_PER_HIT + 24) + BYTES_PER_DRAW
 
     @property
     def kept_bytes_per_ray(self) -> int:
@@ -112,7 +115,7 @@ class _ReadStereo:
         assert self._spec.kinect_v1 is not None
         model, size = _KINECT_V1[self._spec.kinect_v1], (self._pair.width, self._pair.height)
         shifted = kinect_v1.shift(model, size, look.source, look.rays.directions, seen.normal)
-        hits = look.cast(replace(look.rays, directions=shifted.reshape((look.rays.worlds, -1)), packets=None))
+        hits = look.cast(steered(look.rays, shifted))
         kinect_v1.at_own_pixel(hits.distance, shifted, look.rays.directions)
         return hits
 

@@ -9,7 +9,9 @@ import warp as wp
 
 from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
+from rigcast.kernels.effects.draws import BYTES_PER_DRAW
 from rigcast.kernels.effects.random import RandomSource
+from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
@@ -49,7 +51,7 @@ class LidarPhysics:
 
     @property
     def bytes_per_ray(self) -> int:
-        """The most memory that a reading takes for each of its rays: hits, sub-rays, light on its way, echoes."""
+        """The most memory that a reading takes for each of its rays: hits, sub-rays, light, echoes, random numbers."""
         spec, returns_kept = self.spec, 2 if self.spec.returns == "dual" else 1
         ways = self.sub_rays * (1 + (spec.max_surfaces > 1) + spec.mirrors)
         slots = self.sub_rays * (spec.max_surfaces + spec.mirrors) + 2 * (spec.weather is not None)
@@ -59,6 +61,7 @@ class LidarPhysics:
             + self.sub_rays * BYTES_PER_HIT
             + ways * echoes.BYTES_PER_PATH
             + (slots + returns_kept) * echoes.BYTES_PER_ECHO
+            + returns_kept * BYTES_PER_DRAW
         )
 
     @property
@@ -71,8 +74,7 @@ class LidarPhysics:
         spec, count = self.spec, self.count * rays.worlds
         sub_rays = rays if self.sub_rays == 1 else self._spread.of(rays)
         if self._angle_std > 0:
-            directions = beams.aim(rays, self._angles, source, self._angle_std, rays.worlds)
-            sub_rays = replace(sub_rays, directions=directions.reshape((rays.worlds, -1)), packets=None)
+            sub_rays = steered(sub_rays, beams.aim(rays, self._angles, source, self._angle_std, rays.worlds))
         found = self._echoes(sub_rays, visible, source)
         least_power = spec.detection.least_power if spec.detection else 0.0
         gap = 0.5 * weather.SPEED_OF_LIGHT * spec.pulse_length

@@ -1,10 +1,12 @@
 """A frame drawn by matplotlib, for notebooks and papers."""
 
+from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigcast.sensors.errors import require_type
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.preview.colour import Scale
 from rigcast.sensors.preview.lidar import first_returns, picture_order
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 def plot_frame(pattern: Pattern, frame: Frame, ax: "Axes | None" = None) -> "Axes":
     """Draw a camera's depth, a lidar's range image, or the points of any other sensor from above."""
     pyplot = load_extra("Frame.plot", "matplotlib.pyplot", "plot")
+    require_type("Frame.plot: ax", ax, pyplot.Axes, NoneType)
     shown: Axes = pyplot.gca() if ax is None else ax
     shown.set_title(f"{frame.sensor}, t = {frame.time:.3f} s")
     if isinstance(frame, CameraFrame):

@@ -17,7 +17,7 @@ from rigcast.sensors.scene.stage import Stage
 from .arrays.frame_arrays import FrameArrays
 from .frame import Frame
 from .mounted import Aim, Mounted
-from .reading import frame_of, read
+from .reading import Asked, frame_of, read
 from .room import require_countable, require_room, require_room_in
 
 BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA = 2**24, 2**28
@@ -36,9 +36,7 @@ def sense_worlds(
     scene.take_worlds(worlds)
     readings = [ReadingOfWorlds(m, worlds, m.next_arrays(shapes[m.spec.name], out), seed) for m in mounted]
     for part in parts:
-        standing = scene.stand(worlds, part)
-        for reading in readings:
-            reading.read(standing)
+        read_worlds(readings, scene.stand(worlds, part))
     return {m.spec.name: reading.frame() for m, reading in zip(mounted, readings, strict=True)}
 
 
@@ -74,18 +72,20 @@ class ReadingOfWorlds:
         """The sensor with its next pattern, and the number of the reading; what is refused before has none."""
         return self._mounted.next_of_worlds(self._worlds), next(self._mounted.frames)
 
-    def read(self, standing: Standing) -> None:
-        """Read in those worlds that stand in the scene now. A world may be read again, which changes nothing."""
+    def ask(self, standing: Standing) -> Asked:
+        """For a reading in those worlds that stand in the scene now. To read a world again changes nothing."""
         arrays, (fired, number) = self._arrays.of_worlds(standing.part), self._fired
         rays = fired.aim_in_worlds(standing, arrays)
         name, of_each = fired.spec.name, math.prod(fired.pattern.shape)
-        random = partial(random_source, self._seed, name, number, standing.ids, of_each)
-        brightness = read(fired, rays, arrays, random)
+        return Asked(fired, rays, arrays, partial(random_source, self._seed, name, number, standing.ids, of_each))
+
+    def take(self, standing: Standing, brightness: Brightness | None, *used: object) -> None:
+        """What was read in these worlds, and what a graph that repeats it is to hold."""
         if brightness is not None:
             self._brightness.append((standing.part, brightness))
-        scene = fired.scene
-        if is_captured(scene.device):
-            self._arrays.keep(fired, standing, arrays, arrays.launches, fired.visible(), *scene.on_device)
+        fired = self._fired[0]
+        if is_captured(fired.scene.device):
+            self._arrays.keep(fired, standing, fired.visible(), *used, *fired.scene.on_device)
 
     def frame(self) -> Frame:
         """The frame of all worlds, when they have been read."""
@@ -97,6 +97,14 @@ class ReadingOfWorlds:
         aim = Aim(time, pose, arrays.aim_in_worlds(fired.pattern.rays), arrays)
         brightness = partial(_joined, self._brightness, arrays.range.size, device) if self._brightness else None
         return frame_of(fired, aim, brightness)
+
+
+def read_worlds(readings: Sequence[ReadingOfWorlds], standing: Standing) -> None:
+    """Read in those worlds that stand in the scene now."""
+    asked = [reading.ask(standing) for reading in readings]
+    brightness, used = read(asked)
+    for reading, each, bright in zip(readings, asked, brightness, strict=True):
+        reading.take(standing, bright, each, used)
 
 
 def _joined(parts: Sequence[tuple[slice, Brightness]], count: int, device: wp.Device, out: wp.array | None) -> wp.array:

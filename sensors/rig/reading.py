@@ -1,8 +1,10 @@
-"""One reading of one sensor, from its aim to its frame."""
+"""Readings of sensors, from their aims to their frames."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NamedTuple
 
+from rigcast.kernels.cast import Readings, launch
 from rigcast.kernels.effects.infrared import infrared
 from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.rays.arrays import Rays
@@ -16,21 +18,45 @@ from .frame import CameraFrame, Frame, LidarFrame
 from .mounted import Aim, Mounted
 
 
-def read_frame(mounted: Mounted, aim: Aim, seed: int) -> Frame:
-    """What a sensor reads in the world as its scene stands. seed: of the errors of all readings."""
-    random = partial(random_source, seed, mounted.spec.name, next(mounted.frames))
-    return frame_of(mounted, aim, read(mounted, aim.rays, aim.arrays, random))
+class Asked(NamedTuple):
+    """A reading that is asked for: of a sensor, along these rays, into these arrays, with errors drawn by `random`."""
+
+    mounted: Mounted
+    rays: Rays
+    arrays: FrameArrays
+    random: Callable[[], RandomSource]
 
 
-def read(mounted: Mounted, rays: Rays, arrays: FrameArrays, random: Callable[[], RandomSource]) -> Brightness | None:
-    """One reading into these arrays. Gives None where brightness follows from what was hit, without errors."""
-    visible = mounted.visible()
-    if mounted.physics is not None:
-        hits, brightness = mounted.physics.read(rays, visible, random())
-        arrays.take(hits, rays)
-        return brightness
-    arrays.read(mounted.scene, rays, visible, (mounted.spec.min_range, mounted.spec.max_range))
-    return None
+def read_frames(aimed: Sequence[tuple[Mounted, Aim]], seed: int) -> list[Frame]:
+    """What sensors read in the world as their scene stands. seed: of the errors of all readings."""
+    asked = [
+        Asked(m, aim.rays, aim.arrays, partial(random_source, seed, m.spec.name, next(m.frames))) for m, aim in aimed
+    ]
+    brightness, _ = read(asked)
+    return [frame_of(m, aim, bright) for (m, aim), bright in zip(aimed, brightness, strict=True)]
+
+
+def read(asked: Sequence[Asked]) -> tuple[list[Brightness | None], object]:
+    """Read into these arrays: sensors without errors all at once, the others one after the other.
+
+    Gives the brightness of each, None where it follows from what was hit; and what a graph that repeats the casts of
+    sensors without errors is to hold.
+    """
+    brightness: list[Brightness | None] = []
+    casts: dict[str, Readings] = {}
+    for mounted, rays, arrays, random in asked:
+        spec, visible = mounted.spec, mounted.visible()
+        if mounted.physics is None:
+            if spec.name in casts:  # arrays of one sensor may share their launches
+                launch(casts.values())
+                casts.clear()
+            casts[spec.name] = arrays.readings(mounted.scene, rays, visible, (spec.min_range, spec.max_range))
+            brightness.append(None)
+        else:
+            hits, bright = mounted.physics.read(rays, visible, random())
+            arrays.take(hits, rays)
+            brightness.append(bright)
+    return brightness, launch(casts.values())
 
 
 def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
 from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
@@ -17,6 +17,7 @@ from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.parts.props import as_props
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
+from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.prop import Prop
@@ -26,7 +27,7 @@ from rigcast.sensors.specs.surface import Surface
 from .frame import Frame
 from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import sense_worlds
-from .reading import read_frame
+from .reading import read_frames
 from .room import require_room_in
 from .timing.schedule import Schedule
 from .under_way import UnderWay
@@ -48,6 +49,8 @@ class Rig:
         props: meshes that are not in the model, as for `Scene`.
         surfaces: how some of the model and props reflects, as for `Scene`.
         on_unsupported: "error" or "warn", as for `Scene`.
+
+    A sensor within a geom of its own body, or of what is fixed to that, sees little else: it is named in a warning.
 
     They are attributes of the rig as well: `model`, `sensors`, `props`, `seed`; and `scene`, on which it casts.
 
@@ -86,6 +89,7 @@ class Rig:
         self._data = mujoco.MjData(model)
         self._kinematics = _KINEMATICS if model.ncam or model.nflex else _KINEMATICS[:1]
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
+        self._warn_of_enclosed()
         self._schedules = {s.name: _schedule(s, model.opt.timestep, self.seed) for s in self.sensors}
         rounding = {name: schedule.rounding for name, schedule in self._schedules.items()}
         self._under_way = UnderWay(self.scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
@@ -125,7 +129,8 @@ class Rig:
             if out is not None:
                 require_room_in(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
             self._look(data)
-            return {m.spec.name: self._frame(m, data.time, out) for m in mounted}
+            frames = self._frames([(data.time, m) for m in mounted], out)
+            return {m.spec.name: frame for m, frame in zip(mounted, frames, strict=True)}
         if not is_batch(data):
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
         worlds = as_worlds(data)
@@ -151,8 +156,8 @@ class Rig:
         still = [(time, m) for time, m in due if not m.spec.moves]
         if still:
             self._look(data)
-        for time, m in still:
-            self._deliver(m, time, self._frame(m, time))
+            for (time, m), frame in zip(still, self._frames(still), strict=True):
+                self._deliver(m, time, frame)
         if self._under_way.moving:
             self._move_on(data, [(time, m) for time, m in due if m.spec.moves])
         arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
@@ -166,7 +171,7 @@ class Rig:
         for begun in over:
             m = begun.mounted
             aim = self._under_way.aim(begun, m.next_arrays(m.pattern.frame_shape))
-            self._deliver(m, begun.end, read_frame(m, aim, self.seed))
+            self._deliver(m, begun.end, *read_frames([(m, aim)], self.seed))
         if over:
             self.scene.take(self._data)  # the scene was swept, and sensors that stand still need it as it is now
 
@@ -191,6 +196,13 @@ class Rig:
             )
             for m in mounted
         }
+
+    def _warn_of_enclosed(self) -> None:
+        """Once, here: where sensors are in their own bodies is the same in every frame."""
+        for work_out in self._kinematics:
+            work_out(self.model, self._data)
+        for sentence in enclosed(self.model, self._data, self.sensors):
+            warn_user(sentence, UserWarning)
 
     def _select(self, names: Sequence[str] | None) -> list[Mounted]:
         if names is None:
@@ -222,11 +234,14 @@ class Rig:
                 "Rig: data belongs to another model than the rig; one that was compiled anew needs a new Rig"
             )
 
-    def _frame(self, mounted: Mounted, time: float, out: Mapping[str, Frame] | None = None) -> Frame:
-        """What a sensor reads in the world as it stands."""
-        fired = mounted.at(time)
-        arrays = fired.next_arrays(fired.pattern.frame_shape, out)
-        return read_frame(fired, fired.aim(self._data, time, arrays), self.seed)
+    def _frames(self, due: Iterable[tuple[float, Mounted]], out: Mapping[str, Frame] | None = None) -> list[Frame]:
+        """What sensors read in the world as it stands, each at its time."""
+        aimed = []
+        for time, mounted in due:
+            fired = mounted.at(time)
+            arrays = fired.next_arrays(fired.pattern.frame_shape, out)
+            aimed.append((fired, fired.aim(self._data, time, arrays)))
+        return read_frames(aimed, self.seed)
 
 
 class _Delivery(NamedTuple):

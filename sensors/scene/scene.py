@@ -122,8 +122,9 @@ class Scene(Stage):
         """The first hit of each ray.
 
         Args:
-            origins: (3,), one for all rays, or like directions [m], in the world.
-            directions: (..., 3), of any length but 0, in the world; (nworld, ..., 3) after an update with many worlds.
+            origins: (..., 3) [m], in the world; (3,) is one for all rays.
+            directions: (..., 3), of any length but 0, in the world. Origins and directions are broadcast as numpy does
+                it; after an update with many worlds to (nworld, ..., 3).
             max_distance: greatest distance at which something is hit, inclusive [m].
             cull: "back" drops hits on surfaces that face along the ray (d . n > 0), "front" those that face it.
             filter: which geoms may be hit; None: all that are not transparent. Of many worlds it may be a list, one for

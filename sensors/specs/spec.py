@@ -7,7 +7,7 @@ checked by the same rules: unknown keys, text in place of numbers, and NaN are r
 from collections.abc import Mapping
 from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
@@ -53,8 +53,14 @@ class Spec(BaseModel, metaclass=_RefusesInput):
     if not TYPE_CHECKING:  # a type checker knows that it is frozen
 
         def __setattr__(self, name: str, value: Any) -> None:
+            self._refuse_change(f"{name} cannot be set")
+
+        def __delattr__(self, name: str) -> None:
+            self._refuse_change(f"{name} cannot be deleted")
+
+        def _refuse_change(self, what: str) -> NoReturn:
             owner = type(self).__name__
-            raise InputError(f"{owner}: {name} cannot be set; {owner}.model_copy(update=...) gives another {owner}")
+            raise InputError(f"{owner}: {what}; {owner}.model_copy(update=...) gives another {owner}")
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:  # noqa: ARG002
         """The same, with the values of `update` in place of its own.

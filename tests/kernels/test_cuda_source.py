@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import test_several_casts
 import warp as wp
 import watertight
 from cuda_source import CudaSource
@@ -88,6 +89,12 @@ def test_it_hits_what_packets_hit(begin_cuda: Callable[[], None]) -> None:
     expected = hits_of(world, replace(rays, packets=sort_into_packets(directions)))
     begin_cuda()
     assert_same(hits_of(world, rays), expected)
+
+
+def test_sensors_read_at_once_what_each_reads_alone(begin_cuda: Callable[[], None]) -> None:
+    begin_cuda()
+    alone = [replace(rays, packets=None) for rays in test_several_casts.rays_of_sensors()]
+    test_several_casts.check_at_once(random_plan(test_several_casts.SEED).world(), alone)
 
 
 @pytest.mark.parametrize("aim", ["points", "edges", "vertices", "all around"])

@@ -11,7 +11,7 @@ from test_bundles import DOWN, raster
 from test_packets import PATTERNS
 
 from rigcast.kernels import cast as casting
-from rigcast.kernels.cast import HitArrays, cast, prepare_readings
+from rigcast.kernels.cast import HitArrays, cast, launch, prepare_readings
 from rigcast.kernels.hits.out import FIELD_NAMES
 from rigcast.kernels.packing.bundling import sort_into_bundles
 from rigcast.kernels.packing.sorting import sort_into_packets
@@ -79,8 +79,7 @@ def test_fields_are_those_of_the_hits(
     own = {name: array[before:] for name, array in every.items()}
     readings.turn_to(hits, rays, own)
     readings.turn_to(hits, rays, {name: own[name] for name in names})
-    for launch in readings.launches:
-        launch()
+    launch([readings])
 
     assert {-np.inf, np.inf} < set(hits.distance.numpy().tolist()), f"seed {SEED}: none is too near, or none too far"
     expected = {

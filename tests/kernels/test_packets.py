@@ -12,6 +12,7 @@ from made_worlds import (
     Plan,
     assert_same,
     cube,
+    field,
     grid,
     icosphere,
     random_plan,
@@ -28,7 +29,7 @@ from rigcast.kernels.launching import slices
 from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.shapes import solids
-from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
+from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE, GRAZING
 from rigcast.kernels.world import World
 
 Doubles = NDArray[np.float64]
@@ -196,6 +197,31 @@ def test_rays_at_edges_and_vertices(name: str, scale: float) -> None:
             got, expected = in_packets_and_alone(world, origin + offset, unit(points - origin))
             assert_same(got, expected, f"offset {offset}, from {start}")
             assert np.isfinite(expected.distance).mean() > 0.2
+
+
+def bumpy(name: str) -> Plan:
+    """Triangles within 0.002 of the plane z = 0.5: of a mesh, or a sheet, or the top of a height field."""
+    plan = Plan()
+    if name == "height field":
+        plan.add_tree(field(20, 20, 0.002).tree)
+    else:
+        plan.add_mesh(grid(20, 0.002), (0, 0, 0.5))
+    plan.kind[0] = solids.SHEET if name == "sheet" else solids.TRIANGLES
+    return plan
+
+
+@pytest.mark.parametrize("height", [0.53, 0.47], ids=["from above", "from below"])
+@pytest.mark.parametrize("name", ["mesh", "sheet", "height field"])
+def test_rays_that_graze_triangles(name: str, height: float) -> None:
+    """Whose distances float64 finds, in packets of which other rays do not graze theirs."""
+    y, z = np.meshgrid(np.linspace(-0.3, 0.3, 64), np.linspace(0.0, 0.06, 48) * np.sign(0.5 - height))
+    directions = unit(np.stack([np.ones_like(y), y, z], axis=-1).reshape(-1, 3))
+    got, expected = in_packets_and_alone(bumpy(name).world(), (-1.7, 0.1, height), directions)
+    assert_same(got, expected)
+    hit = expected.shape >= 0
+    slopes = np.abs((expected.normal * directions).sum(axis=1))[hit]
+    assert hit.mean() > 0.3
+    assert 0.01 < (slopes < GRAZING).mean() < 0.99
 
 
 @pytest.mark.parametrize("first", [(0, 1, 2), (2, 0, 1), (0, 2, 1)])

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from made_worlds import Doubles, random_plan, random_rotations, rays_of, unit
 
-from rigcast.kernels.cast import HitArrays, cast, prepare_readings
+from rigcast.kernels.cast import HitArrays, cast, launch, prepare_readings
 from rigcast.kernels.launching import slices
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
@@ -64,8 +64,7 @@ def test_what_a_cast_reads_is_its_hits_read_afterwards(packed: bool) -> None:
     no_bodies = wp.empty(0, dtype=int, device="cpu")
     readings = prepare_readings(world.geometry, visible, rays, (near, far), no_bodies)
     readings.turn_to(got, rays, {})
-    for launch_part in readings.launches:
-        launch_part()
+    launch([readings])
     assert {-INF, INF} < set(got.distance.numpy().tolist()), "seed 3: none is too near, or none too far"
     for name in ("distance", "shape", "normal"):
         np.testing.assert_array_equal(getattr(got, name).numpy(), getattr(expected, name).numpy(), err_msg=name)

@@ -33,7 +33,7 @@ class Counted:
 
     def __init__(self, count: int) -> None:
         self.times, self.by = (wp.zeros(count, dtype=int, device="cpu") for _ in range(2))
-        self.launch = slices.prepare_over_tiles(count_taken, count, self._inputs)
+        self.launch = slices.OverTiles(count_taken, count, self._inputs)
 
     def _inputs(self, threads: int) -> Sequence[Any]:
         return [threads, self.times, self.by]

@@ -18,6 +18,8 @@ from rigcast.cli.check import check as command
 from rigcast.sensors.rig.mounted import Sensor
 from rigcast.sensors.specs.cameras.lens import KannalaBrandt
 
+pytestmark = pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
+
 WORLD = """<mujoco>
   <option timestep="0.01"/>
   <asset><hfield name="hill" nrow="3" ncol="3" elevation="0 0 0 0 1 0 0 0 0" size="1 1 .5 .25"/></asset>

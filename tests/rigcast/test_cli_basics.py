@@ -43,9 +43,11 @@ def test_version() -> None:
     assert call("--version") == (0, f"rigcast {version('rigcast')}")
 
 
-def test_help_lists_the_commands() -> None:
-    code, output = call("--help")
+@pytest.mark.parametrize("option", ["--help", "-h"])
+def test_help_lists_the_commands(option: str) -> None:
+    code, output = call(option)
     assert code == 0
+    assert "--set KEY=VALUE" in call("run", option)[1]
     assert [command for command in COMMANDS if f" {command} " in output] == list(COMMANDS)
 
 
@@ -65,17 +67,13 @@ def test_validate_shows_the_sensors(rig: Path) -> None:
     assert "│ front │ depth_camera │ 48 x 64 │ every step │ world │" in output
 
 
-def test_a_sensor_that_sees_only_its_own_shell_is_named(rig: Path) -> None:
-    within = "elevation_deg: [0], columns: 9, min_range: 0.02, mount: {body: torso, pos: [0.095, 0, 0]}"
-    text = RIG.replace("preset: velodyne_vlp16, mount: {body: torso}", within)
-    boxed_in = (
-        "100% of its rays end within 0.01 m, most on body 'torso'; `filter: {exclude_bodies: [torso]}` leaves that"
-    )
-    for sector, word in (("[-180, 180]", ""), ("[-50, 50]", boxed_in)):
-        rig.write_text(text.replace("columns", f"azimuth_deg: {sector}, columns"))
-        code, output = call("check", rig, "--rays", "20")
+def test_a_sensor_within_a_geom_of_its_own_body_is_named(rig: Path) -> None:
+    word = "of body 'torso', which hides from it what is outside; exclude_bodies: [torso] in its filter leaves that out"
+    for command in (("validate", rig), ("check", rig, "--rays", "20")):
+        code, output = call(*command)
         assert code == 0, output
-        assert word in output if word else "of its rays end" not in output
+        assert word in output
+        assert word not in call(*command, "--set", "sensors.top.mount.pos=[0,0,9]")[1]
 
 
 def test_validate_takes_another_model(rig: Path) -> None:
@@ -127,6 +125,13 @@ def test_what_newcomers_mistype_is_put_right(arguments: list[str], message: str)
     code, output = call(*arguments)
     assert code == 2
     assert message in output
+
+
+@pytest.mark.parametrize("command", ["check", "bench"])
+def test_a_file_for_json_that_cannot_be_written_is_told_at_once(rig: Path, command: str) -> None:
+    code, output = call(command, *([rig] if command == "check" else []), "--json", rig / "sub" / "answer.json")
+    assert (code, "│" in output or "rays" in output) == (2, False), output
+    assert "rig.yaml/sub: the output folder cannot be written" in output
 
 
 @pytest.mark.parametrize("arguments", [["validat"], ["validate"], ["presets", "--bogus"]])

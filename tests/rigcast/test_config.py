@@ -323,6 +323,7 @@ def test_arguments_of_other_types_are_refused(arguments: tuple[Any, ...], messag
         load_rig(*arguments)
 
 
+@pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 def test_load_rig_gives_a_rig(folder: Path) -> None:
     rig = load_rig(write(folder, GOOD), device="cpu")
     assert [sensor.name for sensor in rig.sensors] == ["top", "front", "feet"]

@@ -65,14 +65,14 @@ def test_every_sensor_gets_the_formats_that_fit_it(
 @pytest.mark.parametrize(
     ("formats", "messages"),
     [
-        ([], ["--format: got none, expected any of exr, exr_multipart, png, ply"]),
+        ([], ["got no format, expected any of exr, exr_multipart, png, ply"]),
         (
             ["plx"],
             [
-                "got 'plx', expected any of exr, exr_multipart, png, ply, pcd",
+                "no format 'plx', expected any of exr, exr_multipart, png, ply, pcd",
             ],
         ),
-        (["lss", "exd"], ["got 'lss'", "got 'exd'"]),
+        (["lss", "exd"], ["no format 'lss'", "no format 'exd'"]),
         (["exr"], ["sensor 'top' is a lidar", "sensor 'feet' is a height_scan"]),
     ],
 )

@@ -151,6 +151,7 @@ SET_FAULTS = [
     ("sensors.top.rate_hz=§fast", r"sensors\[0\].rate_hz: must be a number, got 'fast'"),
     ("sensors.top.§rat_hz=3", r"sensors\[0\].rat_hz: unknown key .*did you mean 'rate_hz'\?"),
     ("sensors.§tip.rate_hz=3", r"nothing of the name 'tip', expected one of top, feet; did you mean 'top'\?"),
+    ("§top.rate_hz=3", r"unknown key 'top'; did you mean 'sensors\.top'\?"),
     ("sensors[§7].rate_hz=3", "nothing of the number 7, expected 0 to 1"),
     ("sensors.top.mount.pos[§3]=1", "nothing of the number 3, expected 0 to 2"),
     ("seed.§x=3", "seed: must be an integer"),

@@ -69,6 +69,12 @@ def test_matplotlib_draws_a_frame(
     pyplot.close(figure)
 
 
+def test_a_plot_of_a_field_is_refused(frames: dict[str, rigcast.Frame]) -> None:
+    pytest.importorskip("matplotlib.pyplot")
+    with pytest.raises(rigcast.InputError, match=r"^Frame\.plot: ax: got str, expected Axes"):
+        frames["top"].plot("range")  # type: ignore[arg-type]
+
+
 def test_the_plot_has_the_depths(frames: dict[str, rigcast.Frame], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MPLBACKEND", "agg")
     pyplot = pytest.importorskip("matplotlib.pyplot")

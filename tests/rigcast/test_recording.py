@@ -137,7 +137,12 @@ def test_a_recorder_finishes_once_and_takes_no_frame_after_that(tmp_path: Path) 
     assert sorted(path.name for path in (tmp_path / "top").iterdir()) == ["000000.npz", "preview.png"]
 
 
+@pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 def test_formats_are_a_list_and_sensors_too(tmp_path: Path) -> None:
+    with pytest.raises(rigcast.InputError, match=r"formats: got 3, expected a list of names"):
+        Recorder(tmp_path, made_frames.model(), RIG, 3)  # type: ignore[arg-type]
+    with pytest.raises(rigcast.InputError, match="Recorder: model: got Rig, expected MjModel"):
+        Recorder(tmp_path, rigcast.Rig(made_frames.model(), RIG), RIG)
     with pytest.raises(rigcast.InputError, match=r"formats: got 'npz', expected a list of names, such as \['npz'\]"):
         Recorder(tmp_path, made_frames.model(), RIG, "npz")
     with pytest.raises(rigcast.InputError, match="Recorder: sensors: got Rig, expected Sequence"):
@@ -167,7 +172,7 @@ def test_a_library_that_is_missing_is_named_with_what_brings_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, module: str, extra: str
 ) -> None:
     monkeypatch.setattr("rigcast.export.formats.find_spec", lambda wanted: None if wanted == module else object())
-    message = rf"--format: {name} needs {module}, which is not installed; pip install 'rigcast\[{extra}\]' brings it"
+    message = rf"^format {name} needs {module}, which is not installed; pip install 'rigcast\[{extra}\]' brings it"
     with pytest.raises(rigcast.InputError, match=message):
         Recorder(tmp_path, made_frames.model(), RIG, [name, "ply"])
 

@@ -17,6 +17,8 @@ import rigcast
 from rigcast.cli import app
 from rigcast.ros.messages import typestore
 
+pytestmark = pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
+
 FAKES = Path(__file__).parent / "fake_ros"
 XML = """
 <mujoco>

@@ -13,7 +13,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from rigcast.cli import app
-from rigcast.cli.run import progress, step_count
+from rigcast.cli.common.progress import progress, step_count
 from rigcast.sensors.errors import InputError
 from rigcast.simulation import initial_data
 
@@ -192,9 +192,9 @@ def test_another_model_can_take_the_place_of_the_rigs_own(folder: Path) -> None:
         (["--duration", "-1"], "--duration: got -1.0"),
         (["--duration", "nan"], "--duration: got nan"),
         (["--duration", "inf"], "--duration: got inf"),
-        (["--format", "exd"], "--format: got 'exd', expected any of exr, exr_multipart, png"),
-        (["--format", "exr"], "--format: sensor 'top' is a lidar"),
-        (["--format", ","], "--format: got none"),
+        (["--format", "exd"], "no format 'exd', expected any of exr, exr_multipart, png"),
+        (["--format", "exr"], "sensor 'top' is a lidar, and got format exr only"),
+        (["--format", ","], "got no format, expected any of exr"),
         (["--out", "cart.xml"], "cart.xml: the output folder cannot be written: File exists"),
         (["--out", "cart.xml/below"], "cart.xml/below: the output folder cannot be written: Not a directory"),
         (["--model", "gone.xml"], "gone.xml"),

@@ -1,6 +1,6 @@
 """The arrays of frames: nothing that is held ever changes, what nobody holds is used again, `out` is written over."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast import DepthCamera, Filter, Frame, HeightScan, InputError, Lidar, LidarFrame, Mount, Noise, Rig
-from rigcast.kernels.cast import prepare_readings
+from rigcast.kernels.cast import Readings, launch, prepare_readings
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
   <geom type="plane" size="0 0 1" pos="0 0 -1"/>
@@ -184,6 +184,26 @@ def test_frames_that_are_all_kept_are_those_of_other_rigs_and_share_launches(mon
     for state, frames in zip(states, held, strict=True):
         for name, frame in Rig(MODEL, SENSORS, "cpu").sense(state, IDEAL).items():
             assert_same(values(frames[name]), values(frame), f"{name}, {frames[name].time}")
+
+
+@pytest.mark.parametrize("state", [moved, worlds])
+def test_sensors_without_errors_are_read_in_one_launch_as_each_is_alone(
+    state: Callable[[float], mujoco.MjData | list[mujoco.MjData]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, launched = Rig(MODEL, SENSORS, "cpu"), list[int]()
+
+    def counting(readings: Collection[Readings]) -> object:
+        launched.append(len(readings))
+        return launch(readings)
+
+    for by in (0.1, 0.2, 0.3):
+        with monkeypatch.context() as patched:
+            patched.setattr("rigcast.sensors.rig.reading.launch", counting)
+            frames = rig.sense(state(by))
+        for name in IDEAL:
+            alone = Rig(MODEL, SENSORS, "cpu").sense(state(by), [name])[name]
+            assert_same(values(frames[name]), values(alone), name)
+    assert launched == [len(IDEAL)] * 3
 
 
 def test_readings_of_many_worlds_use_arrays_again() -> None:

@@ -6,6 +6,8 @@ import pytest
 
 import rigcast
 
+pytestmark = pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
+
 MODEL = """
 <mujoco>
   <worldbody>

@@ -155,6 +155,8 @@ def test_specs_are_equal_by_value_and_cannot_be_changed() -> None:
         InputError, match=r"^Lidar: columns cannot be set; Lidar\.model_copy\(update=...\) gives another"
     ):
         lidar().columns = 5
+    with pytest.raises(InputError, match=r"^Lidar: columns cannot be deleted; Lidar\.model_copy\(update=...\) gives"):
+        del lidar().columns
 
 
 @pytest.mark.parametrize(

@@ -207,7 +207,9 @@ def test_a_pose_that_is_not_a_number_gives_a_frame_that_is_none() -> None:
     )
     data = mujoco.MjData(model)
     data.qpos[0] = np.nan
-    lidar = Lidar(name="l", mount=Mount(body="b"), elevation_deg=[0], columns=8, noise=NOISY, returns="dual")
+    lidar = Lidar(
+        name="l", mount=Mount(body="b", pos=(2, 0, 0)), elevation_deg=[0], columns=8, noise=NOISY, returns="dual"
+    )
     with pytest.warns(RuntimeWarning, match="not finite"):
         frame = Rig(model, [lidar]).sense(data)["l"]
     assert frame.range.shape == (1, 8, 2)

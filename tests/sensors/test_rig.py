@@ -14,6 +14,8 @@ import warp as wp
 
 from rigcast import DepthCamera, Filter, Frame, HeightScan, InputError, Lidar, Mount, Prop, Rig, Scene
 
+pytestmark = pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
+
 TIMESTEP = 0.0037
 XML = f"""
 <mujoco>

@@ -1,5 +1,7 @@
 """Stepping a rig beside a simulation gives every frame once, in order, however the timestep falls."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -178,6 +180,7 @@ SPREAD = (
 )
 
 
+@pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 @pytest.mark.parametrize("timestep", [0.0037, 0.02, 0.3])
 def test_readings_are_whole_and_stamped_whatever_the_timestep(timestep: float) -> None:
     model = mujoco.MjModel.from_xml_string(XML.format(timestep))
@@ -205,3 +208,24 @@ def test_a_rosette_looks_elsewhere_in_each_reading() -> None:
         np.testing.assert_allclose(frame.range.numpy(), 2 / directions[:, 0], rtol=1e-5)
         np.testing.assert_allclose(frame.points.numpy(), 2 / directions[:, :1] * directions, rtol=1e-5, atol=1e-5)
     assert np.abs(first.range.numpy() - second.range.numpy()).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"elevation_deg": [-20, 0, 20], "columns": 24, "rate_hz": 10},
+        {"preset": "livox_mid40", "noise": None, "motion": False},
+    ],
+    ids=["the same each time", "another each time"],
+)
+def test_readings_of_one_sensor_in_one_step_look_where_each_does_alone(given: dict[str, Any]) -> None:
+    model = mujoco.MjModel.from_xml_string(XML.format(0.35))
+    spec = Lidar(name="lidar", mount=Mount(pos=(0, 0, 2), euler_deg=(0, 90, 0)), **given)
+    rig, data = Rig(model, [spec], "cpu"), mujoco.MjData(model)
+    data.time = 0.35
+    frames = rig.step(data)
+    assert len(frames) >= 2
+    for frame in frames:
+        data.time = frame.time
+        alone = Rig(model, [spec], "cpu").sense(data)["lidar"]
+        np.testing.assert_array_equal(frame.range.numpy(), alone.range.numpy())

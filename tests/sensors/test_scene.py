@@ -47,6 +47,34 @@ def test_every_ray_leaves_from_its_own_origin(row: Scene) -> None:
     np.testing.assert_allclose(distance, [[0.9, 0.9], [0.9, np.inf]], atol=1e-6)
 
 
+@pytest.mark.parametrize("on_device", [(False, False), (True, True), (False, True)], ids=str)
+@pytest.mark.parametrize(
+    ("origins", "directions"),
+    [((5,), ()), ((1,), (5,)), ((5,), (1,)), ((2, 5), (5,)), ((2, 1), (5,)), ((1, 1), (5,)), ((0,), ()), ((), ())],
+    ids=str,
+)
+def test_origins_and_directions_are_broadcast(
+    row: Scene, origins: tuple[int, ...], directions: tuple[int, ...], on_device: tuple[bool, bool]
+) -> None:
+    rng = np.random.default_rng(3)
+    starts = rng.uniform(-0.05, 0.05, (*origins, 3))
+    aims = rng.uniform([0.9, -0.03, -0.03], [1.1, 0.03, 0.03], (*directions, 3))
+    shape = np.broadcast_shapes(starts.shape, aims.shape)
+    expected = row.cast(np.broadcast_to(starts, shape).copy(), np.broadcast_to(aims, shape).copy()).numpy()
+    rays: Any = [
+        wp.array(vectors.reshape(-1 if not vectors.shape[:-1] else vectors.shape), dtype=wp.vec3d, device=row.device)
+        if there
+        else vectors
+        for vectors, there in zip((starts, aims), on_device, strict=True)
+    ]
+    hits = row.cast(*rays).numpy()
+    assert hits.distance.shape == (shape[:-1] if shape[:-1] or not on_device[1] else (1,))
+    for name in ("distance", "geom_id", "normal"):
+        found, same = getattr(hits, name), getattr(expected, name)
+        np.testing.assert_array_equal(found.reshape(same.shape), same, err_msg=name)
+    assert np.isfinite(hits.distance).all()
+
+
 @pytest.mark.parametrize("kind", [np.float64, np.float32, np.int64, np.uint8, list, tuple])
 def test_rays_may_be_any_array_like(row: Scene, kind: Any) -> None:
     rays = np.array([[1, 0, 0], [0, 1, 0]])

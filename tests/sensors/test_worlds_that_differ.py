@@ -134,6 +134,7 @@ MOUNTS: dict[str, list[Mount]] = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 @pytest.mark.parametrize("device", [False, True])
 def test_mounts_may_differ(robot: mujoco.MjModel, datas: list[mujoco.MjData], device: bool) -> None:
     batch: Any = datas

@@ -47,6 +47,8 @@ class Frame:
 class Ray:
     """A ray in the world, the first of its hits so far, the shape whose triangles it is held against, and its level."""
 
+    sensor: int  # which one's it is
+    number: int  # among all of its sensor's
     world: WorldRay
     best: Hit
     shape: int
@@ -77,12 +79,12 @@ def frame_of(origin: wp.vec3d, direction: wp.vec3d, reach: float) -> Frame:
 
 
 @noinline
-def decide(held: wp.array[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
-    ray[0].best = decided(held, ray[0].best, hit, ray[0].world)
+def decide(held: wp.array2d[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
+    ray[0].best = decided(held[ray[0].sensor], ray[0].best, hit, ray[0].world)
 
 
 @wp.func
-def consider(held: wp.array[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
+def consider(held: wp.array2d[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
     """Keep the hit if it is before the best one."""
     if is_sure(hit, ray[0].best):
         ray[0].best = hit
@@ -104,7 +106,7 @@ def normal_in_patch(number: int, v: Triangle) -> wp.vec3:
 
 @wp.func
 def meet_triangle(
-    g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], number: int
+    g: Geometry, held: wp.array2d[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], number: int
 ) -> None:
     v = Triangle()
     normal = wp.vec3()
@@ -125,7 +127,7 @@ def meet_triangle(
 
 
 @wp.func
-def meet_leaf(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], leaf: int) -> None:
+def meet_leaf(g: Geometry, held: wp.array2d[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], leaf: int) -> None:
     """Hold the ray against a block or a patch."""
     origin = frames[IN_SHAPE].origin
     rest = frames[IN_SHAPE].origin_rest
@@ -138,14 +140,14 @@ def meet_leaf(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames:
 
 
 @wp.func
-def meet_shape(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], shape: int) -> int:
+def meet_shape(g: Geometry, held: wp.array2d[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], shape: int) -> int:
     """Hold the ray against a closed form, or take it into the frame of a shape with triangles.
 
     Returns:
         The root of the tree over these, or NO_CHILD.
     """
     scope = ray[0].world.scope
-    if not g.visible[scope.first_visible + shape]:
+    if not held[ray[0].sensor, 0].visible[scope.first_visible + shape]:
         return NO_CHILD
     pose = pose_at(g, entry_of(g.place, shape, scope))
     to_local = wp.transpose(pose.rotation)
@@ -168,7 +170,7 @@ def meet_shape(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames
 
 @wp.func
 def cast_ray(
-    g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], stack: wp.uint64
+    g: Geometry, held: wp.array2d[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], stack: wp.uint64
 ) -> None:
     """Find the first hit of a ray among the visible shapes; it may lie beyond the limit. stack: where it begins."""
     span = ray[0].world.scope.span

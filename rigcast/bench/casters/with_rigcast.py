@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from rigcast.kernels.cast import launch
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.oracle import Things
 from rigcast.sensors.rig.arrays.pool import Pool
@@ -50,7 +51,7 @@ class RigcastCaster:
         def frame() -> Answer:
             self.scene.update(self._data)
             arrays = pool.take(shape, self.scene.device)
-            arrays.read(self.scene, rays, self.scene.visible(self._filter), (0.0, np.inf))
+            launch([arrays.readings(self.scene, rays, self.scene.visible(self._filter), (0.0, np.inf))])
             numbers = arrays.shape_hit if are_geoms else self._numbers(self.scene.hits(arrays.hits, shape))
             return Answer(np.asarray(arrays.range), np.asarray(numbers), np.asarray(arrays.normal))
 

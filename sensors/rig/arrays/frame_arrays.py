@@ -1,6 +1,6 @@
 """The arrays of a frame: what its rays hit, and what is worked out of that for who asks."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
@@ -31,7 +31,7 @@ class FrameArrays:
 
     hits: of the present reading, one entry per ray. range, shape_hit: (...), normal: (..., 3): the same as a frame
     shows them. is_part: whether they are part of the arrays of many worlds. asked: the fields that the frame of the
-    present reading works out at once.
+    present reading works out at once. cast: that of the last reading without errors.
 
     shared: launches for the first reading, which are turned to these arrays after others. Once arrays are written over
     they have launches of their own, which need not be turned each time. None: from the first reading on.
@@ -52,8 +52,8 @@ class FrameArrays:
         # rays that are fixed to the sensor, and the same where it is:
         self._fixed: Rays | None = None
         self._aimed: Rays | None = None
-        # the cast that writes to these arrays, and to which fields:
-        self._turned: tuple[Readings | None, frozenset[str]] = (None, _NO_FIELDS)
+        self.cast: Readings | None = None
+        self._turned_to = _NO_FIELDS  # which fields it writes
         # fields by their names, as they are worked out and as a frame shows them:
         self._worked_out: dict[str, wp.array] = {}
         self._shown: dict[str, wp.array] = {}
@@ -112,18 +112,17 @@ class FrameArrays:
             self._fixed = fixed
         return self._aimed
 
-    def read(self, scene: Stage, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> None:
-        """A reading without errors, of what is between these limits [m]."""
+    def readings(self, scene: Stage, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
+        """A reading without errors, of what is between these limits [m], to be launched before anything else."""
         fixed = self._fixed if rays is self._aimed else rays
         readings = self._launches.prepared(scene, fixed, rays, visible, limits)
         fields = _BY_CAST & self._before
-        if self._are_shared or readings is not self._turned[0] or fields != self._turned[1]:
+        if self._are_shared or readings is not self.cast or fields != self._turned_to:
             readings.turn_to(self.hits, rays, {name: self._worked_out[name] for name in fields})
-            self._turned = readings, fields
+            self.cast, self._turned_to = readings, fields
             self._held.settle()
-        for launch in readings.launches:
-            launch()
         self._rays, self._written = rays, fields
+        return readings
 
     def take(self, hits: HitArrays, rays: Rays) -> None:
         """A reading of other arrays, copied here."""
@@ -131,11 +130,6 @@ class FrameArrays:
             wp.copy(getattr(self.hits, name), getattr(hits, name))
         self._rays = rays
         self._held.settle()
-
-    @property
-    def launches(self) -> Sequence[Callable[[], object]]:
-        """Those that cast in the last reading, which hold what they read."""
-        return self._launches.of_cast
 
     def keep(self, *used: object) -> None:
         """What a reading has used, for a graph that repeats it for as long as its frame is there."""

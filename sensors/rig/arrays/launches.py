@@ -1,7 +1,5 @@
 """What is launched for each reading of a sensor, prepared once for many of them."""
 
-from collections.abc import Callable, Sequence
-
 import mujoco
 import numpy as np
 import warp as wp
@@ -24,11 +22,6 @@ class Launches:
         self._frame: PlacedFrame | None = None
         self._readings: Readings | None = None
         self._prepared_for: tuple[object, wp.array | None, int] = (None, None, 0)
-
-    @property
-    def of_cast(self) -> Sequence[Callable[[], object]]:
-        """Those of the last reading, which hold what they read."""
-        return [] if self._readings is None else self._readings.launches
 
     def place(
         self, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData, device: wp.Device

@@ -63,13 +63,23 @@ def _device_rays(origins: ArrayLike | wp.array, directions: wp.array, device: wp
         require_on_device("Scene.cast: origins", "an array on the host", device)
         host_origins = _vectors("origins", origins)
         _require_origins(host_origins)
-        origins = upload(host_origins, device)
+        origins = upload(host_origins, device).reshape(host_origins.shape[:-1] or (1,))
     for name, array in (("origins", origins), ("directions", directions)):
         _require_vectors(name, array, device)
-    if origins.size not in (1, directions.size):
-        raise InputError(f"Scene.cast: origins: got {origins.size}, expected 1 or {directions.size}")
-    d, o = (as_double(array.contiguous().flatten()) for array in (directions, origins))
-    return _of_any_length(d, o, tuple(directions.shape))
+    shape = _shape_of_rays((*origins.shape, 3), (*directions.shape, 3))[:-1]
+    of_each = (_repeated(directions, shape), origins if origins.size == 1 else _repeated(origins, shape))
+    d, o = (as_double(array.contiguous().flatten()) for array in of_each)
+    return _of_any_length(d, o, shape)
+
+
+def _repeated(array: wp.array, shape: tuple[int, ...]) -> wp.array:
+    """The array in this shape, along new axes and those of length 1 the same again."""
+    if array.shape == shape:
+        return array
+    own = [0 if n == 1 else stride for n, stride in zip(array.shape, array.strides, strict=True)]
+    strides = (*[0] * (len(shape) - len(own)), *own)
+    # copied before it is returned, as the view does not keep the array's memory
+    return wp.array(ptr=array.ptr, dtype=array.dtype, shape=shape, strides=strides, device=array.device).contiguous()
 
 
 def _of_any_length(vectors: wp.array, origins: wp.array, shape: tuple[int, ...]) -> GivenRays:
@@ -86,11 +96,21 @@ def _require_vectors(name: str, array: wp.array, device: wp.Device) -> None:
 
 
 def _host_rays(origins: ArrayLike | wp.array, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Origins and directions, float64."""
+    """Origins and directions, float64, in the shape of the rays; (3,) of a single origin."""
     d, o = _vectors("directions", directions), _vectors("origins", origins)
-    if o.shape not in ((3,), d.shape):
-        raise InputError(f"Scene.cast: origins: got shape {o.shape}, expected (3,) or that of directions, {d.shape}")
-    return o, d
+    if o.shape in ((3,), d.shape):
+        return o, d
+    shape = _shape_of_rays(o.shape, d.shape)
+    return (o.reshape(3) if o.size == 3 else np.broadcast_to(o, shape)), np.broadcast_to(d, shape)
+
+
+def _shape_of_rays(origins: tuple[int, ...], directions: tuple[int, ...]) -> tuple[int, ...]:
+    """(..., 3) of both together, as numpy broadcasts them."""
+    try:
+        return np.broadcast_shapes(origins, directions)
+    except ValueError:
+        expected = f"(3,) or what can be broadcast with that of directions, {directions}"
+        raise InputError(f"Scene.cast: origins: got shape {origins}, expected {expected}") from None
 
 
 def _require_castable(o: NDArray[np.float64], d: NDArray[np.float64]) -> None:

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from rigcast.dataset.config import read_dataset
-from rigcast.dataset.engines import Engine, InProcess
-from rigcast.dataset.generate import Done, Report, make_dataset
+from rigcast.dataset.description.config import read_dataset
+from rigcast.dataset.making.engines import Engine, InProcess
+from rigcast.dataset.making.generate import Done, Report, make_dataset
 
 ROOM = """
 <mujoco>

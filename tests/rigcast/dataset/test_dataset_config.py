@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigcast.dataset.config import read_dataset
+from rigcast.dataset.description.config import read_dataset
+from rigcast.rig_file import load_rig
 from rigcast.sensors.errors import InputError
 
 from .small_datasets import controlled_by, edited
@@ -42,6 +43,13 @@ def test_a_mistake_is_shown_where_it_is(path: Path, old: str, new: str, place: s
         read_dataset(edited(path, old, new))
     assert str(caught.value).startswith(str(path.parent / place)), str(caught.value)
     assert message in str(caught.value)
+
+
+def test_a_rig_in_place_of_a_data_set_is_told_apart(path: Path) -> None:
+    with pytest.raises(InputError, match=r"rig\.yaml:1:1: a rig, expected the file of a data set"):
+        read_dataset(path.parent / "rig.yaml")
+    with pytest.raises(InputError, match=r"set\.yaml:1:1: a data set, expected a rig; `rigcast dataset .*` makes it"):
+        load_rig(path)
 
 
 def test_mistakes_are_shown_all_at_once(path: Path) -> None:

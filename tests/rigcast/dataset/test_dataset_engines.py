@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from rigcast.dataset import engines
-from rigcast.dataset.config import Unit, read_dataset
-from rigcast.dataset.engines import Processes, Ray
-from rigcast.dataset.episode import Result
+from rigcast.dataset.description.config import Unit, read_dataset
+from rigcast.dataset.making import engines
+from rigcast.dataset.making.engines import Processes, Ray
+from rigcast.dataset.making.episode import Result
 from rigcast.sensors.errors import InputError
 
 from .small_datasets import contents, controlled_by, edited, make

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 import warp as wp
 
-from rigcast.dataset import manifest, shards
-from rigcast.dataset.config import Unit, read_dataset
-from rigcast.dataset.engines import InProcess, Make, Results
-from rigcast.dataset.environment import environment, prepare_warp
-from rigcast.dataset.episode import Job, Result, make_episode, open_episode
-from rigcast.dataset.generate import make_dataset
-from rigcast.dataset.manifest import write_manifest
+from rigcast.dataset.description.config import Unit, read_dataset
+from rigcast.dataset.making.engines import InProcess, Make, Results
+from rigcast.dataset.making.environment import environment, prepare_warp
+from rigcast.dataset.making.episode import Job, Result, make_episode, open_episode
+from rigcast.dataset.making.generate import make_dataset
 from rigcast.dataset.reading import open_dataset
+from rigcast.dataset.storage import manifest, shards
+from rigcast.dataset.storage.manifest import write_manifest
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 
@@ -234,6 +234,15 @@ def test_a_folder_with_another_data_set_is_refused(path: Path, name: str, old: s
     assert "holds another data set" in str(caught.value)
     assert message in str(caught.value)
     assert contents(path.parent / "out") == before
+
+
+def test_a_mistake_that_failed_every_episode_can_be_mended(path: Path) -> None:
+    edited(path, ":push", ":broken")
+    assert make(path).episodes == 0
+    edited(path, ":broken", ":push")
+    done = make(path)
+    assert (done.episodes, done.manifest["failed"], done.manifest["missing"]) == (4, [], 0)
+    assert not (path.parent / "out" / "failed").exists()
 
 
 def test_a_worker_of_another_kind_makes_nothing(path: Path) -> None:

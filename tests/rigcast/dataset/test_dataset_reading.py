@@ -79,6 +79,11 @@ def test_a_sensor_that_is_not_there_is_named(whole_folder: Path) -> None:
         rigcast.open_dataset(whole_folder).of("tpo")
 
 
+def test_a_sensor_for_a_number_is_told_how_to_choose_one(whole_folder: Path) -> None:
+    with pytest.raises(InputError, match=r"got 'top', expected the number of a frame; of\('top'\)\[0\] is the first"):
+        rigcast.open_dataset(whole_folder)["top"]
+
+
 def test_a_data_set_in_a_terminal_says_what_it_is(whole_folder: Path) -> None:
     frames = rigcast.open_dataset(whole_folder)
     counts = [f"{len(frames.of(name))} frames of {name!r}" for name in ("top", "front")]
@@ -134,6 +139,13 @@ def test_a_folder_without_a_data_set_is_refused(tmp_path: Path, text: str | None
         rigcast.open_dataset(tmp_path)
 
 
+def test_a_file_in_place_of_the_folder_is_told(whole_folder: Path) -> None:
+    with pytest.raises(InputError, match=r"dataset\.json: a file, expected the folder of a data set"):
+        rigcast.open_dataset(whole_folder / "dataset.json")
+    with pytest.raises(InputError, match="open_dataset: path: got int, expected str or Path"):
+        rigcast.open_dataset(3)  # type: ignore[arg-type]
+
+
 def test_an_open_data_set_goes_to_other_processes(whole_folder: Path) -> None:
     frames = rigcast.open_dataset(whole_folder)
     first = frames[0]["range"]
@@ -163,6 +175,6 @@ def test_a_field_that_torch_cannot_have_is_named(whole_folder: Path) -> None:
 
 def test_without_torch_it_is_said_what_to_install(whole_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "rigcast.dataset.in_torch", raising=False)
+    monkeypatch.delitem(sys.modules, "rigcast.dataset.reading.in_torch", raising=False)
     with pytest.raises(InputError, match=r"Dataset\.torch needs torch"):
         rigcast.open_dataset(whole_folder).torch("range")

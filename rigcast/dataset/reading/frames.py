@@ -2,25 +2,20 @@
 
 import hashlib
 import os
-import weakref
-import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from io import BufferedReader
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.sensors.errors import InputError
+from rigcast.dataset.storage.manifest import MANIFEST_NAME, read_manifest, shard_name
+from rigcast.dataset.storage.stores import Store, is_url, store_at
+from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.names import expected_one_of
 
-from .config import Unit
-from .manifest import MANIFEST_NAME, read_manifest
-from .shards import FRAMES_NAME
-from .stores import Store, store_at
+from .archives import Archive, archive_of
 
 if TYPE_CHECKING:
     from .in_torch import TorchFrames
@@ -43,7 +38,7 @@ class StoredFrame(Mapping[str, NDArray[Any]]):
     `intrinsics` (3, 3), `depth_scale` () and, with a lens, `distortion_model` () and `distortion`, OpenCV's order.
     """
 
-    def __init__(self, place: _Place, entry: Mapping[str, Any], archive: "_Archive") -> None:
+    def __init__(self, place: _Place, entry: Mapping[str, Any], archive: Archive) -> None:
         self.sensor, self.time = place.sensor, place.time
         self.scene: str = entry["scene"]
         self.episode: int = entry["episode"]
@@ -76,7 +71,7 @@ class Dataset(Sequence[StoredFrame]):
         self.manifest, self._store = manifest, store
         self._shards: list[dict[str, Any]] = manifest["shards"]
         self._places = [place for k, entry in enumerate(self._shards) for place in _places(k, entry, sensors)]
-        self._open: tuple[int, int, _Archive] | None = None
+        self._open: tuple[int, int, Archive] | None = None
 
     def __repr__(self) -> str:
         frames = Counter(place.sensor for place in self._places)
@@ -89,6 +84,8 @@ class Dataset(Sequence[StoredFrame]):
         """One frame, or those of a slice as a list."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
+        if isinstance(index, str):
+            raise InputError(f"Dataset: got {index!r}, expected the number of a frame; of({index!r})[0] is the first")
         place = self._places[index]
         return StoredFrame(place, self._shards[place.shard], self._archive(place.shard))
 
@@ -125,10 +122,10 @@ class Dataset(Sequence[StoredFrame]):
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_open": None}
 
-    def _archive(self, shard: int) -> "_Archive":
+    def _archive(self, shard: int) -> Archive:
         """The shard, kept open until a frame of another is asked for; a forked process opens it anew."""
         if self._open is None or self._open[:2] != (os.getpid(), shard):
-            self._open = (os.getpid(), shard, _archive_of(self._store, self._shards[shard]))
+            self._open = (os.getpid(), shard, archive_of(self._store, self._shards[shard]))
         return self._open[2]
 
     def _scene_faults(self, scene: str) -> list[str]:
@@ -153,6 +150,9 @@ def open_dataset(path: str | Path, *, verify: bool = False) -> Dataset:
     >>> frames = rigcast.open_dataset("out/rooms").of("top")
     >>> frames[0]["range"]  # float32 [m], +inf where nothing was hit
     """
+    require_type("open_dataset: path", path, str, Path)
+    if not is_url(path) and Path(path).is_file():
+        raise InputError(f"{path}: a file, expected the folder of a data set")
     store = store_at(path)
     dataset = Dataset(store, read_manifest(store))
     faults = dataset.verify() if verify else []
@@ -171,13 +171,9 @@ def _places(shard: int, entry: Mapping[str, Any], sensors: Sequence[str] | None)
     return sorted(places, key=lambda place: place.time)
 
 
-def _shard_name(entry: Mapping[str, Any]) -> str:
-    return Unit(entry["scene"], entry["episode"], entry["seed"]).name
-
-
 def _shard_faults(store: Store, entry: Mapping[str, Any]) -> Iterator[str]:
     for file_name, about in entry["files"].items():
-        name = f"{_shard_name(entry)}/{file_name}"
+        name = f"{shard_name(entry)}/{file_name}"
         try:
             with store.open(name) as file:
                 found = hashlib.file_digest(file, "sha256").hexdigest()
@@ -186,69 +182,3 @@ def _shard_faults(store: Store, entry: Mapping[str, Any]) -> Iterator[str]:
             continue
         if found != about["sha256"]:
             yield f"{store.where(name)}: got another checksum than the manifest's, expected {about['sha256']}"
-
-
-class _Archive(Protocol):
-    """The arrays of one shard."""
-
-    def read(self, sensor: str, number: int, name: str) -> NDArray[Any]:
-        """One array. Raises KeyError where the frame has none of that name."""
-
-    def names(self, sensor: str, number: int) -> Iterable[str]:
-        """Those that a frame has."""
-
-
-class _NpzArchive:
-    def __init__(self, store: Store, name: str) -> None:
-        file = store.open(name)
-        weakref.finalize(self, file.close)
-        self._file = np.load(file, allow_pickle=False)
-
-    def read(self, sensor: str, number: int, name: str) -> NDArray[Any]:
-        return self._file[f"{sensor}/{number:06d}/{name}"]
-
-    def names(self, sensor: str, number: int) -> Iterable[str]:
-        prefix = f"{sensor}/{number:06d}/"
-        return [name.removeprefix(prefix) for name in self._file.files if name.startswith(prefix)]
-
-
-class _ZarrParts(Mapping[str, Any]):
-    """The parts of a Zarr store that is packed in one file, as buffers of this kind, read when they are asked for."""
-
-    def __init__(self, file: BufferedReader, buffer: Any) -> None:
-        weakref.finalize(self, file.close)
-        self._archive, self._buffer = zipfile.ZipFile(file), buffer
-        self._names = frozenset(self._archive.namelist())
-
-    def __getitem__(self, name: str) -> Any:
-        return self._buffer.from_bytes(self._archive.read(name))
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._names
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-
-class _ZarrArchive:
-    def __init__(self, store: Store, name: str) -> None:
-        zarr: Any = load_extra("a data set of format zarr", "zarr", "zarr")
-        parts = _ZarrParts(store.open(name), zarr.core.buffer.cpu.Buffer)
-        self._root = zarr.open_group(zarr.storage.MemoryStore(parts, read_only=True), mode="r")
-
-    def read(self, sensor: str, number: int, name: str) -> NDArray[Any]:
-        group = self._root[sensor]
-        return np.array(group.attrs[name]) if name in group.attrs else group[name][number]
-
-    def names(self, sensor: str, _number: int) -> Iterable[str]:
-        group = self._root[sensor]
-        return [*group.array_keys(), *(name for name in group.attrs if name not in ("type", "spec"))]
-
-
-def _archive_of(store: Store, entry: Mapping[str, Any]) -> _Archive:
-    kinds: dict[str, Callable[[Store, str], _Archive]] = {"npz": _NpzArchive, "zarr": _ZarrArchive}
-    (form,) = [name for name, file in FRAMES_NAME.items() if file in entry["files"]]
-    return kinds[form](store, f"{_shard_name(entry)}/{FRAMES_NAME[form]}")

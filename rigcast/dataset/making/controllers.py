@@ -5,12 +5,13 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
+from rigcast.dataset.description.config import DatasetConfig
+from rigcast.dataset.description.file import RandomActions, RecordedMotion, UserController
+from rigcast.dataset.description.functions import blaming
+from rigcast.dataset.description.motion import read_motion
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.timing.schedule import uniform
 from rigcast.simulation import divergence
-
-from .config import DatasetConfig, blaming, read_motion
-from .file import RandomActions, RecordedMotion, UserController
 
 Step = Callable[[], None]
 

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import warp as wp
 
+from rigcast.dataset.description.file import DatasetFile
 from rigcast.quiet import quiet_warp
 from rigcast.sensors.errors import InputError
-
-from .file import DatasetFile
 
 _PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "pillow")
 _FORMAT_PACKAGES = {"npz": (), "zarr": ("zarr", "numcodecs"), "exr": ("openexr",)}

@@ -9,16 +9,16 @@ from typing import Any
 
 import mujoco
 
+from rigcast.dataset.description.config import DatasetConfig, Unit
+from rigcast.dataset.storage.shards import Shard, appearing, model_digest
 from rigcast.rig_file import compile_model, open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
 from rigcast.simulation import Spent, initial_data
 
-from .config import DatasetConfig, Unit
 from .controllers import stepper
 from .environment import environment, prepare_warp
 from .randomise import draw_poses, draw_rig, place_bodies
-from .shards import Shard, appearing, model_digest
 
 
 @dataclass(frozen=True)

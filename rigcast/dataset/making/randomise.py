@@ -5,11 +5,10 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
+from rigcast.dataset.description.file import PoseRange, Randomise
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.rig.timing.schedule import uniform
-
-from .file import PoseRange, Randomise
 
 
 def draw_rig(randomise: Randomise, seed: int) -> dict[str, float]:

@@ -27,6 +27,7 @@ from typing import IO, Any, Protocol
 import mujoco
 import numpy as np
 
+from rigcast.dataset.description.file import Output
 from rigcast.export.fields import FIELD_NAMES, camera_fields, fields_of
 from rigcast.export.files import require_room
 from rigcast.export.frames.exr import write_exr
@@ -35,7 +36,6 @@ from rigcast.export.zarr_store import ZarrStore
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.rig.rig import Rig
 
-from .file import Output
 from .statistics import SensorStatistics
 
 ENTRY_NAME = "entry.json"

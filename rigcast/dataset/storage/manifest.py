@@ -18,10 +18,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from rigcast.dataset.description.config import DatasetConfig, Unit
 from rigcast.export.files import make_writable, replacing
 from rigcast.sensors.errors import InputError
 
-from .config import DatasetConfig, Unit
 from .shards import ENTRY_NAME
 from .statistics import combined
 from .stores import FolderStore, Store
@@ -35,6 +35,8 @@ _ABANDONED = 3600.0  # seconds after which a manifest that is half written belon
 def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> None:
     """Make the folder ready, or see that what it holds is of this very data set.
 
+    One of which every episode failed may be followed by another: nothing of it is there.
+
     Raises InputError for a folder that cannot be written, or that holds another data set.
     """
     make_writable(folder)
@@ -43,10 +45,13 @@ def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> Non
             if time.time() - part.stat().st_mtime > _ABANDONED:
                 part.unlink()
     path = folder / MANIFEST_NAME
-    if path.is_file():
-        _require_same(path, read_manifest(FolderStore(folder)), {**config.identity(), "made_with": made_with})
-    else:
-        write_manifest(config, folder, made_with)
+    known = read_manifest(FolderStore(folder)) if path.is_file() else None
+    if known is not None and (known["shards"] or known["missing"]):
+        _require_same(path, known, {**config.identity(), "made_with": made_with})
+        return
+    if known is not None:
+        shutil.rmtree(folder / _FAILED_NAME, ignore_errors=True)
+    write_manifest(config, folder, made_with)
 
 
 def is_finished(folder: Path, unit: Unit) -> bool:
@@ -92,6 +97,11 @@ def read_manifest(store: Store) -> dict[str, Any]:
     return manifest
 
 
+def shard_name(entry: Mapping[str, Any]) -> str:
+    """The folder, within that of the data set, of the shard that an entry is about."""
+    return Unit(entry["scene"], entry["episode"], entry["seed"]).name
+
+
 def _is_complete(config: DatasetConfig, folder: Path) -> bool:
     """Whether every episode has a shard or a reason why not."""
     return all(is_finished(folder, unit) or _failure(folder, unit).is_file() for unit in config.units())
@@ -110,7 +120,7 @@ def _collected(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -
         **config.identity(),
         "made_with": made_with,
         "statistics": combined(shards),
-        "previews": [f"{_place(entry)}/{name}" for entry in shards for name in entry["files"] if _is_preview(name)],
+        "previews": [f"{shard_name(entry)}/{name}" for entry in shards for name in entry["files"] if _is_preview(name)],
         "missing": len(units) - len(shards) - len(failed),
         "failed": failed,
         "shards": shards,
@@ -125,10 +135,6 @@ def _entries(paths: Iterator[Path]) -> Iterator[dict[str, Any]]:
 
 def _is_preview(name: str) -> bool:
     return name.endswith(".png") and "/" not in name
-
-
-def _place(entry: Mapping[str, Any]) -> str:
-    return Unit(entry["scene"], entry["episode"], entry["seed"]).name
 
 
 def _about(unit: Unit) -> dict[str, Any]:

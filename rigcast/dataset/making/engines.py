@@ -14,11 +14,11 @@ from contextlib import contextmanager
 from threading import Thread
 from typing import Any, Protocol
 
+from rigcast.dataset.description.config import Unit
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.threads import set_threads
 
-from .config import Unit
 from .episode import Result
 
 Make = Callable[[Unit], Result]

@@ -8,15 +8,15 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from rigcast.dataset.description.config import DatasetConfig, Unit
+from rigcast.dataset.storage.manifest import begin, is_finished, note_failure, write_manifest
+from rigcast.dataset.storage.shards import sweep
 from rigcast.sensors.errors import InputError
 from rigcast.simulation import Spent
 
-from .config import DatasetConfig, Unit
 from .engines import Engine
 from .environment import environment, prepare_warp
 from .episode import Job, Result, make_episode, open_episode
-from .manifest import begin, is_finished, note_failure, write_manifest
-from .shards import sweep
 
 Report = Callable[[Result], None]
 

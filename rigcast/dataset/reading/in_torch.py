@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from .reading import Dataset
+from .frames import Dataset
 
 
 class TorchFrames(torch.utils.data.Dataset[dict[str, Any]]):  # type: ignore[misc]

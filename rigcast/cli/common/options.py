@@ -1,4 +1,4 @@
-"""What several commands have in common: options, and where their answer goes."""
+"""Options, and where the answer goes."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from rigcast.export.files import replacing
+from rigcast.export.files import make_writable, replacing
 
 RigPath = Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)]
 Overrides = Annotated[
@@ -21,7 +21,12 @@ _STANDARD_OUTPUT = Path("-")
 
 
 def console_beside(json_file: Path | None) -> Console:
-    """Where tables and words go: nowhere when standard output is for JSON."""
+    """Where tables and words go: nowhere when standard output is for JSON.
+
+    Raises InputError, before anything is worked out, where the file could not be written.
+    """
+    if json_file not in (None, _STANDARD_OUTPUT):
+        make_writable(json_file.parent)
     return Console(highlight=False, quiet=json_file == _STANDARD_OUTPUT)
 
 

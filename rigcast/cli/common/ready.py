@@ -1,0 +1,51 @@
+"""Building a rig for a command: Warp kept quiet, a word where kernels are compiled first or something is odd."""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Timer
+
+import mujoco
+from rich.console import Console
+from rich.markup import escape
+
+from rigcast.quiet import quiet_warp
+from rigcast.rig_file import RigConfig
+from rigcast.sensors.rig.rig import Rig
+
+_PATIENCE = 1.5  # s; cached kernels load in less
+
+
+def ready_rig(
+    console: Console,
+    config: RigConfig,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    device: str | None,
+    seed: int | None = None,
+) -> Rig:
+    """The rig of a file with its kernels compiled: it has cast once, into the state of `data`."""
+    quiet_warp()
+    with word_if_compiling(console), _warnings_as_words(console):
+        rig = config.build(model, device, seed)
+        rig.sense(data)
+    return rig
+
+
+@contextmanager
+def _warnings_as_words(console: Console) -> Iterator[None]:
+    with warnings.catch_warnings(record=True, action="always", category=UserWarning) as caught:
+        yield
+    for warning in caught:
+        console.print(escape(str(warning.message)), soft_wrap=True)
+
+
+@contextmanager
+def word_if_compiling(console: Console) -> Iterator[None]:
+    """Say that kernels are being compiled where the body takes longer than loading them."""
+    timer = Timer(_PATIENCE, console.print, ["compiling kernels, on first use only: about 20 s"])
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

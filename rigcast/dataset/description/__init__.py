@@ -1,0 +1,1 @@
+"""What the file of a data set says, checked at the door."""

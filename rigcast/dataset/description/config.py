@@ -1,0 +1,137 @@
+"""The file of a data set, read and checked at the door, and the episodes that it stands for."""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
+
+from rigcast.rig_file import read_rig
+from rigcast.rig_file.layers import read_layers
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.faults import Fault, faults_of
+
+from .faults import faults_in
+from .file import DatasetFile, RecordedMotion, SceneSource, UserController
+from .functions import blaming, find_function, module_file
+
+
+class Unit(NamedTuple):
+    """One episode of one scene: what a worker makes by itself, into a shard of its own.
+
+    number: of the episode within its scene. seed: all that happens in it follows from this.
+    """
+
+    scene: str
+    number: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        return f"{self.scene}/{self.number:06d}"
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """What the file of a data set says. folder: which its paths are relative to.
+
+    sources: SHA-256 of the rig's files, the scenes' files, recorded motions and the modules of functions, by path.
+    """
+
+    path: Path
+    folder: Path
+    file: DatasetFile
+    sources: dict[str, str]
+
+    @property
+    def rig(self) -> Path:
+        return self.folder / self.file.rig
+
+    def units(self) -> list[Unit]:
+        """Every episode of every scene."""
+        return [
+            Unit(scene.name, number, _episode_seed(self.file.seed, scene.name, number))
+            for scene in self.file.scenes
+            for number in range(self.file.episodes.count)
+        ]
+
+    def scene(self, name: str) -> SceneSource:
+        return next(scene for scene in self.file.scenes if scene.name == name)
+
+    def call(self, name: str, *arguments: Any) -> Any:
+        """What the user's `module:function` returns. Raises InputError for whatever it raises."""
+        function = find_function(self.folder, name)
+        with blaming(name):
+            return function(*arguments)
+
+    def identity(self) -> dict[str, Any]:
+        """What the frames of this data set follow from, as plain values.
+
+        More episodes and other scenes may come later: those that there are stay as they are.
+        """
+        document = self.file.model_dump(mode="json")
+        del document["episodes"]["count"], document["scenes"]
+        scenes = {scene.name: scene.model_dump(mode="json") for scene in self.file.scenes}
+        return {"config": document, "scenes": scenes, "sources": self.sources}
+
+    def require_same_sources(self) -> None:
+        """Raise InputError where a file has changed since the data set was read."""
+        for name, expected in self.sources.items():
+            if not (self.folder / name).is_file() or digest(self.folder / name) != expected:
+                raise InputError(f"{self.folder / name} has changed since {self.path} was read")
+
+
+def read_dataset(path: Path, overrides: Sequence[str] = ()) -> DatasetConfig:
+    """Read and check the file of a data set, its rig, and the files and functions that it names.
+
+    overrides: each `KEY=VALUE`, in place of what the file says.
+
+    Raises InputError with every fault, each as `path:line:col: what is wrong` with the line below it. A scene that does
+    not compile is none: its episodes fail, the others are made.
+    """
+    document = read_layers(path, overrides)
+    if isinstance(document.content, dict) and "sensors" in document.content and "rig" not in document.content:
+        raise document.error([Fault((), "a rig, expected the file of a data set, which names one: `rig: ...`")])
+    try:
+        file = DatasetFile.model_validate(document.content)
+    except ValidationError as error:
+        raise document.error(faults_of(error, DatasetFile)) from None
+    folder = path.parent.resolve()  # workers may have other working directories
+    faults = faults_in(file, folder)
+    if faults:
+        raise document.error(faults)
+    return DatasetConfig(path, folder, file, _sources(file, folder))
+
+
+def _episode_seed(seed: int, scene: str, number: int) -> int:
+    """From 0 to 2^63 - 1; that of one episode depends on no other episode or scene."""
+    digest = hashlib.blake2b(f"{seed}/{scene}/{number}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little") >> 1
+
+
+def _sources(file: DatasetFile, folder: Path) -> dict[str, str]:
+    rig = read_rig(folder / file.rig)
+    paths = [*rig.files, *(prop.file for prop in rig.props)]
+    paths += [folder / scene.file for scene in file.scenes if scene.file is not None]
+    functions = [scene.python for scene in file.scenes if scene.python is not None]
+    controller = file.episodes.controller
+    if isinstance(controller, RecordedMotion):
+        paths.append(folder / controller.file)
+    if isinstance(controller, UserController):
+        functions.append(controller.function)
+    paths += [path for path in map(module_file, functions) if path is not None]
+    return {path: digest(folder / path) for path in sorted({_relative(path, folder) for path in paths})}
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """A path as seen from the folder of the data set's file, the same wherever the whole is copied to."""
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,111 @@
+"""What is wrong with the file of a data set beyond itself: with its names, its rig, and what else it names."""
+
+from collections import Counter
+from pathlib import Path
+
+from rigcast.export.fields import field_names
+from rigcast.export.formats import FORMATS
+from rigcast.rig_file import read_rig
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.extras import load_extra
+from rigcast.sensors.faults import Fault
+from rigcast.sensors.names import expected_one_of
+
+from .file import DatasetFile, RecordedMotion, UserController
+from .functions import find_function
+from .motion import read_motion
+
+_LOW, _HIGH = 0, 1
+_TAKEN = ("failed", "unfinished")  # folders beside those of scenes
+
+
+def faults_in(file: DatasetFile, folder: Path) -> list[Fault]:
+    """folder: which its paths are relative to. Raises InputError for a rig with faults, shown in the rig's own file."""
+    of_inputs = [*_name_faults(file), *_rig_faults(file, folder), *_scene_faults(file, folder)]
+    return [*of_inputs, *_controller_faults(file, folder), *_output_faults(file), *_field_faults(file, folder)]
+
+
+def _name_faults(file: DatasetFile) -> list[Fault]:
+    counts = Counter(scene.name for scene in file.scenes)
+    return [
+        Fault(("scenes", i, "name"), f"{scene.name!r} is the name of something else too, expected another")
+        for i, scene in enumerate(file.scenes)
+        if counts[scene.name] > 1 or scene.name in _TAKEN
+    ]
+
+
+def _rig_faults(file: DatasetFile, folder: Path) -> list[Fault]:
+    """A rig that is not there; one with faults of its own raises InputError that shows them in its file."""
+    if not (folder / file.rig).is_file():
+        return [Fault(("rig",), f"{folder / file.rig} is not a file")]
+    read_rig(folder / file.rig)
+    faults = []
+    for end in (_LOW, _HIGH):
+        try:
+            read_rig(folder / file.rig, [f"{key}={ends[end]!r}" for key, ends in file.randomise.rig.items()])
+        except InputError as error:
+            faults.append(Fault(("randomise", "rig"), f"with the {('lowest', 'highest')[end]} values: {error}"))
+    return faults
+
+
+def _scene_faults(file: DatasetFile, folder: Path) -> list[Fault]:
+    faults = []
+    for i, scene in enumerate(file.scenes):
+        if scene.file is not None and not (folder / scene.file).is_file():
+            faults.append(Fault(("scenes", i, "file"), f"{folder / scene.file} is not a file"))
+        if scene.python is not None:
+            faults += _function_faults(("scenes", i, "python"), folder, scene.python)
+    return faults
+
+
+def _controller_faults(file: DatasetFile, folder: Path) -> list[Fault]:
+    controller, where = file.episodes.controller, ("episodes", "controller")
+    if isinstance(controller, UserController):
+        return _function_faults((*where, "function"), folder, controller.function)
+    if not isinstance(controller, RecordedMotion):
+        return []
+    try:
+        rows = read_motion(folder / controller.file)
+    except InputError as error:
+        return [Fault((*where, "file"), str(error))]
+    lasts = (len(rows) - 1) / controller.rate_hz
+    if lasts < file.episodes.duration - 1e-9:
+        return [Fault(("episodes", "duration"), f"got {file.episodes.duration:g} s, but the motion lasts {lasts:g} s")]
+    return []
+
+
+def _output_faults(file: DatasetFile) -> list[Fault]:
+    if file.output.format != "zarr":
+        return []
+    try:
+        load_extra("the format zarr", *(FORMATS["zarr"].needs or ("", "")))
+    except InputError as error:
+        return [Fault(("output", "format"), str(error))]
+    return []
+
+
+def _field_faults(file: DatasetFile, folder: Path) -> list[Fault]:
+    if not (folder / file.rig).is_file():
+        return []  # which is a fault of its own
+    kinds = {spec.name: spec.type for spec in read_rig(folder / file.rig).sensors}
+    faults = []
+    for sensor, chosen in file.output.fields.items():
+        where = ("output", "fields", sensor)
+        if sensor not in kinds:
+            faults.append(Fault(where, f"no sensor {sensor!r}, {expected_one_of(sensor, list(kinds))}", at_key=True))
+            continue
+        known = field_names(kinds[sensor])
+        faults += [
+            Fault((*where, i), f"no field {name!r} of a {kinds[sensor]}, {expected_one_of(name, known)}")
+            for i, name in enumerate(chosen)
+            if name not in known
+        ]
+    return faults
+
+
+def _function_faults(where: tuple[str | int, ...], folder: Path, name: str) -> list[Fault]:
+    try:
+        find_function(folder, name)
+    except InputError as error:
+        return [Fault(where, str(error))]
+    return []

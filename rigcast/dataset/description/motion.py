@@ -1,0 +1,19 @@
+"""Recorded motions."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.sensors.errors import InputError
+
+
+def read_motion(path: Path) -> NDArray[np.float64]:
+    """(rows, nq) the positions in an NPY file. Raises InputError for anything else."""
+    try:
+        rows = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: not an NPY file of numbers: {error}") from None
+    if rows.ndim != 2 or len(rows) < 2 or not np.isfinite(rows).all():
+        raise InputError(f"{path}: got an array of shape {rows.shape}, expected 2 rows or more of nq finite numbers")
+    return rows

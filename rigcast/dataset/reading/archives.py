@@ -1,0 +1,81 @@
+"""The arrays of a shard, each read when it is asked for."""
+
+import weakref
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from io import BufferedReader
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcast.dataset.storage.manifest import shard_name
+from rigcast.dataset.storage.shards import FRAMES_NAME
+from rigcast.dataset.storage.stores import Store
+from rigcast.sensors.extras import load_extra
+
+
+class Archive(Protocol):
+    """The arrays of one shard."""
+
+    def read(self, sensor: str, number: int, name: str) -> NDArray[Any]:
+        """One array. Raises KeyError where the frame has none of that name."""
+
+    def names(self, sensor: str, number: int) -> Iterable[str]:
+        """Those that a frame has."""
+
+
+class _NpzArchive:
+    def __init__(self, store: Store, name: str) -> None:
+        file = store.open(name)
+        weakref.finalize(self, file.close)
+        self._file = np.load(file, allow_pickle=False)
+
+    def read(self, sensor: str, number: int, name: str) -> NDArray[Any]:
+        return self._file[f"{sensor}/{number:06d}/{name}"]
+
+    def names(self, sensor: str, number: int) -> Iterable[str]:
+        prefix = f"{sensor}/{number:06d}/"
+        return [name.removeprefix(prefix) for name in self._file.files if name.startswith(prefix)]
+
+
+class _ZarrParts(Mapping[str, Any]):
+    """The parts of a Zarr store that is packed in one file, as buffers of this kind, read when they are asked for."""
+
+    def __init__(self, file: BufferedReader, buffer: Any) -> None:
+        weakref.finalize(self, file.close)
+        self._archive, self._buffer = zipfile.ZipFile(file), buffer
+        self._names = frozenset(self._archive.namelist())
+
+    def __getitem__(self, name: str) -> Any:
+        return self._buffer.from_bytes(self._archive.read(name))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+class _ZarrArchive:
+    def __init__(self, store: Store, name: str) -> None:
+        zarr: Any = load_extra("a data set of format zarr", "zarr", "zarr")
+        parts = _ZarrParts(store.open(name), zarr.core.buffer.cpu.Buffer)
+        self._root = zarr.open_group(zarr.storage.MemoryStore(parts, read_only=True), mode="r")
+
+    def read(self, sensor: str, number: int, name: str) -> NDArray[Any]:
+        group = self._root[sensor]
+        return np.array(group.attrs[name]) if name in group.attrs else group[name][number]
+
+    def names(self, sensor: str, _number: int) -> Iterable[str]:
+        group = self._root[sensor]
+        return [*group.array_keys(), *(name for name in group.attrs if name not in ("type", "spec"))]
+
+
+def archive_of(store: Store, entry: Mapping[str, Any]) -> Archive:
+    kinds: dict[str, Callable[[Store, str], Archive]] = {"npz": _NpzArchive, "zarr": _ZarrArchive}
+    (form,) = [name for name, file in FRAMES_NAME.items() if file in entry["files"]]
+    return kinds[form](store, f"{shard_name(entry)}/{FRAMES_NAME[form]}")

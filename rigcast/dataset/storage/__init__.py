@@ -1,0 +1,1 @@
+"""Where a data set lies: its shards, its manifest, in a folder or at a URL."""

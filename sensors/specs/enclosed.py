@@ -1,0 +1,83 @@
+"""Sensors that sit within a geom of what carries them, and see little else."""
+
+from collections.abc import Iterable, Iterator
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from .sensor_spec import SensorSpec
+
+_GEOM = mujoco.mjtGeom
+
+
+def enclosed(model: mujoco.MjModel, data: mujoco.MjData, sensors: Iterable[SensorSpec]) -> Iterator[str]:
+    """A sentence for each sensor that begins its rays within a geom which they may hit and which moves as it does.
+
+    No motion changes where the two are to each other: any poses in `data` will do, of cameras and geoms too.
+    """
+    for sensor in sensors:
+        geom = _geom_around(model, data, sensor)
+        if geom is not None:
+            name, body = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
+            yield (
+                f"sensor {sensor.name!r} is within geom {name or geom!r} of body {body!r}, which hides from it what is "
+                f"outside; exclude_bodies: [{body}] in its filter leaves that out"
+            )
+
+
+def _geom_around(model: mujoco.MjModel, data: mujoco.MjData, sensor: SensorSpec) -> int | None:
+    mount = sensor.mount.bind(model)
+    position = mount.pose(data)[:3, 3]
+    own = np.flatnonzero(sensor.filter.visible(model) & _moving_with(model, mount.body_id)[model.geom_bodyid])
+    for geom in own.tolist():
+        if _contains(model, geom, data.geom_xmat[geom].reshape(3, 3).T @ (position - data.geom_xpos[geom])):
+            return geom
+    return None
+
+
+def _moving_with(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
+    """(nbody,) what is fixed to a body; of what is fixed to the world, which may be a room, only a body itself."""
+    weld = model.body_weldid
+    if weld[body]:
+        return np.asarray(weld == weld[body])
+    return np.asarray((np.arange(model.nbody) == body) & (body != 0))
+
+
+def _contains(model: mujoco.MjModel, geom: int, point: NDArray[np.float64]) -> bool:
+    """Whether a point (3,) in the geom's frame is within it."""
+    size, away = model.geom_size[geom], np.abs(point)
+    match model.geom_type[geom]:
+        case _GEOM.mjGEOM_SPHERE:
+            return bool(np.linalg.norm(point) < size[0])
+        case _GEOM.mjGEOM_CAPSULE:
+            return bool(np.hypot(np.linalg.norm(point[:2]), max(0.0, away[2] - size[1])) < size[0])
+        case _GEOM.mjGEOM_ELLIPSOID:
+            return bool(np.linalg.norm(point / size) < 1.0)
+        case _GEOM.mjGEOM_CYLINDER:
+            return bool(np.linalg.norm(point[:2]) < size[0] and away[2] < size[1])
+        case _GEOM.mjGEOM_BOX:
+            return bool((away < size).all())
+        case _GEOM.mjGEOM_MESH:
+            return _is_in_box(model.geom_aabb[geom], point) and _turns_around(model, geom, point) > 0.5
+    return False
+
+
+def _is_in_box(box: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
+    return bool((np.abs(point - box[:3]) <= box[3:]).all())
+
+
+def _turns_around(model: mujoco.MjModel, geom: int, point: NDArray[np.float64]) -> float:
+    """How often a mesh winds about a point: the solid angles of its faces over 4 pi, 1 within a closed one, else 0.
+
+    Of a face a, b, c as seen from the point tan(angle / 2) = a . (b x c) / (|a||b||c| + a.b |c| + b.c |a| + c.a |b|)
+    (van Oosterom and Strackee, 1983).
+    """
+    mesh = model.geom_dataid[geom]
+    first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    faces = model.mesh_face[first : first + count] + model.mesh_vertadr[mesh]
+    a, b, c = np.moveaxis(model.mesh_vert[faces].astype(np.float64) - point, 1, 0)
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    volume = (a * np.cross(b, c)).sum(1)
+    about = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
+    return float(np.arctan2(volume, about).sum() / (2 * np.pi))
