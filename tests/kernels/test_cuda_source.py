@@ -52,7 +52,7 @@ def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[
         geometry.nodes, geometry.top = trees
 
     def record(kernel: wp.Kernel, count: int, inputs: Sequence[Any], *others: Any) -> Callable[[], None]:
-        geometry = inputs[0]
+        geometry = inputs[0] if kernel is cast_rays else inputs[1]
         geometry.patches = wp.array(
             patches_of(geometry.plots.numpy(), geometry.sides.numpy()), dtype=Patch, device="cpu"
         )
