@@ -6,7 +6,7 @@ what was there and what is new LLVM makes a masked store, which takes longer tha
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.geometry import Geometry, Plot
 from rigcast.kernels.hits.hit import NO_SHAPE, distance_of, middle
 from rigcast.kernels.hits.out import Out
 from rigcast.kernels.poses.scope import pose_of
@@ -90,6 +90,64 @@ def take_facet(  # type: ignore[no-untyped-def]
     """The triangle by this number is that of all rays that hit it. height: V0 . n."""
 
 
+FEW_FACETS = wp.constant(3)
+"""Triangles up to which it is faster to take them one by one."""
+
+
+@wp.func_native(f"""
+#if !defined(__CUDA_ARCH__)
+    typedef int ints __attribute__((ext_vector_type(16)));
+    typedef float floats __attribute__((ext_vector_type(16)));
+    typedef double doubles __attribute__((ext_vector_type(16)));
+    float x[2][16], y[2][16], z[3][16];
+    int faces[16];
+    ints is_upper, is_own;
+    for (int i = 0; i < 16; ++i) {{
+        const int number = numbers[i] < {int(FIRST_IN_PATCHES)} ? 0 : numbers[i] - {int(FIRST_IN_PATCHES)};
+        const auto& plot = plots.data[number >> 6];
+        const int row = (number >> 4 & 2) | (number >> 1 & 1), column = (number >> 2 & 6) | (number & 1);
+        const int upper = number >> 2 & 1;
+        const float *xs = &sides.data[plot.x + column], *ys = &sides.data[plot.y + row];
+        const float* heights = &plot.z.data[row][column];
+        x[0][i] = xs[0], x[1][i] = xs[1];
+        y[0][i] = ys[0], y[1][i] = ys[1];
+        z[0][i] = heights[0], z[1][i] = heights[upper ? 9 : 1], z[2][i] = heights[10];
+        faces[i] = plot.face + 2 * (row * columns + column) + upper;
+        is_upper[i] = -upper;
+        is_own[i] = -(numbers[i] >= {int(FIRST_IN_PATCHES)});
+    }}
+    const auto read = [](const float* from) {{
+        floats all;
+        __builtin_memcpy(&all, from, sizeof(all));
+        return __builtin_convertvector(all, doubles);
+    }};
+    typedef long long longs __attribute__((ext_vector_type(16)));
+    const longs upper = __builtin_convertvector(is_upper, longs), own = __builtin_convertvector(is_own, longs);
+    const doubles x0 = read(x[0]), dx = read(x[1]) - x0, y0 = read(y[0]), dy = read(y[1]) - y0;
+    const doubles z0 = read(z[0]), third = read(z[1]), early = third - z0, late = read(z[2]) - third;
+    const doubles a = upper ? late : early, b = upper ? early : late;
+    const doubles normal_x = -a * dy, normal_y = -b * dx, normal_z = dx * dy;
+    const doubles height = x0 * normal_x + y0 * normal_y + z0 * normal_z;
+    auto& all = *wp::address(facets, 0);
+    const auto take = [&](auto& to, const doubles values) {{
+        doubles before;
+        __builtin_memcpy(&before, &to, sizeof(before));
+        before = own ? values : before;
+        __builtin_memcpy(&to, &before, sizeof(before));
+    }};
+    take(all.height, height);
+    take(all.normal_x, normal_x);
+    take(all.normal_y, normal_y);
+    take(all.normal_z, normal_z);
+    for (int i = 0; i < 16; ++i) all.face[i] = is_own[i] ? faces[i] : all.face[i];
+#endif
+""")
+def take_facets_of_patches(  # type: ignore[no-untyped-def]
+    facets: wp.array[Facets], plots: wp.array[Plot], sides: wp.array[float], numbers: int_lanes, columns: int
+):
+    """What rigcast.kernels.shapes.facets.facet_of_patch finds, of all rays that hit triangles of patches."""
+
+
 @wp.func_native("wp::address(places, k)->distance[i] = distance;")
 def take_distance(places: wp.array[Places], k: int, i: int, distance: float):  # type: ignore[no-untyped-def]
     """That of ray i of packet k, alone, where Warp would copy all sixteen."""
@@ -161,8 +219,15 @@ def place_triangles(
     facets = rays[0].facets
     last = int(0)
     todo = int(which)
+    seen = int(0)
     while todo != 0:
         triangle = hit[lowest_bit(todo)]
+        if triangle >= FIRST_IN_PATCHES and seen == FEW_FACETS:
+            take_facets_of_patches(facets, g.plots, g.sides, hit, g.columns[rays[0].scope.first_shape + shape])
+            last = triangle
+            todo = todo & lanes_below(hit, FIRST_IN_PATCHES)
+            continue
+        seen += 1
         todo = todo & ~lanes_at(hit, triangle)
         last = wp.max(last, triangle)
         facet = facet_at(rays[0].geometry, rays[0].scope.first_shape + shape, triangle)
@@ -285,6 +350,15 @@ def lanes_at(numbers: int_lanes, number: int) -> int:
     for i in range(LANES):
         same[i] = wp.where(numbers[i] == number, -1, 0)
     return lane_bits(same)
+
+
+@wp.func
+def lanes_below(numbers: int_lanes, number: int) -> int:
+    """Bit by bit, which of these are below a number."""
+    below = int_lanes()
+    for i in range(LANES):
+        below[i] = wp.where(numbers[i] < number, -1, 0)
+    return lane_bits(below)
 
 
 @wp.func
