@@ -118,6 +118,8 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
     staged = these.hits[thread]
     rays[0].opened = these.opened[thread]
     rays[0].composed = these.composed[thread]
+    rays[0].plot = -1
+    rays[0].patch = -1
     rays[0].facets = these.facets[thread]
     count = these.worlds * tiles.shape[0]
     threads = these.copies.shape[0]

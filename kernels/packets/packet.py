@@ -147,6 +147,8 @@ class TileRays:
     local: wp.array[Vectors]  # one, of a packet's directions in a shape's frame
     opened: wp.array[Node]  # one, of a plot
     composed: wp.array[TriangleBlock]  # one, of a patch
+    plot: int  # the one that is opened, and the patch that is composed, or -1: neighbours often need the same
+    patch: int
     facets: wp.array[Facets]  # one, of a packet's hits on a shape
     fields: Fields
 

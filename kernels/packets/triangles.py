@@ -15,7 +15,7 @@ from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
 from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
 from .lanes import direction_of, far_of, near_of
-from .packet import ALL_LANES, decide_lane_of_packet, farthest, offer
+from .packet import ALL_LANES, TileRays, decide_lane_of_packet, farthest, offer
 from .prefetch import prefetch_block, prefetch_node, prefetch_plot
 from .slabs import EnteredByLanes, Slabs, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
 from .sought import Sought
@@ -94,15 +94,31 @@ def visit_block_at_once(sought: Sought, index: int, reach: float, blocks: wp.arr
 
 
 @wp.func
+def compose_patch(rays: wp.array[TileRays], k: int) -> None:
+    """Make the triangles of patch k, unless they are there."""
+    if rays[0].patch != k:
+        g = rays[0].geometry
+        compose(g[0].plots, g[0].sides, k, rays[0].composed)
+        rays[0].patch = k
+
+
+@wp.func
+def open_plot_of(rays: wp.array[TileRays], k: int) -> None:
+    """Make the node that plot k is, unless it is there."""
+    if rays[0].plot != k:
+        g = rays[0].geometry
+        open_plot(g[0].plots, g[0].sides, k, rays[0].opened)
+        rays[0].plot = k
+
+
+@wp.func
 def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) -> float:
     """A packet against the triangles of one leaf, whose box these rays enter."""
     blocks = sought.blocks
     block = int(index)
     if index >= FIRST_PATCH:
-        tile = sought.packet.tile
-        g = tile[0].geometry
-        compose(g[0].plots, g[0].sides, index - FIRST_PATCH, tile[0].composed)
-        blocks = tile[0].composed
+        compose_patch(sought.packet.tile, index - FIRST_PATCH)
+        blocks = sought.packet.tile[0].composed
         block = 0
     if count_bits(lanes) <= FEW:
         return visit_block_lane_by_lane(sought, index, lanes, reach, blocks, block)
@@ -159,10 +175,8 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
         else:
             slabs = Slabs()
             if at >= FIRST_PLOT:
-                g = packet.tile[0].geometry
-                opened = packet.tile[0].opened
-                open_plot(g[0].plots, g[0].sides, at - FIRST_PLOT, opened)
-                slabs = slabs_of(opened[0], sought.view.origin, sought.margin, sought.way)
+                open_plot_of(packet.tile, at - FIRST_PLOT)
+                slabs = slabs_of(packet.tile[0].opened[0], sought.view.origin, sought.margin, sought.way)
             else:
                 slabs = slabs_of(sought.nodes[at], sought.view.origin, sought.margin, sought.way)
             near_x = slabs.near_x
