@@ -138,12 +138,6 @@ def prefetch_child(sought: Sought, child: int) -> None:
 
 
 @wp.func
-def comes_from_memory(child: int) -> bool:
-    """Whether this is a plot or a block of stored triangles."""
-    return child >= FIRST_PLOT or (child < 0 and -1 - child < FIRST_PATCH)
-
-
-@wp.func
 def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> float:
     """A packet through the tree of a shape; returns how far its rays still reach.
 
@@ -161,16 +155,24 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
     waiting = int(NO_CHILD)
     lanes_of_waiting = int(0)
     while at != NO_CHILD:
-        if top > 0 and count_bits(entering) <= FEW and comes_from_memory(at):
-            other = int(waiting)
-            others_lanes = int(lanes_of_waiting)
-            waiting = at
-            lanes_of_waiting = entering
-            at = other
-            entering = others_lanes
+        if at >= FIRST_PLOT:  # noqa: SIM102, as Warp evaluates both sides of an `and`
+            if top > 0 and count_bits(entering) <= FEW and (waiting == NO_CHILD or waiting >= FIRST_PLOT):
+                plot = int(waiting)
+                its_lanes = int(lanes_of_waiting)
+                waiting = at
+                lanes_of_waiting = entering
+                at = plot
+                entering = its_lanes
         if at < 0:
-            if at != NO_CHILD:
-                reach = visit_block_of_packet(sought, -1 - at, entering, reach)
+            leaf = int(at)
+            who = int(entering)
+            if top > 0 and count_bits(entering) <= FEW and -1 - at < FIRST_PATCH and waiting < 0:
+                leaf = waiting
+                who = lanes_of_waiting
+                waiting = at
+                lanes_of_waiting = entering
+            if leaf != NO_CHILD:
+                reach = visit_block_of_packet(sought, -1 - leaf, who, reach)
             at = int(NO_CHILD)
         else:
             slabs = Slabs()
