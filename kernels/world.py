@@ -27,11 +27,14 @@ from .geometry import (
 )
 from .host.upload import Upload
 from .packets.prefetch import CACHE_LINE
-from .trees.nodes import Node, by_ends
+from .trees.nodes import FIRST_PLOT, Node, by_ends
 from .trees.top_trees import TopTrees
 from .trees.unfolded import lead_to_nodes, nodes_of, patches_of
 
 _SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
+
+MOST_STORED = 2**14
+"""Plots up to which they are stored as nodes on a CPU, too: these fit its cache, and need not be made."""
 
 Poses = npt.NDArray[np.floating[Any]] | wp.array
 
@@ -107,15 +110,16 @@ class World:
         nodes, blocks, plots, sides, self._places = join_triangle_trees(self.trees)
         plots = _on_cache_lines(plots)
         g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
+        self._plots_from = FIRST_PLOT
+        if not self.device.is_cpu or len(plots) <= MOST_STORED:
+            self._plots_from = len(nodes)
+            nodes = np.concatenate([lead_to_nodes(nodes, len(nodes)), nodes_of(patches_of(plots, sides))])
+        g.nodes = self._on_device(nodes)
         if self.device.is_cpu:
-            g.nodes = wp.array(nodes, dtype=Node, device=self.device, copy=False)
             g.plots = wp.array(plots, dtype=Plot, device=self.device, copy=False)
             g.sides = wp.array(sides, dtype=float, device=self.device, copy=False)
         else:
-            patches = patches_of(plots, sides)
-            stored = np.concatenate([lead_to_nodes(nodes, len(nodes)), nodes_of(patches)])
-            g.nodes = wp.array(by_ends(stored), dtype=Node, device=self.device)
-            g.patches = wp.array(patches, dtype=Patch, device=self.device)
+            g.patches = wp.array(patches_of(plots, sides), dtype=Patch, device=self.device)
         # the triangles of all trees are held once
         self.trees = [
             replace(
@@ -128,24 +132,25 @@ class World:
             for tree, place in zip(self.trees, self._places, strict=True)
         ]
 
+    def _on_device(self, nodes: npt.NDArray[np.void]) -> wp.array:
+        return wp.array(nodes if self.device.is_cpu else by_ends(nodes), dtype=Node, device=self.device, copy=False)
+
     def _overwrite_tree(self, index: int) -> None:
         place, g = self._places[index], self.geometry
         tree = moved_tree(self.trees[index], place)
+        patches = patches_of(moved_tree(tree, TreePlace(0, 0, 0, 0)).plots, tree.sides)
+        nodes = {place.node: lead_to_nodes(tree.nodes, self._plots_from)}
+        if self._plots_from != FIRST_PLOT:
+            nodes[self._plots_from + place.plot] = nodes_of(patches, PATCHES * place.plot)
+        for at, own in nodes.items():
+            wp.copy(g.nodes, self._on_device(own), dest_offset=at)
         wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=self.device), dest_offset=place.block)
         if self.device.is_cpu:
-            wp.copy(g.nodes, wp.array(tree.nodes, dtype=Node, device="cpu"), dest_offset=place.node)
             wp.copy(g.plots, wp.array(tree.plots, dtype=Plot, device="cpu"), dest_offset=place.plot)
             wp.copy(g.sides, wp.array(tree.sides, dtype=float, device="cpu"), dest_offset=place.side)
-            return
-        patches = patches_of(moved_tree(tree, TreePlace(0, 0, 0, 0)).plots, tree.sides)
-        first_patch, first = PATCHES * place.plot, g.nodes.size - g.patches.size // PATCHES
-        nodes = {
-            place.node: lead_to_nodes(tree.nodes, first),
-            first + place.plot: nodes_of(patches, first_patch),
-        }
-        for at, own in nodes.items():
-            wp.copy(g.nodes, wp.array(by_ends(own), dtype=Node, device=self.device), dest_offset=at)
-        wp.copy(g.patches, wp.array(patches, dtype=Patch, device=self.device), dest_offset=first_patch)
+        else:
+            patches_at = PATCHES * place.plot
+            wp.copy(g.patches, wp.array(patches, dtype=Patch, device=self.device), dest_offset=patches_at)
 
     def _trees_of_shapes(self) -> dict[str, wp.array]:
         """The arrays of Geometry that say which tree each shape has; closed forms have any."""

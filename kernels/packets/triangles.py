@@ -10,14 +10,14 @@ from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.hits.hit import APART
 from rigcast.kernels.shapes.patches import compose, open_plot
 from rigcast.kernels.single.traverse import child_among_triangles, stack_of_distances, stack_of_ints
-from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, WIDTH
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, WIDTH, Node, vec8
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
 from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
 from .lanes import direction_of, far_of, near_of
 from .packet import ALL_LANES, TileRays, decide_lane_of_packet, farthest, offer
 from .prefetch import prefetch_block, prefetch_node, prefetch_plot
-from .slabs import EnteredByLanes, Slabs, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
+from .slabs import EnteredByLanes, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
 from .sought import Sought
 
 FEW = wp.constant(6)
@@ -137,6 +137,54 @@ def prefetch_child(sought: Sought, child: int) -> None:
         prefetch_block(sought.blocks, -1 - child)
 
 
+def _of_node(name: str) -> str:
+    """Of C++, that reads one field."""
+    return f"return (at < {int(FIRST_PLOT)} ? &nodes.data[at] : &opened.data[0])->{name};"
+
+
+@wp.func_native(_of_node("center_x"))
+def center_x_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+    """Of a stored node, or of the plot that is opened."""
+
+
+@wp.func_native(_of_node("center_y"))
+def center_y_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+    """Of a stored node, or of the plot that is opened."""
+
+
+@wp.func_native(_of_node("center_z"))
+def center_z_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+    """Of a stored node, or of the plot that is opened."""
+
+
+@wp.func_native(_of_node("half_x"))
+def half_x_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+    """Of a stored node, or of the plot that is opened."""
+
+
+@wp.func_native(_of_node("half_y"))
+def half_y_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+    """Of a stored node, or of the plot that is opened."""
+
+
+@wp.func_native(_of_node("half_z"))
+def half_z_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+    """Of a stored node, or of the plot that is opened."""
+
+
+@wp.func
+def node_at(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> Node:
+    """The boxes of a node. Either is read in one place, as code is long already."""
+    node = Node()
+    node.center_x = center_x_of(nodes, opened, at)
+    node.center_y = center_y_of(nodes, opened, at)
+    node.center_z = center_z_of(nodes, opened, at)
+    node.half_x = half_x_of(nodes, opened, at)
+    node.half_y = half_y_of(nodes, opened, at)
+    node.half_z = half_z_of(nodes, opened, at)
+    return node
+
+
 @wp.func
 def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> float:
     """A packet through the tree of a shape; returns how far its rays still reach.
@@ -175,12 +223,10 @@ def cast_packet_through_triangles(sought: Sought, root: int, reach: float) -> fl
                 reach = visit_block_of_packet(sought, -1 - leaf, who, reach)
             at = int(NO_CHILD)
         else:
-            slabs = Slabs()
             if at >= FIRST_PLOT:
                 open_plot_of(packet.tile, at - FIRST_PLOT)
-                slabs = slabs_of(packet.tile[0].opened[0], sought.view.origin, sought.margin, sought.way)
-            else:
-                slabs = slabs_of(sought.nodes[at], sought.view.origin, sought.margin, sought.way)
+            boxes = node_at(sought.nodes, packet.tile[0].opened, at)
+            slabs = slabs_of(boxes, sought.view.origin, sought.margin, sought.way)
             near_x = slabs.near_x
             near_y = slabs.near_y
             near_z = slabs.near_z

@@ -36,6 +36,13 @@ FIELDS = {
     )
 }
 RAYS = 20_000
+
+
+@pytest.fixture(autouse=True, params=[0, 2**14], ids=["plots are opened", "plots are stored as nodes"])
+def most_stored(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rigcast.kernels.world.MOST_STORED", request.param)
+
+
 EPS = 2.0**-23
 
 
