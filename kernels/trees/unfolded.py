@@ -1,4 +1,4 @@
-"""Plots of height fields as CUDA has them: as nodes, which are stored after all others, and as patches."""
+"""Plots of height fields as nodes, which are stored after all others, and as the patches that CUDA has."""
 
 import numpy as np
 import numpy.typing as npt
