@@ -10,10 +10,11 @@ import warp as wp
 from .geometry import Geometry, TriangleBlock
 from .hits.out import FIELD_NAMES, Out
 from .launching.slices import OverTiles
+from .launching.stack import align_stack
 from .launching.turns import end_of_run, take_run
 from .packets.packet import PACKETS, Directions, Facets, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
 from .packets.places import Places, place_packet, stage_packet
-from .packets.prefetch import align_stack, prefetch_out, prefetch_packet, prefetch_tile
+from .packets.prefetch import prefetch_out, prefetch_packet, prefetch_tile
 from .packets.staging import PacketOut, end_stream, stage_misses, write_part
 from .packets.tile import cast_tile
 from .packing.bundling import Bundles

@@ -26,7 +26,7 @@ from .geometry import (
     tree_sizes,
 )
 from .host.upload import Upload
-from .packets.prefetch import CACHE_LINE
+from .launching.stack import CACHE_LINE
 from .trees.nodes import FIRST_PLOT, Node, by_ends
 from .trees.top_trees import TopTrees
 from .trees.unfolded import lead_to_nodes, nodes_of, patches_of

@@ -2,6 +2,7 @@
 
 import sys
 import warnings
+from types import NoneType
 
 
 class InputError(ValueError):
@@ -14,7 +15,7 @@ class InputError(ValueError):
 def require_type(what: str, value: object, *kinds: type) -> None:
     """Raise InputError where `value`, which a message calls `what`, is of none of these types."""
     if not isinstance(value, kinds):
-        expected = " or ".join(kind.__name__ for kind in kinds)
+        expected = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
         raise InputError(f"{what}: got {type(value).__name__}, expected {expected}")
 
 

@@ -4,14 +4,15 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure
+from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import pose_of
-from rigcast.kernels.shapes.patches import compose
+from rigcast.kernels.shapes.patches import compose, open_plot
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
-from rigcast.kernels.single.ray import Ray, enter_boxes, enter_plot, in_frame_of_tree, in_world
-from rigcast.kernels.single.traverse import Entered, child_among_triangles, traversal
-from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH, Node
-from rigcast.kernels.vectors import larger, lowest_bit, to_float
+from rigcast.kernels.single.ray import Ray, in_frame_of_tree, in_world
+from rigcast.kernels.single.traverse import Entered, child_among_triangles, sign_bits, traversal
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH, Node, vec8, vec8i
+from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
 
 from .sides import meet_sides, sides_of
 
@@ -74,6 +75,48 @@ def offer_to_member(g: wp.array[Geometry], bundle: Bundle, k: int, hit: Hit) -> 
         bundle.members[k].best = hit
     elif not is_beyond(hit, best):
         bundle.members[k].best = decided(g, best, hit, world_ray_of(bundle, k))
+
+
+@wp.func
+def enter_boxes(node: Node, ray: Ray, wider: wp.vec3, reach: float) -> Entered:
+    """The boxes, wider by so much along each axis, that the ray enters no farther than its limit and reach."""
+    # fields are taken out of their structs first: a loop that reads through a struct is not vectorised
+    center_x = node.center_x
+    center_y = node.center_y
+    center_z = node.center_z
+    half_x = node.half_x
+    half_y = node.half_y
+    half_z = node.half_z
+    origin = ray.origin
+    inverse = ray.inverse
+    speed = wp.abs(inverse)
+    limit = smaller(reach, ray.limit)
+    distance = vec8()
+    entering = vec8i()
+    for j in range(WIDTH):
+        cx = (center_x[j] - origin[0]) * inverse[0]
+        cy = (center_y[j] - origin[1]) * inverse[1]
+        cz = (center_z[j] - origin[2]) * inverse[2]
+        hx = (half_x[j] + wider[0]) * speed[0]
+        hy = (half_y[j] + wider[1]) * speed[1]
+        hz = (half_z[j] + wider[2]) * speed[2]
+        enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
+        leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, limit))
+        distance[j] = enter
+        # the last condition keeps absent children out whatever rays and boxes are: NaN is lost in larger and smaller
+        entering[j] = wp.where(enter <= leave and half_x[j] >= 0.0, -1, 0)
+    entered = Entered()
+    entered.children = sign_bits(entering)
+    entered.distance = distance
+    return entered
+
+
+@noinline
+def enter_plot(g: wp.array[Geometry], k: int, ray: Ray, wider: wp.vec3, reach: float) -> Entered:
+    """As enter_boxes, of the patches of plot k."""
+    opened = wp.zeros(shape=1, dtype=Node)
+    open_plot(g[0].plots, g[0].sides, k, opened)
+    return enter_boxes(opened[0], ray, wider, reach)
 
 
 @wp.func

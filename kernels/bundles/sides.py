@@ -12,8 +12,16 @@ too near to call goes to float64, by rigcast.kernels.hits.hit.
 import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
-from rigcast.kernels.shapes.triangle import DISTANCE_ROUNDING, GRAZING, ROUNDING, edge_side, inside_edges, is_culled
-from rigcast.kernels.single.ray import Ray, Spans
+from rigcast.kernels.shapes.triangle import (
+    DISTANCE_ROUNDING,
+    GRAZING,
+    ROUNDING,
+    Spans,
+    edge_side,
+    inside_edges,
+    is_culled,
+)
+from rigcast.kernels.single.ray import Ray
 from rigcast.kernels.single.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
 from rigcast.kernels.vectors import larger, norm1

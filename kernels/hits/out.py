@@ -38,22 +38,27 @@ FIELD_NAMES = ("points", "depth", "body_id")
 """Of the arrays that a cast writes."""
 
 
+# without a return type, which Warp 1.12 would take for that of a value
+@wp.func_native("""
+    out.distance.data[i] = distance;
+    out.shape.data[i] = shape;
+    out.face.data[i] = face;
+    out.normal.data[i] = normal;
+""")
+def write(out: Out, i: int, distance: float, shape: int, face: int, normal: wp.vec3):  # type: ignore[no-untyped-def]
+    """Native: Warp asks of every index where it begins to count."""
+
+
 @wp.func
 def write_miss(out: Out, i: int, distance: float) -> None:
-    out.distance[i] = distance
-    out.shape[i] = -1
-    out.face[i] = -1
-    out.normal[i] = wp.vec3(0.0, 0.0, 0.0)
+    write(out, i, distance, -1, -1, wp.vec3(0.0, 0.0, 0.0))
 
 
 @wp.func
 def write_place(out: Out, i: int, shape: int, distance: float, face: int, normal: wp.vec3, limit: float) -> None:
     """Write where ray i hits: nothing if that is beyond the limit."""
     if distance <= limit and distance < wp.inf:
-        out.distance[i] = distance
-        out.shape[i] = shape
-        out.face[i] = face
-        out.normal[i] = normal
+        write(out, i, distance, shape, face, normal)
     else:
         write_miss(out, i, wp.inf)
 

@@ -20,8 +20,7 @@ What is too near to call goes to float64, by rigcast.kernels.hits.hit.
 import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
-from rigcast.kernels.shapes.triangle import GRAZING, ROUNDING, inside_edges
-from rigcast.kernels.single.ray import Spans
+from rigcast.kernels.shapes.triangle import GRAZING, ROUNDING, Spans, inside_edges
 from rigcast.kernels.single.traverse import sign_bits
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
 from rigcast.kernels.vectors import Interval, interval, larger, norm1, smaller

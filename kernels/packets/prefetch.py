@@ -4,25 +4,10 @@ import warp as wp
 
 from rigcast.kernels.geometry import Plot, TriangleBlock
 from rigcast.kernels.hits.out import Out
+from rigcast.kernels.launching.stack import CACHE_LINE
 from rigcast.kernels.trees.nodes import Node
 
 from .packet import LANES, Packet, Tile
-
-CACHE_LINE = 64
-"""Bytes."""
-
-
-@wp.func_native(f"""
-#if !defined(__CUDA_ARCH__)
-    alignas({CACHE_LINE}) volatile char line[{CACHE_LINE}];
-    line[0] = 0;
-#endif
-""")
-def align_stack():  # type: ignore[no-untyped-def]
-    """Let what a kernel keeps on the stack begin on a cache line.
-
-    Warp's vectors are aligned as their numbers are: in every second process half of them would lie across two lines.
-    """
 
 
 def _prefetch(array: str) -> str:

@@ -143,32 +143,32 @@ def _of_node(name: str) -> str:
 
 
 @wp.func_native(_of_node("center_x"))
-def center_x_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+def center_x_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:
     """Of a stored node, or of the plot that is opened."""
 
 
 @wp.func_native(_of_node("center_y"))
-def center_y_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+def center_y_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:
     """Of a stored node, or of the plot that is opened."""
 
 
 @wp.func_native(_of_node("center_z"))
-def center_z_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+def center_z_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:
     """Of a stored node, or of the plot that is opened."""
 
 
 @wp.func_native(_of_node("half_x"))
-def half_x_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+def half_x_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:
     """Of a stored node, or of the plot that is opened."""
 
 
 @wp.func_native(_of_node("half_y"))
-def half_y_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+def half_y_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:
     """Of a stored node, or of the plot that is opened."""
 
 
 @wp.func_native(_of_node("half_z"))
-def half_z_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:  # type: ignore[empty-body]
+def half_z_of(nodes: wp.array[Node], opened: wp.array[Node], at: int) -> vec8:
     """Of a stored node, or of the plot that is opened."""
 
 

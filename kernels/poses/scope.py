@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from rigcast.kernels.elements import double_vector_at, matrix_at
 from rigcast.kernels.geometry import FARTHEST, Geometry
 from rigcast.kernels.inline import inlined
 from rigcast.kernels.vectors import to_double
@@ -107,8 +108,8 @@ def pose_among(
 ) -> Pose:
     pose = Pose()
     if position.shape[0] > 0:
-        pose.position = position[entry]
-        pose.rotation = rotation[entry]
+        pose.position = double_vector_at(position, entry)
+        pose.rotation = matrix_at(rotation, entry)
     else:
         pose.position = to_double(position_float[entry])
         pose.rotation = wp.mat33d(rotation_float[entry])

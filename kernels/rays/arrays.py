@@ -5,10 +5,11 @@ from functools import cached_property
 
 import warp as wp
 
+from rigcast.kernels.elements import double_vector_at
 from rigcast.kernels.packing.bundling import Bundles
 from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.packing.warps import Warps
-from rigcast.kernels.vectors import of_ray
+from rigcast.kernels.vectors import within
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -116,13 +117,13 @@ def firing_of(rays: RayArrays, k: int) -> int:
 @wp.func
 def direction_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame."""
-    return of_ray(rays.directions, k)
+    return double_vector_at(rays.directions, within(k, rays.directions.shape[0]))
 
 
 @wp.func
 def origin_of(rays: RayArrays, k: int) -> wp.vec3d:
     """Of ray k of all worlds, in the sensor's frame [m]."""
-    return of_ray(rays.origins, k)
+    return double_vector_at(rays.origins, within(k, rays.origins.shape[0]))
 
 
 @wp.func

@@ -42,6 +42,7 @@ and that one shows. No ray slips through for it: all triangles whose edges it is
 
 import warp as wp
 
+from rigcast.kernels.trees.nodes import vec8
 from rigcast.kernels.vectors import Interval, interval, larger, norm1, smaller
 
 CULL_NONE = wp.constant(0)
@@ -192,6 +193,15 @@ def triage_triangle(
     near = wp.where(is_hit, wp.where(is_sure, t - error, 0.0), wp.inf)
     far = wp.where(is_hit and is_sure, t + error, wp.inf)
     return interval(near, far)
+
+
+@wp.struct
+class Spans:
+    """From where to where a ray's distances to the triangles of a block may be, and which, bit by bit, may be hit."""
+
+    near: vec8
+    far: vec8
+    possible: int
 
 
 @wp.func

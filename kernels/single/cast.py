@@ -5,21 +5,24 @@ Warp compiles a file's kernels together: a rig whose rays are all cast in packet
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.elements import double_vector_at, matrix_at
+from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.fields import write_fields
 from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
 from rigcast.kernels.hits.out import Fields, Out, read_hit, write_miss, write_place
-from rigcast.kernels.launching.slices import TURN
+from rigcast.kernels.launching.stack import align_stack
 from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.poses.scope import is_within_reach, scope_of
 from rigcast.kernels.rays.arrays import RayArrays, direction_of, firing_of, origin_of, span_of
 from rigcast.kernels.rays.unit import make_unit
 
 from .ray import cast_ray
+from .walk import NUMBERS_OF_STACK
 
 RAYS_PER_RUN = 32
-RAYS_PER_TURN = wp.constant(RAYS_PER_RUN * TURN)
-"""Of rays that a thread of the CPU casts one by one."""
+"""Rays that count as one tile where threads are counted."""
+RAYS_PER_TURN = wp.constant(128)
+"""Of rays that a thread of the CPU casts one by one: few, so that no thread waits long for the last one."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -61,9 +64,9 @@ def ray_number(k: int, rays: RayArrays, which: wp.array[int]) -> int:
 
 @wp.func
 def world_ray(g: wp.array[Geometry], job: Job, i: int, firing: int) -> WorldRay:
-    rotation = job.rays.rotation[firing]
+    rotation = matrix_at(job.rays.rotation, firing)
     ray = WorldRay()
-    ray.origin = job.rays.position[firing] + rotation * origin_of(job.rays, i)
+    ray.origin = double_vector_at(job.rays.position, firing) + rotation * origin_of(job.rays, i)
     ray.direction = rotation * direction_of(job.rays, i)
     ray.scope = scope_of(g, span_of(job.rays, firing), firing)
     ray.limit = job.limit
@@ -85,12 +88,14 @@ def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.ar
 
     A loop within a function, for Warp compiles the body of a kernel twice.
     """
+    stack = wp.zeros(shape=NUMBERS_OF_STACK, dtype=int)
+    composed = wp.zeros(shape=1, dtype=TriangleBlock)
     for k in range(begin, end):
         i = ray_number(int(k), job.rays, which)
         firing = firing_of(job.rays, i)
         ray = world_ray(g, job, i, firing)
         if is_castable(ray):
-            write_hit(g, job.out, i, cast_ray(g, ray), ray)
+            write_hit(g, job.out, i, cast_ray(g, ray, stack, composed), ray)
         else:
             write_miss(job.out, i, wp.nan)
         read_ray(job, i, firing)
@@ -108,6 +113,7 @@ class Alone:
 @wp.kernel
 def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: Alone) -> None:
     """On the CPU, rays that no other thread takes, RAYS_PER_TURN at a time. turns: how many were taken."""
+    align_stack()
     g.visible = job.visible
     alone.copies[thread, 0] = g
     begin = turn_of(turns) * RAYS_PER_TURN

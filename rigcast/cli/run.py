@@ -16,7 +16,8 @@ from rigcast.cli.common.options import Overrides, RigPath, counted
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.formats import FORMATS
-from rigcast.export.recorder import INDEX_NAME, Recorder
+from rigcast.export.layout import INDEX_NAME
+from rigcast.export.recorder import Recorder
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.faults import Fault, refuse
 from rigcast.sensors.names import did_you_mean
 from rigcast.sensors.specs.prop import Prop
@@ -51,9 +51,9 @@ class IdTable:
         classes: a name stands for a geom, flex, skin or prop, or for a body with all that is below it; a thing's
         own name counts before its body's, a body's before its parent's.
 
-        Raises InputError for a name that nothing has, or that two classes claim.
+        Raises InputError for a name that nothing has, or that two classes claim, and names that are no list.
         """
-        classes = {} if classes is None else classes
+        classes = _as_classes(classes)
         refuse("classes", class_faults(model, classes, props))
         names = _names(model, props)
         bodies = {"geom": model.geom_bodyid, "prop": [prop.mount.bind(model).body_id for prop in props]}
@@ -86,6 +86,16 @@ class IdTable:
         return classes
 
 
+def _as_classes(given: Classes | None) -> Classes:
+    if given is None:
+        return {}
+    require_type("classes", given, Mapping)
+    for label, names in given.items():
+        if isinstance(names, str) or not isinstance(names, Sequence):
+            raise InputError(f"classes: {label}: got {names!r}, expected a list of names")
+    return given
+
+
 def class_faults(model: mujoco.MjModel, classes: Classes, props: Sequence[Prop] = ()) -> list[Fault]:
     """What keeps `classes` from being those of a model: names that nothing has, things in two classes."""
     known = list(chain.from_iterable(_names(model, props).values()))
@@ -98,9 +108,9 @@ def class_faults(model: mujoco.MjModel, classes: Classes, props: Sequence[Prop] 
     return unknown + [_disputed(name, classes) for name in dict.fromkeys(known) if len(_claims(name, classes)) > 1]
 
 
-def require_few_classes(ids: IdTable, most: int, what: str) -> None:
-    """Raise InputError where there are more classes than a format has numbers for."""
-    if len(ids.class_name) - 1 > most:
+def require_few_classes(ids: IdTable, most: int | None, what: str) -> None:
+    """Raise InputError where there are more classes than a format has numbers for; None: it has one for each."""
+    if most is not None and len(ids.class_name) - 1 > most:
         raise InputError(f"{what} holds at most {most} classes, got {len(ids.class_name) - 1}")
 
 

@@ -1,23 +1,11 @@
-"""The folder that a run leaves.
+"""Writes the frames of a rig into the folder that a run leaves, see `layout`."""
 
-    DIR/<sensor>/000000.<format>   the frames, in formats of single frames
-    DIR/<sensor>/preview.png       a picture of the sensor's last frame
-    DIR/cameras/000000.exr         exr_multipart: all cameras at one time
-    DIR/frames.zarr, DIR/rosbag2_mcap, DIR/rosbag2_sqlite3     formats of whole runs
-    DIR/frames.npz                 the index
-    DIR/ids.json                   what ids and classes stand for, see IdTable
-
-Files get their names when they are complete; what holds a whole run is in DIR/unfinished until then.
-"""
-
-import re
-import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import count, groupby
 from pathlib import Path
-from types import TracebackType
+from types import NoneType, TracebackType
 
 import mujoco
 
@@ -27,20 +15,23 @@ from rigcast.export.frames.exr import write_exr
 from rigcast.export.frames.writers import file_writers
 from rigcast.export.ids import Classes, IdTable, require_few_classes
 from rigcast.export.index import FrameIndex
+from rigcast.export.layout import (
+    CAMERAS_NAME,
+    IDS_NAME,
+    INDEX_NAME,
+    JOURNAL_NAME,
+    PREVIEW_NAME,
+    clear_earlier_run,
+    refuse_names,
+)
 from rigcast.export.options import Export
-from rigcast.export.run_files import RunFile, open_run_file
+from rigcast.export.run_files import RunFiles
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.preview.draw import draw_preview
 from rigcast.sensors.rig.frame import CameraFrame, Frame, as_frames
+from rigcast.sensors.scene.parts.props import as_props
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
-
-INDEX_NAME = "frames.npz"
-JOURNAL_NAME = "frames.jsonl"
-IDS_NAME = "ids.json"
-PREVIEW_NAME = "preview.png"
-CAMERAS_NAME = "cameras"
-UNFINISHED_NAME = "unfinished"
 
 _ROOM = 2**24  # bytes kept free for the index and the ends of recordings, and per frame written ...
 _ROOM_PER_FRAME = 1024  # ... their rows
@@ -100,11 +91,16 @@ class Recorder:
         require_type("Recorder: folder", folder, str, Path)
         require_type("Recorder: model", model, mujoco.MjModel)
         require_type("Recorder: sensors", sensors, Sequence)
+        for k, spec in enumerate(sensors):
+            require_type(f"Recorder: sensors[{k}]", spec, SensorSpec)
+        require_type("Recorder: options", options, Export, NoneType)
         chosen = choose_formats(sensors, formats)
         options = Export() if options is None else options
-        ids = IdTable.of(model, classes, props)
+        ids = IdTable.of(model, classes, as_props(props))
         used = sorted({name for formats in chosen.values() for name in formats})
-        _refuse(sensors, used, ids)
+        refuse_names(spec.name for spec in sensors)
+        for name in used:
+            require_few_classes(ids, FORMATS[name].most_classes, name)
         self.folder = Path(folder)
         self.outputs = {name: SensorOutput(self.folder / name, formats) for name, formats in chosen.items()}
         self._patterns = {spec.name: spec.pattern(model) for spec in sensors}
@@ -113,13 +109,14 @@ class Recorder:
         groups = [self.folder / CAMERAS_NAME] if "exr_multipart" in used else []
         for path in (self.folder, *groups, *(output.folder for output in self.outputs.values())):
             make_writable(path)
-        self._clear()
-        self.run_files = [self.folder / FORMATS[name].suffixes[0] for name in used if FORMATS[name].holds == "run"]
-        self._open = self._open_run_files(used, model, sensors)
+        clear_earlier_run(self.folder, self.outputs)
+        whole_runs = [name for name in used if FORMATS[name].holds == "run"]
+        self._runs = RunFiles(self.folder, whole_runs, model, sensors, ids, options)
+        self.run_files = self._runs.paths
         self._groups = 0
         with replacing(self.folder / IDS_NAME) as temporary:
             temporary.write_text(ids.json())
-        indexed = [name for name in used if FORMATS[name].holds != "run"]
+        indexed = [name for name in used if name not in whole_runs]
         self._index = FrameIndex(self.folder / JOURNAL_NAME, sensors, self._patterns, indexed, ids)
 
     @property
@@ -150,7 +147,7 @@ class Recorder:
         if self._index.closed:
             return
         with self._saying_what_is_saved(), uninterrupted():
-            failures = [failure for name in list(self._open) if (failure := self._close(name))]
+            failures = self._runs.finish()
             with replacing(self.folder / INDEX_NAME) as temporary:
                 self._index.write(temporary)
             self._index.close()
@@ -179,8 +176,7 @@ class Recorder:
                 numbers = self._numbers(frames)
                 files = [self._write_files(*numbered, written) for numbered in zip(frames, numbers, strict=True)]
                 self._write_parts(frames, files, written)
-                for recording in self._open.values():
-                    recording.step(data, frames)
+                self._runs.step(data, frames)
             except BaseException:
                 for path in written:  # a frame is saved as a whole or not at all
                     path.unlink(missing_ok=True)
@@ -254,58 +250,8 @@ class Recorder:
     def _saved(self) -> str:
         return f"{self.frames} frames from before are in {self.folder}"
 
-    def _open_run_files(
-        self, used: Sequence[str], model: mujoco.MjModel, sensors: Sequence[SensorSpec]
-    ) -> dict[str, RunFile]:
-        """Begin the recordings of whole runs, by the names of their folders, in DIR/unfinished."""
-        folders = {name: FORMATS[name].suffixes[0] for name in used if FORMATS[name].holds == "run"}
-        unfinished = self.folder / UNFINISHED_NAME
-        if folders:
-            unfinished.mkdir()
-        return {
-            folder: open_run_file(name, unfinished / folder, model, sensors, self._ids, self._options)
-            for name, folder in folders.items()
-        }
-
-    def _close(self, folder: str) -> str | None:
-        """Complete a recording and give it its name; or say why that failed."""
-        unfinished = self.folder / UNFINISHED_NAME
-        try:
-            self._open.pop(folder).close()
-            (unfinished / folder).rename(self.folder / folder)
-            if not any(unfinished.iterdir()):
-                unfinished.rmdir()
-        except OSError as error:
-            return f"{unfinished / folder}: cannot be completed: {error.strerror or error}"
-        return None
-
     def _preview(self, name: str, output: SensorOutput, frame: Frame) -> None:
         picture = draw_preview(self._patterns[name], frame)
         with replacing(output.folder / PREVIEW_NAME) as temporary:
             picture.save(temporary, format="png")
         output.count(output.folder / PREVIEW_NAME)
-
-    def _clear(self) -> None:
-        (self.folder / INDEX_NAME).unlink(missing_ok=True)
-        runs = [form.suffixes[0] for form in FORMATS.values() if form.holds == "run"]
-        for name in (UNFINISHED_NAME, *runs):
-            if (self.folder / name).is_dir():
-                shutil.rmtree(self.folder / name)
-        suffixes = {suffix for form in FORMATS.values() if form.holds != "run" for suffix in form.suffixes}
-        frame_file = re.compile(rf"\d{{6,}}({'|'.join(map(re.escape, sorted(suffixes)))})")
-        for folder in (self.folder / CAMERAS_NAME, *(output.folder for output in self.outputs.values())):
-            for path in folder.iterdir() if folder.is_dir() else ():
-                if path.name == PREVIEW_NAME or frame_file.fullmatch(path.name):
-                    path.unlink()
-
-
-def _refuse(sensors: Sequence[SensorSpec], used: Sequence[str], ids: IdTable) -> None:
-    """Raise InputError for sensors called like another part of DIR, and more classes than a format holds."""
-    taken = {CAMERAS_NAME, UNFINISHED_NAME} | {f.suffixes[0] for f in FORMATS.values() if f.holds == "run"}
-    for spec in sensors:
-        if spec.name in taken:
-            raise InputError(f"sensor {spec.name!r}: the name of another part of the output folder, expected another")
-    for name in used:
-        most = FORMATS[name].most_classes
-        if most is not None:
-            require_few_classes(ids, most, name)

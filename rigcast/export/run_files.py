@@ -6,7 +6,9 @@ from typing import Protocol
 
 import mujoco
 
+from rigcast.export.formats import FORMATS
 from rigcast.export.ids import IdTable
+from rigcast.export.layout import UNFINISHED_NAME
 from rigcast.export.options import Export
 from rigcast.sensors.rig.frame import Frame
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -22,7 +24,52 @@ class RunFile(Protocol):
         """Complete what was written so far."""
 
 
-def open_run_file(
+class RunFiles:
+    """The recordings of a run, of these formats; each gets its name in the run's folder when it is complete.
+
+    paths: where they are then.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        formats: Sequence[str],
+        model: mujoco.MjModel,
+        sensors: Sequence[SensorSpec],
+        ids: IdTable,
+        options: Export,
+    ) -> None:
+        self.paths = [folder / FORMATS[name].suffixes[0] for name in formats]
+        self._unfinished = folder / UNFINISHED_NAME
+        if formats:
+            self._unfinished.mkdir()
+        self._open = {
+            path: _open_run_file(name, self._unfinished / path.name, model, sensors, ids, options)
+            for name, path in zip(formats, self.paths, strict=True)
+        }
+
+    def step(self, data: mujoco.MjData | None, frames: Sequence[Frame]) -> None:
+        """As of each recording."""
+        for recording in self._open.values():
+            recording.step(data, frames)
+
+    def finish(self) -> list[str]:
+        """Complete all recordings; why that failed, for those where it did."""
+        return [failure for path in list(self._open) if (failure := self._close(path))]
+
+    def _close(self, path: Path) -> str | None:
+        temporary = self._unfinished / path.name
+        try:
+            self._open.pop(path).close()
+            temporary.rename(path)
+            if not any(self._unfinished.iterdir()):
+                self._unfinished.rmdir()
+        except OSError as error:
+            return f"{temporary}: cannot be completed: {error.strerror or error}"
+        return None
+
+
+def _open_run_file(
     name: str, folder: Path, model: mujoco.MjModel, sensors: Sequence[SensorSpec], ids: IdTable, options: Export
 ) -> RunFile:
     """A new recording in `folder`, of format "zarr", "mcap" or "sqlite3"."""

@@ -12,7 +12,7 @@ from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
-from rigcast.sensors.yaml_positions import YamlFile
+from rigcast.sensors.yaml.file import YamlFile
 
 from .faults import raw_items, read_sensor, sound_items
 

@@ -14,7 +14,7 @@ from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.faults import Fault
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
-from rigcast.sensors.yaml_positions import YamlFile
+from rigcast.sensors.yaml.file import YamlFile
 
 from .bindings import binding_faults
 from .faults import faults_in, mesh_faults, prop_folder, read_document

@@ -14,7 +14,7 @@ from rigcast.sensors.specs.presets import load_preset
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.spec import Spec, is_inside
-from rigcast.sensors.yaml_positions import YamlFile
+from rigcast.sensors.yaml.file import YamlFile
 
 from .file import AnySensor, RigFile
 
@@ -53,17 +53,21 @@ def read_document(document: YamlFile) -> tuple[RigFile | None, list[Fault]]:
     try:
         file = RigFile.model_validate({**content, "sensors": sensors} if raws else content)
     except ValidationError as error:
-        others = [_of_a_name(fault, content) for fault in faults_of(error, RigFile)]
+        others = [_with_its_place(fault, content, sensors) for fault in faults_of(error, RigFile)]
         return None, [*(fault for fault in others if not (faults and fault.where == ("sensors",))), *faults]
     return (None if faults else file), faults
 
 
-def _of_a_name(fault: Fault, content: Any) -> Fault:
-    """The same fault; where a sensor or prop bears the name that stands in place of a key, with what leads to it."""
-    (key, *rest) = fault.where or (None,)
-    for items in () if rest or not fault.at_key else ("sensors", "props"):
+def _with_its_place(fault: Fault, content: Any, sensors: Sequence[SensorSpec]) -> Fault:
+    """The same fault; of a key of the rig that is one of sensors, or the name of one or of a prop, with its place."""
+    if not fault.at_key or len(fault.where) != 1:
+        return fault
+    (key,) = fault.where
+    for items in ("sensors", "props"):
         if any(isinstance(item, dict) and item.get("name") == key for item in raw_items(items, content)):
             return replace(fault, message=f"unknown key {key!r}; did you mean '{items}.{key}'?")
+    if any(key in type(sensor).model_fields for sensor in sensors):
+        return replace(fault, message=f"unknown key {key!r} of a rig, which its sensors have: 'sensors.*.{key}'")
     return fault
 
 

@@ -12,17 +12,9 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
-from rigcast.sensors.yaml_positions import (
-    MOST_VALUES,
-    Placed,
-    YamlFile,
-    content_of,
-    entries,
-    error_at,
-    placed,
-    read_yaml,
-    require_extent,
-)
+from rigcast.sensors.yaml.file import YamlFile, content_of, read_yaml
+from rigcast.sensors.yaml.limits import MOST_VALUES, require_extent
+from rigcast.sensors.yaml.places import Placed, entries, error_at, placed
 
 from .overrides import assigned, read_assignments
 
@@ -42,6 +34,8 @@ def read_layers(path: Path, overrides: Sequence[str] = ()) -> YamlFile:
     Raises InputError for a model in place of a rig, whatever cannot be read, files that extend themselves, placeholders
     without values, and overrides of what is not there; all of the latter three at once.
     """
+    if isinstance(overrides, str) or not isinstance(overrides, Sequence):
+        raise InputError(f"overrides: got {overrides!r:.80}, expected a list such as ['sensors.top.rate_hz=5']")
     if path.suffix in _MODELS:
         raise InputError(f"{path}: a MuJoCo model, expected a rig file; `rigcast init {path}` writes one")
     layers = _Layers()

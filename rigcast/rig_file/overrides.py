@@ -9,7 +9,8 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
-from rigcast.sensors.yaml_positions import Placed, entries, parse_yaml, placed
+from rigcast.sensors.yaml.file import parse_yaml
+from rigcast.sensors.yaml.places import Placed, entries, placed
 
 SOURCE = "--set"
 _KEY = re.compile(r"[A-Za-z_][\w-]*(\.[\w*-]+|\[\d+\])*")

@@ -10,7 +10,7 @@ import OpenEXR
 from numpy.typing import NDArray
 from trimesh.exchange.ply import load_ply
 
-from rigcast.export.recorder import INDEX_NAME
+from rigcast.export.layout import INDEX_NAME
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import listing
 from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens

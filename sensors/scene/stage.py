@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from rigcast.kernels.alone import CastsAlone
 from rigcast.kernels.cast import HitArrays, Readings, cast, prepare_readings
 from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
@@ -65,6 +66,7 @@ class Stage:
         # where poses of geoms are taken to, to be used there if there is nothing else
         self._in_place = self._geoms.poses if self.device.is_cpu and self._parts == [self._geoms] else None
         self._world = self._make_world()
+        self._alone = CastsAlone(self._world.geometry)
         owners, ids = owners_and_ids(self._parts)
         self.shape_ids = ShapeIds.of(owners, ids, self.device)
         bodies = np.concatenate([part.bodies for part in self._parts])
@@ -246,7 +248,12 @@ class Stage:
 
         cull: CULL_NONE, CULL_BACK or CULL_FRONT of rigcast.kernels.shapes.triangle.
         """
-        return cast(self._world.geometry, visible, rays, max_distance, cull, out)
+        geometry = self._world.geometry
+        if rays.packets is not None or not self.device.is_cpu or geometry.instants > 1:
+            return cast(geometry, visible, rays, max_distance, cull, out)
+        if self._alone.geometry is not geometry:
+            self._alone = CastsAlone(geometry)
+        return self._alone.cast(visible, rays, max_distance, cull, out)
 
     def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
         """A cast whose hits are readings between these limits [m], for as long as `visible` gives these geoms."""

@@ -19,10 +19,12 @@ def enclosed(model: mujoco.MjModel, data: mujoco.MjData, sensors: Iterable[Senso
     for sensor in sensors:
         geom = _geom_around(model, data, sensor)
         if geom is not None:
-            name, body = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
+            body = int(model.geom_bodyid[geom])
+            name, of_body = model.geom(geom).name, model.body(body).name
+            remedy = f"exclude_bodies: [{of_body}]" if of_body else "geom_groups"  # only names can be excluded
             yield (
-                f"sensor {sensor.name!r} is within geom {name or geom!r} of body {body!r}, which hides from it what is "
-                f"outside; exclude_bodies: [{body}] in its filter leaves that out"
+                f"sensor {sensor.name!r} is within geom {name or geom!r} of body {of_body or body!r}, which hides from "
+                f"it what is outside; {remedy} in its filter leaves that out"
             )
 
 

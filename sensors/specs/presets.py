@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import faults_of
 from rigcast.sensors.names import did_you_mean, listing
-from rigcast.sensors.yaml_positions import YamlFile, read_yaml
+from rigcast.sensors.yaml.file import YamlFile, read_yaml
 
 from .spec import Spec, is_inside
 

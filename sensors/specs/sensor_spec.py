@@ -15,7 +15,7 @@ from pydantic.config import JsonDict
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault, faults_of
 from rigcast.sensors.names import listing
-from rigcast.sensors.yaml_positions import YamlFile
+from rigcast.sensors.yaml.file import YamlFile
 
 from .filter import Filter
 from .mount import Mount

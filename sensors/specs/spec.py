@@ -14,6 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, Va
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import faults_of, refuse
+from rigcast.sensors.names import listing
 
 if TYPE_CHECKING:
     # Through pydantic's own metaclass type checkers know the arguments of every constructor.
@@ -29,7 +30,8 @@ else:
 
         def __call__(cls, *unnamed: Any, **given: Any) -> Any:
             if unnamed:
-                names = ", ".join(f"{name}=..." for name in cls.model_fields)
+                required_first = sorted(cls.model_fields, key=lambda name: not cls.model_fields[name].is_required())
+                names = listing([f"{name}=..." for name in required_first])
                 raise InputError(f"{cls.__name__}: got {unnamed[0]!r:.80} without a name, expected some of {names}")
             try:
                 return super().__call__(**given)

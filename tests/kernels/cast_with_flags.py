@@ -1,4 +1,4 @@
-"""`python cast_with_flags.py FLAGS`: the digest of what three sensors hit, with kernels compiled with these flags."""
+"""`python cast_with_flags.py FLAGS`: the digest of what sensors and single rays hit, compiled with these flags."""
 
 import hashlib
 import sys
@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from rigcast import HeightScan, Lidar, Mount, Rig
+from rigcast import HeightScan, Lidar, Mount, Rig, Scene
 
 MODEL = """<mujoco>
   <asset><hfield name="hills" nrow="40" ncol="40" size="9 9 1 1"/>
@@ -23,15 +23,20 @@ MODEL = """<mujoco>
 def digest() -> str:
     """Of ranges, geoms and normals; rays in packets, in bundles and alone, and trees."""
     model = mujoco.MjModel.from_xml_string(MODEL)
-    model.hfield_data[:] = np.random.default_rng(0).random(model.nhfielddata)
+    rng, data = np.random.default_rng(0), mujoco.MjData(model)
+    model.hfield_data[:] = rng.random(model.nhfielddata)
     rows = np.linspace(-40, 40, 48).tolist()
     dense = Lidar(name="dense", mount=Mount(), elevation_deg=rows, columns=256)
     sparse = Lidar(name="sparse", mount=Mount(), elevation_deg=[-30.0, 5.0], columns=11)
     scan = HeightScan(name="scan", mount=Mount(pos=(0, 0, 5)), size=(9, 9), spacing=0.2)
     found = hashlib.sha256()
-    for frame in Rig(model, [dense, sparse, scan], "cpu").sense(mujoco.MjData(model)).values():
+    for frame in Rig(model, [dense, sparse, scan], "cpu").sense(data).values():
         for field in (frame.range, frame.geom_id, frame.normal):
             found.update(field.numpy().tobytes())
+    scene = Scene(model, "cpu")
+    scene.update(data)
+    for hits in scene.cast(rng.uniform(-6, 6, (5000, 3)), rng.normal(size=(5000, 3))).numpy():
+        found.update(hits.tobytes())
     return found.hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""No answer depends on how wide the CPU's vectors are.
+"""No answer depends on how wide the CPU's vectors are, or on whether it fuses products with sums.
 
 Warp compiles for the CPU that it finds and knows no other, so a narrower one is made by telling LLVM to use less of it.
 """
@@ -6,10 +6,12 @@ Warp compiles for the CPU that it finds and knows no other, so a narrower one is
 import subprocess
 import sys
 from pathlib import Path
+from platform import machine
 
 import pytest
 import warp as wp
 
+X86 = ("x86_64", "AMD64")
 SCRIPT = Path(__file__).parent / "cast_with_flags.py"
 
 
@@ -26,8 +28,12 @@ def digest(flags: str) -> str:
         "-march=native -mprefer-vector-width=512",
         "-march=native -mprefer-vector-width=128",
         "-march=native -fno-vectorize -fno-slp-vectorize",
+        pytest.param(
+            "-march=native -target-feature -fma -target-feature -avx512f",
+            marks=pytest.mark.skipif(machine() not in X86, reason="another kind of CPU"),
+        ),
     ],
-    ids=["512 bits", "128 bits", "scalar"],
+    ids=["512 bits", "128 bits", "scalar", "without fused products"],
 )
-def test_width_of_vectors_does_not_show(flags: str) -> None:
+def test_vectors_of_the_cpu_do_not_show(flags: str) -> None:
     assert digest(flags) == digest("")

@@ -22,7 +22,7 @@ from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.single.threads import cast as threads_cast
-from rigcast.kernels.single.threads.cast import cast_rays
+from rigcast.kernels.single.threads.cast import InThreads, cast_rays
 from rigcast.kernels.trees.fit import Fit
 from rigcast.kernels.trees.nodes import Node, by_ends
 from rigcast.kernels.trees.top_level import Refit, refit
@@ -95,6 +95,26 @@ def test_sensors_read_at_once_what_each_reads_alone(begin_cuda: Callable[[], Non
     begin_cuda()
     alone = [replace(rays, packets=None) for rays in test_several_casts.rays_of_sensors()]
     test_several_casts.check_at_once(random_plan(test_several_casts.SEED).world(), alone)
+
+
+def test_casts_by_turns_with_others_are_prepared_once(
+    begin_cuda: Callable[[], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin_cuda()
+    world, prepared = random_plan(3).world(), list[int]()
+    rays = [rays_of((0, 0, k), np.eye(3)) for k in range(3)]
+    (a, _a), (b, _b), (c, _c) = test_several_casts.prepared(world, rays)
+    prepare = threads_cast._prepare
+
+    def counting(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
+        prepared.append(len(casts))
+        return prepare(casts)
+
+    monkeypatch.setattr(threads_cast, "_prepare", counting)
+    for _ in range(3):
+        for readings in ([a, b], [a, c], [a], [c, b]):
+            cast.launch(readings)
+    assert prepared == [2, 2, 1, 2]
 
 
 @pytest.mark.parametrize("aim", ["points", "edges", "vertices", "all around"])

@@ -225,6 +225,7 @@ ROBOT = """<geom name="wall" type="box" size=".1 9 9" pos="5 0 0"/>
 <body name="guest" pos="3 0 0"><geom type="sphere" size=".2"/></body>"""
 
 
+@pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 @pytest.mark.parametrize(
     ("bodies", "subtree", "distance"),
     [
@@ -244,6 +245,7 @@ def test_a_robot_can_leave_out_all_of_itself(bodies: tuple[str, ...], subtree: b
     assert frame.range.numpy()[0, 0] == pytest.approx(distance)
 
 
+@pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 def test_two_sensors_on_one_scene_keep_their_own_filters() -> None:
     out = Filter(exclude_bodies=("base",), exclude_subtree=True)
     model = model_of(ROBOT)

@@ -315,7 +315,7 @@ def test_a_given_model_that_cannot_be_used_is_named(folder: Path, name: str) -> 
     ("arguments", "message"),
     [
         ((None,), "rig file: got NoneType, expected str or Path"),
-        (("rig.yaml", 3), "model: got int, expected MjModel or str or Path or NoneType"),
+        (("rig.yaml", 3), "model: got int, expected MjModel or str or Path or None"),
     ],
 )
 def test_arguments_of_other_types_are_refused(arguments: tuple[Any, ...], message: str) -> None:

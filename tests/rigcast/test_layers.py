@@ -152,6 +152,7 @@ SET_FAULTS = [
     ("sensors.top.§rat_hz=3", r"sensors\[0\].rat_hz: unknown key .*did you mean 'rate_hz'\?"),
     ("sensors.§tip.rate_hz=3", r"nothing of the name 'tip', expected one of top, feet; did you mean 'top'\?"),
     ("§top.rate_hz=3", r"unknown key 'top'; did you mean 'sensors\.top'\?"),
+    ("§rate_hz=3", r"unknown key 'rate_hz' of a rig, which its sensors have: 'sensors\.\*\.rate_hz'"),
     ("sensors[§7].rate_hz=3", "nothing of the number 7, expected 0 to 1"),
     ("sensors.top.mount.pos[§3]=1", "nothing of the number 3, expected 0 to 2"),
     ("seed.§x=3", "seed: must be an integer"),
@@ -175,6 +176,12 @@ def test_a_wrong_value_is_shown_in_what_was_typed(folder: Path, override: str, m
 def test_what_is_no_override_is_refused(folder: Path, override: str) -> None:
     message = error_of(folder / "base" / "base.yaml", override)
     assert message == f"--set: got {override!r}, expected KEY=VALUE, such as sensors.top.rate_hz=5"
+
+
+@pytest.mark.parametrize("overrides", ["seed=3", {"seed": 3}])
+def test_overrides_that_are_no_list_are_refused(folder: Path, overrides: Any) -> None:
+    with pytest.raises(InputError, match=r"^overrides: got .*seed.*, expected a list such as \['sensors\.top"):
+        open_rig(folder / "base" / "base.yaml", overrides=overrides)
 
 
 # (the file, with § before what is at fault, and what is said about it)

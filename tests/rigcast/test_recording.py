@@ -137,16 +137,26 @@ def test_a_recorder_finishes_once_and_takes_no_frame_after_that(tmp_path: Path) 
     assert sorted(path.name for path in (tmp_path / "top").iterdir()) == ["000000.npz", "preview.png"]
 
 
-@pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
-def test_formats_are_a_list_and_sensors_too(tmp_path: Path) -> None:
-    with pytest.raises(rigcast.InputError, match=r"formats: got 3, expected a list of names"):
-        Recorder(tmp_path, made_frames.model(), RIG, 3)  # type: ignore[arg-type]
-    with pytest.raises(rigcast.InputError, match="Recorder: model: got Rig, expected MjModel"):
-        Recorder(tmp_path, rigcast.Rig(made_frames.model(), RIG), RIG)
-    with pytest.raises(rigcast.InputError, match=r"formats: got 'npz', expected a list of names, such as \['npz'\]"):
-        Recorder(tmp_path, made_frames.model(), RIG, "npz")
-    with pytest.raises(rigcast.InputError, match="Recorder: sensors: got Rig, expected Sequence"):
-        Recorder(tmp_path, made_frames.model(), rigcast.Rig(made_frames.model(), RIG))  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"formats": "npz"}, r"formats: got 'npz', expected a list of names, such as \['npz'\]"),
+        ({"formats": 3}, "formats: got 3, expected a list of names"),
+        ({"folder": 3}, "Recorder: folder: got int, expected str or Path"),
+        ({"model": RIG}, "Recorder: model: got tuple, expected MjModel"),
+        ({"sensors": {"top": LIDAR}}, "Recorder: sensors: got dict, expected Sequence"),
+        ({"sensors": ["top"]}, r"Recorder: sensors\[0\]: got str, expected SensorSpec"),
+        ({"options": {"exr_compression": "piz"}}, "Recorder: options: got dict, expected Export or None"),
+        ({"props": "crate"}, r"props\[0\]: got str, expected Prop"),
+        ({"classes": ["floor"]}, "classes: got list, expected Mapping"),
+        ({"classes": {"ground": "floor"}}, "classes: ground: got 'floor', expected a list of names"),
+    ],
+)
+def test_what_no_recorder_can_be_made_of_is_refused(tmp_path: Path, given: dict[str, Any], message: str) -> None:
+    how: dict[str, Any] = {"folder": tmp_path / "o", "model": made_frames.model(), "sensors": RIG, **given}
+    with pytest.raises(rigcast.InputError, match=message):
+        Recorder(**how)
+    assert not (tmp_path / "o").exists()
 
 
 @pytest.mark.parametrize("name", ["cameras", "unfinished", "rosbag2_mcap"])

@@ -64,11 +64,12 @@ def test_the_collector_is_afterwards_as_it_was(is_enabled: bool) -> None:
 
 
 def test_what_others_have_frozen_stays_frozen() -> None:
+    """Among what the collector looks at is none of it; how much it is may change as other threads let go of some."""
+    made: list[object] = [{}]
     gc.freeze()
     try:
-        frozen = gc.get_freeze_count()
         with paused_collector():
             pass
-        assert gc.get_freeze_count() == frozen > 0
+        assert not any(each is made for each in gc.get_objects())
     finally:
         gc.unfreeze()

@@ -73,6 +73,15 @@ def test_what_counts_is_what_moves_along_and_may_be_hit(sensor: Lidar | DepthCam
     assert bool(words(model_of(SPHERE), sensor)) == named
 
 
+def test_what_has_no_name_is_called_by_its_number() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><freejoint/><geom size="1"/><site name="in"/></body></worldbody></mujoco>'
+    )
+    (word,) = words(model, lidar(Mount(site="in")))
+    assert word.startswith("sensor 'top' is within geom 0 of body 1, which")
+    assert word.endswith("; geom_groups in its filter leaves that out")
+
+
 def test_a_rig_warns_once() -> None:
     model = model_of(SPHERE)
     with pytest.warns(UserWarning, match="sensor 'top' is within geom 'hull'") as caught:

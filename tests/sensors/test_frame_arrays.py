@@ -41,6 +41,11 @@ def worlds(by: float) -> list[mujoco.MjData]:
     return [moved(by), moved(2 * by)]
 
 
+def states_of(worlds: list[mujoco.MjData]) -> dict[str, NDArray[np.float64]]:
+    names = ("geom_xpos", "geom_xmat", "xpos", "xmat")
+    return {name: np.stack([getattr(data, name) for data in worlds]) for name in names}
+
+
 def values(frame: Frame, *fields: str) -> dict[str, NDArray[Any]]:
     return {field: getattr(frame, field).numpy().copy() for field in fields or FIELDS}
 
@@ -267,6 +272,18 @@ def test_out_is_written_over(state: Callable[[float], Any]) -> None:
         assert_same(values(first[name], "range", "points"), values(frame, "range", "points"), name)
         np.testing.assert_array_equal(seen(frame.time), seen(expected[name].time))
         np.testing.assert_array_equal(seen(frame.pose), seen(expected[name].pose))
+
+
+def test_fields_that_were_asked_for_are_worked_out_again_after_a_reading_that_failed() -> None:
+    rig = Rig(MODEL, SENSORS, "cpu")
+    good = states_of(worlds(0.1)), states_of(worlds(0.7))
+    frames = rig.sense(good[0])
+    points = frames["lidar"].points
+    for _ in range(2):
+        with pytest.raises(InputError, match="xmat"):
+            rig.sense(good[1] | {"xmat": good[1]["xmat"][:, :1]}, out=frames)
+    rig.sense(good[1], out=frames)
+    np.testing.assert_array_equal(points.numpy(), Rig(MODEL, SENSORS, "cpu").sense(good[1])["lidar"].points.numpy())
 
 
 def test_fields_that_were_asked_for_are_worked_out_again_into_their_arrays() -> None:

@@ -148,6 +148,14 @@ def test_everything_but_the_optics_defaults_to_the_ideal() -> None:
     assert (spec.type, spec.rate_hz, spec.min_range, spec.max_range) == ("lidar", None, 0.0, np.inf)
 
 
+def test_a_value_without_a_name_is_refused_and_what_is_required_named_first() -> None:
+    made: Any = Lidar
+    with pytest.raises(
+        InputError, match=r"^Lidar: got 'top' without a name, expected some of name=\.\.\., mount=\.\.\., "
+    ):
+        made("top")
+
+
 def test_specs_are_equal_by_value_and_cannot_be_changed() -> None:
     assert lidar() == lidar(elevation_deg=np.zeros(1))
     assert hash(lidar()) == hash(lidar())

@@ -22,6 +22,8 @@ BLOCK = 128
 """Threads of a block."""
 BLOCKS = 5
 """Of a multiprocessor: 20 warps, for each of whose threads there are 96 registers."""
+MOST = 8
+"""Sets of others with which launches of a cast are kept: one sensor's frames may be held for longer than another's."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 8})
 
@@ -108,15 +110,18 @@ class InThreads:
 
     def __init__(self, geometry: Geometry, job: Job, which: wp.array, count: int) -> None:
         self.geometry, self.job, self.which, self.count = geometry, job, which, count
-        self._together: tuple[list[InThreads], list[Callable[[], None]]] = [], []
+        self._with: dict[tuple[InThreads, ...], list[Callable[[], None]]] = {}
 
     def launch_with(self, others: Sequence["InThreads"]) -> object:
         """All at once, at one geometry. Gives the launches, which hold what they read."""
-        known, launches = self._together
-        if not launches or known != others:
+        key = tuple(others)
+        launches = self._with.get(key)
+        if launches is None:
             launches = _prepare([self, *others])
+            if len(self._with) == MOST:
+                self._with.clear()
             if not self.which.device.is_capturing:  # else the graph has the memory that they use
-                self._together = list(others), launches
+                self._with[key] = launches
         for launch in launches:
             launch()
         return launches

@@ -19,13 +19,14 @@ from rigcast.kernels.shapes.facets import (
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
 from rigcast.kernels.single.ray import SMALLEST, box_margin
+from rigcast.kernels.single.walk import leaf_of, top_of
 from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH
 from rigcast.kernels.vectors import lowest_bit, smaller, to_double, to_float
 
 from .leaves import passed_in_leaf
 from .native import on_cuda
 from .solids import triage_closed_form
-from .walk import address_of_nodes, leaf_of, next_leaf, top_of
+from .walk import address_of_nodes, next_leaf
 
 OVER_SHAPES, IN_SHAPE = wp.constant(0), wp.constant(1)
 """The levels, each with a frame of its own."""

@@ -124,13 +124,3 @@ def next_leaf(
     Returns:
         The leaf, or NO_CHILD, in the lower half, and how many entries the stack has then in the upper one.
     """
-
-
-@wp.func_native(on_cuda("return (int)(found >> 32);"))
-def top_of(found: wp.uint64) -> int:  # type: ignore[empty-body]
-    """How many entries the stack has."""
-
-
-@wp.func_native(on_cuda("return (int)(unsigned)found;"))
-def leaf_of(found: wp.uint64) -> int:  # type: ignore[empty-body]
-    """The leaf, as a node has it, or NO_CHILD."""

@@ -93,6 +93,7 @@ class Dataset(Sequence[StoredFrame]):
         """The frames of these sensors only. Raises InputError for one that is not in the data set."""
         known = list(self.manifest["statistics"])
         for name in sensors:
+            require_type("Dataset.of: name of a sensor", name, str)
             if name not in known:
                 where = self._store.where(MANIFEST_NAME)
                 raise InputError(f"{where}: no sensor {name!r}, {expected_one_of(name, known)}")

@@ -81,9 +81,13 @@ class FrameArrays:
             self._launches, self._are_shared, self._aimed = Launches(), False, None
 
     def start_again(self) -> None:
-        """Begin another reading for who holds what was asked of the last one, all of which its frame works out anew."""
+        """Begin another reading for who holds what was asked of the last one, all of which its frame works out anew.
+
+        Of one that failed, what its frame was to work out.
+        """
+        unanswered = self.asked - self._current
         self.start()
-        self.asked = self._before
+        self.asked = self._before | unanswered
 
     def aim(
         self, fixed: Rays, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData

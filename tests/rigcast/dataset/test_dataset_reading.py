@@ -77,6 +77,8 @@ def test_zarr_holds_the_same_as_npz(path: Path, whole_folder: Path) -> None:
 def test_a_sensor_that_is_not_there_is_named(whole_folder: Path) -> None:
     with pytest.raises(InputError, match="no sensor 'tpo', expected one of top, front; did you mean 'top'"):
         rigcast.open_dataset(whole_folder).of("tpo")
+    with pytest.raises(InputError, match=r"Dataset\.of: name of a sensor: got list, expected str"):
+        rigcast.open_dataset(whole_folder).of(["top"])  # type: ignore[arg-type]
 
 
 def test_a_sensor_for_a_number_is_told_how_to_choose_one(whole_folder: Path) -> None:

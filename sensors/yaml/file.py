@@ -1,45 +1,23 @@
-"""YAML files as plain values, with the line and column of each, so that a fault can be pointed at."""
+"""Reading YAML files as plain values, and as nodes that know where they were written."""
 
 import io
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
-from ruamel.yaml.tokens import (
-    AnchorToken,
-    BlockEndToken,
-    BlockMappingStartToken,
-    BlockSequenceStartToken,
-    DirectiveToken,
-    FlowMappingEndToken,
-    FlowMappingStartToken,
-    FlowSequenceEndToken,
-    FlowSequenceStartToken,
-    TagToken,
-    Token,
-)
+from ruamel.yaml.tokens import AnchorToken, TagToken
 
-from .errors import InputError
-from .faults import Fault, Where, path_text
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.faults import Fault, Where, path_text
+
+from .limits import require_extent, shallow_tokens
+from .places import Placed, error_at, nearest, placed
 
 _CORE = {f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str")}
-_DEEPEST = 50  # levels of lists and mappings; parsers need time and stack without bound for more
-MOST_VALUES = 100_000  # with what aliases stand for; nine lines of aliases of aliases can stand for a billion
-_OPENING = (BlockMappingStartToken, BlockSequenceStartToken, FlowMappingStartToken, FlowSequenceStartToken)
-_CLOSING = (BlockEndToken, FlowMappingEndToken, FlowSequenceEndToken)
-
-
-class Placed(NamedTuple):
-    """A message and what it points at: a source, and line and column of its text, from 0."""
-
-    source: str
-    line: int
-    column: int
-    message: str
 
 
 @dataclass(frozen=True)
@@ -56,11 +34,11 @@ class YamlFile:
 
     def error(self, faults: Iterable[Fault]) -> InputError:
         """One error that shows every fault in the text, in its order."""
-        return error_at(self.texts, [placed(_nearest(self.root, fault), str(fault)) for fault in faults])
+        return error_at(self.texts, [placed(nearest(self.root, fault), str(fault)) for fault in faults])
 
     def folder(self, where: Where) -> Path:
         """The folder of the file that the value at `where` is written in; the working directory's for no file."""
-        source = _nearest(self.root, Fault(where, "")).start_mark.name
+        source = nearest(self.root, Fault(where, "")).start_mark.name
         return Path(source).parent if source in self.texts and Path(source).is_file() else Path()
 
 
@@ -115,33 +93,6 @@ def _problem(error: MarkedYAMLError) -> str:
 def content_of(root: Node) -> Any:
     """The plain values of nodes that `parse_yaml` found sound."""
     return _Reader([]).value(root, ())
-
-
-def placed(node: Node, message: str) -> Placed:
-    """A message about a node."""
-    return Placed(node.start_mark.name, node.start_mark.line, node.start_mark.column, message)
-
-
-def error_at(texts: Mapping[str, str], faults: Iterable[Placed]) -> InputError:
-    """One error that shows every fault in the texts, in their order: place and message, line, caret."""
-    order = list(texts)
-    ordered = sorted(faults, key=lambda fault: (order.index(fault.source), *fault[1:]))
-    return InputError("\n".join(_shown(texts[fault.source], fault) for fault in ordered))
-
-
-def require_extent(source: str, root: Node) -> None:
-    """Raise InputError for nodes that stand for too much, every alias written out."""
-    values, depth = _extent(root, {})
-    if values > MOST_VALUES or depth > _DEEPEST:
-        raise InputError(f"{source}: its aliases stand for more than {MOST_VALUES} values or nest over {_DEEPEST} deep")
-
-
-def entries(node: Node) -> Iterator[tuple[str | int, Node, Node]]:
-    """(name, key, value) of what is in a mapping or list; an item of a list is its own key."""
-    if isinstance(node, MappingNode):
-        yield from ((str(key.value), key, value) for key, value in node.value)
-    elif isinstance(node, SequenceNode):
-        yield from ((i, item, item) for i, item in enumerate(node.value))
 
 
 class _Reader:
@@ -220,7 +171,7 @@ def _refused(source: str, text: str) -> list[Placed]:
     """Tags, and anchors that hide another one of the same name."""
     anchors = set[str]()
     refused = []
-    for token in _shallow_tokens(text):
+    for token in shallow_tokens(_yaml(), text):
         message = None
         if isinstance(token, TagToken):
             message = "got a tag, expected a plain value"
@@ -231,49 +182,3 @@ def _refused(source: str, text: str) -> list[Placed]:
         if message is not None:
             refused.append(Placed(source, token.start_mark.line, token.start_mark.column, message))
     return refused
-
-
-def _shallow_tokens(text: str) -> Iterator[Token]:
-    """The tokens of a text; an error where it is of another version, and where it is nested too deeply."""
-    depth = 0
-    for token in _yaml().scan(text):
-        if isinstance(token, DirectiveToken) and token.name == "YAML" and token.value != (1, 2):
-            version = ".".join(map(str, token.value))
-            raise MarkedYAMLError(problem=f"got version {version}, expected 1.2", problem_mark=token.start_mark)
-        depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
-        if depth > _DEEPEST:
-            raise MarkedYAMLError(problem=f"nested more than {_DEEPEST} deep", problem_mark=token.start_mark)
-        yield token
-
-
-def _extent(node: Node, known: dict[Node, tuple[int, int]]) -> tuple[int, int]:
-    """How many values a node is and how deep, itself included, if every alias were written out."""
-    if node not in known:
-        known[node] = 1, 1  # what a node that contains itself counts inside
-        inner = [_extent(value, known) for _, _, value in entries(node)]
-        known[node] = 1 + sum(values for values, _ in inner), 1 + max((depth for _, depth in inner), default=0)
-    return known[node]
-
-
-def _nearest(root: Node, fault: Fault) -> Node:
-    """The node that a fault is about, or what surrounds it where the text does not have it."""
-    key, node = root, root
-    for step in fault.where:
-        found = _child(node, step)
-        if found is None:
-            return node
-        key, node = found
-    # An empty value has no place of its own: `mount:` is shown at its key.
-    return key if fault.at_key or node.start_mark.index == node.end_mark.index else node
-
-
-def _child(node: Node, step: str | int) -> tuple[Node, Node] | None:
-    return next(((key, value) for name, key, value in entries(node) if name == step), None)
-
-
-def _shown(text: str, fault: Placed) -> str:
-    """`source:line:col: message`, with the line of the text below it and a caret under the column."""
-    lines = text.splitlines()
-    line = lines[fault.line].replace("\t", " ") if fault.line < len(lines) else ""
-    place = f"{fault.source}:{fault.line + 1}:{fault.column + 1}"
-    return f"{place}: {fault.message}\n    {line}\n    {' ' * fault.column}^"

@@ -1,0 +1,54 @@
+"""Casts one by one on the CPU, of any rays at one geometry: to prepare a launch takes as long as to cast hundreds."""
+
+from typing import Any
+
+import warp as wp
+
+from .cast import HIT_NAMES, HitArrays
+from .geometry import Geometry
+from .launching.slices import OverTiles
+from .rays.arrays import Rays
+from .single.cast import RAYS_PER_RUN, Alone, Job, cast_turns
+
+
+class CastsAlone:
+    """Casts at a geometry as it stands by then, known at one instant.
+
+    A launch serves again once it is done. Of casts in several of Python's threads at once, each has one of its own.
+    """
+
+    def __init__(self, geometry: Geometry) -> None:
+        self.geometry = geometry
+        self._idle: list[_Cast] = []
+
+    def cast(self, visible: wp.array, rays: Rays, limit: float, cull: int, out: HitArrays | None = None) -> HitArrays:
+        """As rigcast.kernels.cast.cast, of rays that have no packets."""
+        hits = HitArrays.empty(rays.total, "cpu") if out is None else out
+        try:
+            one = self._idle.pop()
+        except IndexError:
+            one = _Cast(self.geometry)
+        one.turn_to(visible, rays, limit, cull, hits)
+        one.tiles()
+        self._idle.append(one)
+        return hits
+
+
+class _Cast:
+    """A launch that holds no arrays of what it casts: whoever launches keeps them."""
+
+    def __init__(self, geometry: Geometry) -> None:
+        self._geometry, self._job, self._alone = geometry, Job(), Alone()
+        self.tiles = OverTiles(cast_turns, 0, self._inputs)
+
+    def turn_to(self, visible: wp.array, rays: Rays, limit: float, cull: int, hits: HitArrays) -> None:
+        job = self._job.__ctype__()
+        job.rays, job.visible = rays.arrays.__ctype__(), visible.__ctype__()
+        job.limit, job.cull = limit, cull
+        for name in HIT_NAMES:
+            setattr(job.out, name, getattr(hits, name).__ctype__())
+        self._alone.count, self.tiles.count = rays.total, -(-rays.total // RAYS_PER_RUN)
+
+    def _inputs(self, threads: int) -> list[Any]:
+        self._alone.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
+        return [self._geometry, self._job, self._alone]

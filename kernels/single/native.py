@@ -1,0 +1,28 @@
+"""What is written in C++ for the CPU, in vectors that LLVM makes of whatever a CPU has."""
+
+
+def on_cpu(snippet: str) -> str:
+    """For `wp.func_native`: on CUDA, where it is compiled at most and never called, it gives 0."""
+    return f"""
+#if defined(__CUDA_ARCH__)
+    return 0;
+#else
+    // products are fused with sums, where the CPU can
+    #pragma clang fp contract(fast)
+    typedef float floats __attribute__((ext_vector_type(8)));
+    typedef int ints __attribute__((ext_vector_type(8)));
+    typedef bool bools __attribute__((ext_vector_type(8)));
+    typedef float floats_anywhere __attribute__((ext_vector_type(8), aligned(4)));
+    typedef int ints_anywhere __attribute__((ext_vector_type(8), aligned(4)));
+    // NaN is lost as the first of two
+    const auto larger = [](auto a, auto b) {{ return a > b ? a : b; }};
+    const auto smaller = [](auto a, auto b) {{ return a < b ? a : b; }};
+    const auto bits_of = [](ints is_set) -> int {{
+        const bools set = __builtin_convertvector(is_set, bools);
+        unsigned char bits;
+        __builtin_memcpy(&bits, &set, sizeof(bits));
+        return bits;
+    }};
+    {snippet}
+#endif
+"""
