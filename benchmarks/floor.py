@@ -13,6 +13,7 @@ from rigcast.bench.worlds.crowd import G1_HEAD, crowd
 from rigcast.kernels.packing.warps import WARP, sort_into_warps
 from rigcast.kernels.shapes.solids import TRIANGLES
 from rigcast.kernels.trees.nodes import FIRST_PATCH
+from rigcast.kernels.trees.unfolded import lead_to_nodes, nodes_of, patches_of
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
@@ -100,11 +101,20 @@ def _numbers(nodes: set[int], leaves: set[int]) -> tuple[int, int, int]:
 def _looked_at(scene: Scene, seen: Filter, origin: Floats, rays: Floats) -> list[_Looked]:
     reach = scene.cast(origin, rays, filter=seen).numpy().distance.astype(float)
     visible = scene.visible(seen).numpy()
-    return [_of_ray(scene, visible, origin, d, t) for d, t in zip(rays, reach, strict=True)]
-
-
-def _of_ray(scene: Scene, visible: npt.NDArray[np.bool_], origin: Floats, direction: Floats, reach: float) -> _Looked:
     g: Any = scene._world.geometry
+    patches = patches_of(g.plots.numpy(), g.sides.numpy())
+    nodes = np.concatenate([lead_to_nodes(g.nodes.numpy(), g.nodes.size), nodes_of(patches)])
+    return [_of_ray(g, nodes, visible, origin, d, t) for d, t in zip(rays, reach, strict=True)]
+
+
+def _of_ray(
+    g: Any,
+    of_triangles: npt.NDArray[np.void],
+    visible: npt.NDArray[np.bool_],
+    origin: Floats,
+    direction: Floats,
+    reach: float,
+) -> _Looked:
     kind, root = g.kind.numpy(), g.root.numpy()
     position, rotation = g.position.numpy(), g.rotation.numpy()
     nodes, shapes = _entered(g.top.numpy(), 0, origin - g.anchor.numpy()[0], direction, reach)
@@ -113,7 +123,7 @@ def _of_ray(scene: Scene, visible: npt.NDArray[np.bool_], origin: Floats, direct
         if visible[shape] and kind[shape] == TRIANGLES:
             turn = rotation[shape]
             local = turn.T @ (origin - position[shape]), turn.T @ direction
-            for found, more in zip(looked, _entered(g.nodes.numpy(), root[shape], *local, reach), strict=True):
+            for found, more in zip(looked, _entered(of_triangles, root[shape], *local, reach), strict=True):
                 found.update(more)
     return looked
 

@@ -23,6 +23,7 @@ from .rays.arrays import RayArrays, Rays, firing_of, origin_of, span_of
 from .rays.coherent import Bundles, Packets, Warps
 from .shapes.triangle import CULL_NONE
 from .single.cast import RAYS_PER_RUN, Alone, Job, cast_turns, is_castable
+from .trees.nodes import Node
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -47,6 +48,7 @@ class InPackets:
     local_directions: wp.array2d[Vectors]  # (threads, 1)
     places: wp.array2d[Places]  # (threads, PACKETS)
     hits: wp.array2d[PacketOut]  # (threads, PACKETS)
+    opened: wp.array2d[Node]  # (threads, 1)
     composed: wp.array2d[TriangleBlock]  # (threads, 1)
     facets: wp.array2d[Facets]  # (threads, 1)
 
@@ -63,7 +65,10 @@ def equip(rays: wp.array[TileRays], thread: int, held: wp.array[Geometry], job: 
     rays[0].best = these.best
     rays[0].directions = these.world_directions
     rays[0].local = these.local_directions[thread]
+    rays[0].opened = these.opened[thread]
     rays[0].composed = these.composed[thread]
+    rays[0].plot = -1
+    rays[0].patch = -1
     rays[0].facets = these.facets[thread]
 
 
@@ -244,6 +249,7 @@ def _in_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int, thr
     these.local_directions = wp.empty((threads, 1), dtype=Vectors, device="cpu")
     these.places = wp.empty((threads, PACKETS), dtype=Places, device="cpu")
     these.hits = wp.empty((threads, PACKETS), dtype=PacketOut, device="cpu")
+    these.opened = wp.empty((threads, 1), dtype=Node, device="cpu")
     these.composed = wp.empty((threads, 1), dtype=TriangleBlock, device="cpu")
     these.facets = wp.empty((threads, 1), dtype=Facets, device="cpu")
     return [geometry, job, these]

@@ -10,7 +10,7 @@ over the shapes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,8 @@ import warp as wp
 from .trees.nodes import FIRST_PATCH, Node, moved_nodes, struct_zeros, vec8, vec8i
 
 NO_FACE = wp.constant(-1)
+PATCHES = 8
+"""Of a plot."""
 FARTHEST = wp.constant(1.0e18)
 """Origins, positions, vertices and sizes [m] beyond this, in any coordinate, could overflow float32 where they are
 multiplied: geometry there is refused or never hit, and rays from there give NaN."""
@@ -45,8 +47,22 @@ class TriangleBlock:
 
 
 @wp.struct
+class Plot:
+    """Four by eight cells of the surface of a height field in three cache lines; see rigcast.kernels.shapes.patches.
+
+    x: where in Geometry.sides those of its nine columns of corners begin, and after them of centres, then of half sizes
+    of the boxes of the four columns of patches. y: the same of its five rows, and of all eight patches.
+    """
+
+    z: wp.types.matrix(shape=(5, 9), dtype=wp.float32)  # row by row
+    x: int
+    y: int
+    face: int  # the lower one of the first cell
+
+
+@wp.struct
 class Patch:
-    """Two by two cells of the surface of a height field, which fill a cache line; see rigcast.kernels.shapes.patches.
+    """Two by two cells of a plot, which fill a cache line, as CUDA has them.
 
     Where there are but one row or column of cells, y or x of the last corners is NaN, and z that of those before.
     """
@@ -54,7 +70,7 @@ class Patch:
     x: wp.vec3  # of the columns of corners
     y: wp.vec3  # of the rows
     z: wp.mat33  # row by row
-    face: int  # the lower one of the first cell
+    face: int  # that of its plot
 
 
 @wp.struct
@@ -70,7 +86,9 @@ class Geometry:
     # triangle trees:
     nodes: wp.array[Node]
     blocks: wp.array[TriangleBlock]
-    patches: wp.array[Patch]
+    plots: wp.array[Plot]  # of height fields on the CPU
+    sides: wp.array[float]  # what Plot says
+    patches: wp.array[Patch]  # of height fields on CUDA, whose plots are nodes there
     # shapes:
     kind: wp.array[int]  # (n,)
     twin: wp.array[int]  # an earlier shape of the same kind and triangle tree, or -1
@@ -79,6 +97,7 @@ class Geometry:
     size: wp.array[wp.vec3]
     root: wp.array[int]  # node of the triangle tree's root
     columns: wp.array[int]  # how many cells of a height field are in a row
+    fields: wp.array[int]  # shapes that are height fields whose plots are not stored as nodes; see packets.plots
     center: wp.array[wp.vec3]  # of the shape's box in its own frame, and the half size
     half: wp.array[wp.vec3]
     reach: wp.array[float]  # largest |coordinate| of the shape in its own frame
@@ -101,9 +120,9 @@ class Geometry:
 
 @dataclass(frozen=True)
 class TriangleTree:
-    """A tree over triangles, in the frame of its vertices; child ~k of a node is block k, ~(FIRST_PATCH + k) patch k.
+    """A tree over triangles, in the frame of its vertices; child ~k of a node is block k, ~(FIRST_PLOT + k) plot k.
 
-    dropped: how many faces had no area and were left out. patches, columns: of a height field, see Geometry.
+    dropped: how many faces had no area and were left out. plots, sides, columns: of a height field, see Geometry.
     """
 
     nodes: npt.NDArray[np.void]
@@ -111,38 +130,64 @@ class TriangleTree:
     lower: npt.NDArray[np.float32]
     upper: npt.NDArray[np.float32]
     dropped: int
-    patches: npt.NDArray[np.void] = field(default_factory=lambda: struct_zeros(Patch, 0))
+    plots: npt.NDArray[np.void] = field(default_factory=lambda: struct_zeros(Plot, 0))
+    sides: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
     columns: int = 0
+    first_side: int = 0  # what plots call sides[0]
 
 
 class TreePlace(NamedTuple):
-    """Where in joined arrays a tree's nodes, blocks and patches begin."""
+    """Where in joined arrays a tree's nodes, blocks, plots and sides begin."""
 
     node: int
     block: int
-    patch: int
+    plot: int
+    side: int
 
 
-def join_triangle_trees(
-    trees: Sequence[TriangleTree],
-) -> tuple[npt.NDArray[np.void], npt.NDArray[np.void], npt.NDArray[np.void], list[TreePlace]]:
-    """All trees in one array of nodes, one of blocks and one of patches, and where in these each begins.
+class JoinedTrees(NamedTuple):
+    """The arrays of several trees, one after the other, and where in them each begins."""
+
+    nodes: npt.NDArray[np.void]
+    blocks: npt.NDArray[np.void]
+    plots: npt.NDArray[np.void]
+    sides: npt.NDArray[np.float32]
+    places: list[TreePlace]
+
+
+def join_triangle_trees(trees: Sequence[TriangleTree]) -> JoinedTrees:
+    """All trees in one array of each kind.
 
     Raises ValueError for more blocks or patches than there are numbers for.
     """
-    sizes = np.array([(len(tree.nodes), len(tree.blocks), len(tree.patches)) for tree in trees]).reshape(-1, 3)
-    _, blocks, patches = sizes.sum(axis=0)
-    if max(blocks, patches) > FIRST_PATCH:
-        got = f"{blocks} blocks of stored triangles and {patches} patches of height fields"
+    sizes = np.array([tree_sizes(tree) for tree in trees]).reshape(-1, 4)
+    _, blocks, plots, _ = sizes.sum(axis=0)
+    if max(blocks, PATCHES * plots) > FIRST_PATCH:
+        got = f"{blocks} blocks of stored triangles and {PATCHES * plots} patches of height fields"
         raise ValueError(f"triangle trees: got {got}, expected up to {FIRST_PATCH} of each")
     places = [TreePlace(*place) for place in (np.cumsum(sizes, axis=0) - sizes).tolist()]
-    nodes = [moved_nodes(tree.nodes, *place) for tree, place in zip(trees, places, strict=True)]
-    return (
-        np.concatenate([struct_zeros(Node, 0), *nodes]),
-        np.concatenate([struct_zeros(TriangleBlock, 0), *(tree.blocks for tree in trees)]),
-        np.concatenate([struct_zeros(Patch, 0), *(tree.patches for tree in trees)]),
+    moved = [moved_tree(tree, place) for tree, place in zip(trees, places, strict=True)]
+    return JoinedTrees(
+        np.concatenate([struct_zeros(Node, 0), *(tree.nodes for tree in moved)]),
+        np.concatenate([struct_zeros(TriangleBlock, 0), *(tree.blocks for tree in moved)]),
+        np.concatenate([struct_zeros(Plot, 0), *(tree.plots for tree in moved)]),
+        np.concatenate([np.zeros(0, np.float32), *(tree.sides for tree in moved)]),
         places,
     )
+
+
+def tree_sizes(tree: TriangleTree) -> TreePlace:
+    """How much room a tree takes in joined arrays."""
+    return TreePlace(len(tree.nodes), len(tree.blocks), len(tree.plots), len(tree.sides))
+
+
+def moved_tree(tree: TriangleTree, place: TreePlace) -> TriangleTree:
+    """The tree as it is at a place of joined arrays."""
+    plots = tree.plots.copy()
+    plots["x"] += place.side - tree.first_side
+    plots["y"] += place.side - tree.first_side
+    nodes = moved_nodes(tree.nodes, place.node, place.block, place.plot)
+    return replace(tree, nodes=nodes, plots=plots, first_side=place.side)
 
 
 def boxes_of(trees: Sequence[TriangleTree]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

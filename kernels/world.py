@@ -12,13 +12,29 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .geometry import Geometry, Patch, Shapes, TriangleBlock, TriangleTree, join_triangle_trees
+from .geometry import (
+    PATCHES,
+    Geometry,
+    Patch,
+    Plot,
+    Shapes,
+    TreePlace,
+    TriangleBlock,
+    TriangleTree,
+    join_triangle_trees,
+    moved_tree,
+    tree_sizes,
+)
 from .host.upload import Upload
 from .launching.stack import CACHE_LINE
-from .trees.nodes import Node, by_ends, moved_nodes
+from .trees.nodes import Node, by_ends
 from .trees.top_trees import TopTrees
+from .trees.unfolded import lead_to_nodes, nodes_of, patches_of
 
 _SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
+
+MOST_STORED = 2**14
+"""Plots up to which they are stored as nodes on a CPU, too: these fit its cache, and need not be made."""
 
 Poses = npt.NDArray[np.floating[Any]] | wp.array
 
@@ -62,11 +78,11 @@ class World:
         self._tree_of_shape = shapes.tree
         self._of_shapes = {
             "size": wp.array(shapes.size, dtype=wp.vec3, device=device),
-            **self._trees_of_shapes(),
             "reach": wp.array(shapes.reach, dtype=float, device=device),
             "center": wp.array(shapes.center, dtype=wp.vec3, device=device),
             "half": wp.array(shapes.half, dtype=wp.vec3, device=device),
         }
+        self._take_trees()
         self.geometry.kind = wp.array(shapes.kind[: self._count], dtype=int, device=device)
         self.geometry.twin = wp.array(_twins(shapes.kind[: self._count], shapes.tree[: self._count]), device=device)
         self._take_shapes(slice(0, len(shapes.kind)))
@@ -75,11 +91,11 @@ class World:
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
         old, self.trees[index] = self.trees[index], tree
-        if _sizes(old) == _sizes(tree):
+        if tree_sizes(old) == tree_sizes(tree):
             self._overwrite_tree(index)
         else:
             self._join_trees()
-            self._of_shapes |= self._trees_of_shapes()
+            self._take_trees()
             self._take_shapes(self._taken)
 
     def _take_shapes(self, part: slice) -> None:
@@ -91,17 +107,27 @@ class World:
 
     def _join_trees(self) -> None:
         g = self.geometry
-        nodes, blocks, patches, self._places = join_triangle_trees(self.trees)
-        g.nodes = self._on_device(nodes)
+        nodes, blocks, plots, sides, self._places = join_triangle_trees(self.trees)
+        plots = _on_cache_lines(plots)
         g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
-        patches = _on_cache_lines(patches)
-        g.patches = wp.array(patches, dtype=Patch, device=self.device, copy=False)
+        self._first_plot: int | None = None  # of nodes that are plots
+        if not self.device.is_cpu or len(plots) <= MOST_STORED:
+            self._first_plot = len(nodes)
+            nodes = np.concatenate([lead_to_nodes(nodes, len(nodes)), nodes_of(patches_of(plots, sides))])
+        g.nodes = self._on_device(nodes)
+        if self.device.is_cpu:
+            g.plots = wp.array(plots, dtype=Plot, device=self.device, copy=False)
+            g.sides = wp.array(sides, dtype=float, device=self.device, copy=False)
+        else:
+            g.patches = wp.array(patches_of(plots, sides), dtype=Patch, device=self.device)
         # the triangles of all trees are held once
         self.trees = [
             replace(
                 tree,
                 blocks=blocks[place.block : place.block + len(tree.blocks)],
-                patches=patches[place.patch : place.patch + len(tree.patches)],
+                plots=plots[place.plot : place.plot + len(tree.plots)],
+                sides=sides[place.side : place.side + len(tree.sides)],
+                first_side=place.side,
             )
             for tree, place in zip(self.trees, self._places, strict=True)
         ]
@@ -110,21 +136,33 @@ class World:
         return wp.array(nodes if self.device.is_cpu else by_ends(nodes), dtype=Node, device=self.device, copy=False)
 
     def _overwrite_tree(self, index: int) -> None:
-        tree, place, g = self.trees[index], self._places[index], self.geometry
-        nodes = self._on_device(moved_nodes(tree.nodes, *place))
-        blocks = wp.array(tree.blocks, dtype=TriangleBlock, device=self.device)
-        patches = wp.array(tree.patches, dtype=Patch, device=self.device)
-        wp.copy(g.nodes, nodes, dest_offset=place.node)
-        wp.copy(g.blocks, blocks, dest_offset=place.block)
-        wp.copy(g.patches, patches, dest_offset=place.patch)
+        place, g = self._places[index], self.geometry
+        tree = moved_tree(self.trees[index], place)
+        patches = patches_of(moved_tree(tree, TreePlace(0, 0, 0, 0)).plots, tree.sides)
+        nodes = {place.node: tree.nodes}
+        if self._first_plot is not None:
+            nodes[place.node] = lead_to_nodes(tree.nodes, self._first_plot)
+            nodes[self._first_plot + place.plot] = nodes_of(patches, PATCHES * place.plot)
+        for at, own in nodes.items():
+            wp.copy(g.nodes, self._on_device(own), dest_offset=at)
+        wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=self.device), dest_offset=place.block)
+        if self.device.is_cpu:
+            wp.copy(g.plots, wp.array(tree.plots, dtype=Plot, device="cpu"), dest_offset=place.plot)
+            wp.copy(g.sides, wp.array(tree.sides, dtype=float, device="cpu"), dest_offset=place.side)
+        else:
+            patches_at = PATCHES * place.plot
+            wp.copy(g.patches, wp.array(patches, dtype=Patch, device=self.device), dest_offset=patches_at)
 
-    def _trees_of_shapes(self) -> dict[str, wp.array]:
-        """The arrays of Geometry that say which tree each shape has; closed forms have any."""
+    def _take_trees(self) -> None:
+        """Say which tree each shape has; closed forms have any."""
         roots, columns = [place.node for place in self._places], [tree.columns for tree in self.trees]
-        return {
-            name: wp.array(np.array([*values, 0], np.int32)[self._tree_of_shape], dtype=int, device=self.device)
-            for name, values in (("root", roots), ("columns", columns))
+        root, cells = (np.array([*values, 0], np.int32)[self._tree_of_shape] for values in (roots, columns))
+        self._of_shapes |= {
+            "root": wp.array(root, dtype=int, device=self.device),
+            "columns": wp.array(cells, dtype=int, device=self.device),
         }
+        are_in_plots = self._first_plot is None and (cells.reshape(-1, self._count) > 0).any(axis=0)
+        self.geometry.fields = wp.array(np.flatnonzero(are_in_plots), dtype=int, device=self.device)
 
     def update(self, position: Poses, rotation: Poses, part: slice | None = None) -> None:
         """Take the poses of the shapes of one world or of many. A pose that is not finite is never hit.
@@ -208,10 +246,6 @@ def _on_cache_lines(values: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
     copy = room[first : first + values.nbytes].view(values.dtype)
     copy[...] = values
     return copy
-
-
-def _sizes(tree: TriangleTree) -> tuple[int, int, int]:
-    return len(tree.nodes), len(tree.blocks), len(tree.patches)
 
 
 def _twins(kind: npt.NDArray[np.int32], tree: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:

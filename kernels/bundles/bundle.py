@@ -4,12 +4,13 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure
+from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import pose_of
-from rigcast.kernels.shapes.patches import compose
+from rigcast.kernels.shapes.patches import compose, open_plot
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.single.ray import Ray, in_frame_of_tree, in_world
-from rigcast.kernels.trees.nodes import FIRST_PATCH, OUTWARDS, WIDTH, Node, vec8, vec8i
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH, Node, vec8, vec8i
 from rigcast.kernels.trees.traverse import Entered, sign_bits, traversal
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_float
 
@@ -128,7 +129,7 @@ def visit_block_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, dis
     blocks = g[0].blocks
     block = int(index)
     if index >= FIRST_PATCH:
-        compose(g[0].patches, index - FIRST_PATCH, bundle.composed)
+        compose(g[0].plots, g[0].sides, index - FIRST_PATCH, bundle.composed)
         blocks = bundle.composed
         block = 0
     sides = sides_of(blocks[block], bundle.middle, bundle.spread)
@@ -150,8 +151,30 @@ def visit_block_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, dis
     return reach_of_members(bundle)
 
 
+@noinline
+def visit_plot_of_bundle(g: wp.array[Geometry], bundle: Bundle, k: int, reach: float) -> float:
+    """As visit_block_of_bundle, of all patches of plot k that any ray may enter."""
+    opened = wp.zeros(shape=1, dtype=Node)
+    open_plot(g[0].plots, g[0].sides, k, opened)
+    entered = enter_of_bundle(opened[0], bundle, reach)
+    distance = entered.distance
+    patches = entered.children
+    while patches != 0:
+        j = lowest_bit(patches)
+        patches = patches & (patches - 1)
+        reach = visit_block_of_bundle(g, bundle, FIRST_PATCH + WIDTH * k + j, distance[j], reach)
+    return reach
+
+
+@wp.func
+def visit_leaf_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, distance: float, reach: float) -> float:
+    if index >= FIRST_PLOT:
+        return visit_plot_of_bundle(g, bundle, index - FIRST_PLOT, reach)
+    return visit_block_of_bundle(g, bundle, index, distance, reach)
+
+
 cast_bundle_through_triangles = traversal(
-    "cast_bundle_through_triangles", Bundle, float, enter_of_bundle, reach_of_bundle, visit_block_of_bundle
+    "cast_bundle_through_triangles", Bundle, float, enter_of_bundle, reach_of_bundle, visit_leaf_of_bundle
 )
 
 

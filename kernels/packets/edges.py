@@ -20,6 +20,7 @@ What is too near to call goes to float64, by rigcast.kernels.hits.hit.
 import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
+from rigcast.kernels.inline import inlined
 from rigcast.kernels.shapes.triangle import GRAZING, ROUNDING, Spans, inside_edges
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
 from rigcast.kernels.trees.traverse import sign_bits
@@ -58,7 +59,7 @@ def side_rounding(widest: float) -> float:
     return SIDE_ROUNDING + smaller(DIRECTION_ROUNDING * widest, MOST_ROUNDING)
 
 
-@wp.func
+@inlined
 def edges_of(block: TriangleBlock, view: View, rounding_of_sides: float) -> Edges:
     """Edges of the triangles of a block as the rays of a packet see them."""
     x0 = block.x0
@@ -115,7 +116,7 @@ def edges_of(block: TriangleBlock, view: View, rounding_of_sides: float) -> Edge
     return edges
 
 
-@wp.func
+@inlined
 def may_be_hit(edges: Edges, middle: wp.vec3, spread: wp.vec3, widest: float) -> int:
     """Bit by bit, the triangles that rays along middle +- spread may hit; widest: the largest w of a packet.
 
@@ -162,7 +163,7 @@ def span_in_plane(inside: float, slope: float, rounding: float, height: float, s
     return interval(near, far)
 
 
-@wp.func
+@inlined
 def meet_triangles(edges: Edges, direction: wp.vec3, cull: int, limit: float) -> Spans:
     """One ray against the triangles of a block, up to a limit."""
     side0 = edges.side0
@@ -199,7 +200,7 @@ class Inside:
     some: int
 
 
-@wp.func
+@inlined
 def pass_edges(x: lanes, y: lanes, z: lanes, side0: wp.vec3, side1: wp.vec3, side2: wp.vec3, rounding: float) -> Inside:
     """The rays of a packet, directions (x, y, z), against the edges of one triangle, as Edges has them."""
     by = lanes()
@@ -225,7 +226,7 @@ class Met:
     far: lanes
 
 
-@wp.func
+@inlined
 def meet_plane(
     x: lanes,
     y: lanes,

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from rigcast.kernels.inline import inlined
 from rigcast.kernels.single.ray import MARGIN
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8
 from rigcast.kernels.trees.traverse import Entered
@@ -175,7 +176,7 @@ def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
     return entered
 
 
-@wp.func
+@inlined
 def packets_at_box(view: View, tile: Tile, center: wp.vec3, half: wp.vec3, reach: vec8) -> int:
     """Bit by bit, the packets some of whose rays may enter a box in the view's frame before their reach.
 

@@ -5,10 +5,10 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within
 from rigcast.kernels.hits.out import Fields
-from rigcast.kernels.inline import noinline
+from rigcast.kernels.inline import inlined, noinline
 from rigcast.kernels.poses.scope import Scope
 from rigcast.kernels.single.ray import box_margin
-from rigcast.kernels.trees.nodes import vec8, vec8i
+from rigcast.kernels.trees.nodes import Node, vec8, vec8i
 from rigcast.kernels.vectors import larger, lowest_bit, to_double, to_float
 
 LANES = wp.constant(16)
@@ -145,7 +145,10 @@ class TileRays:
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
     local: wp.array[Vectors]  # one, of a packet's directions in a shape's frame
+    opened: wp.array[Node]  # one, of a plot
     composed: wp.array[TriangleBlock]  # one, of a patch
+    plot: int  # the one that is opened, and the patch that is composed, or -1: neighbours often need the same
+    patch: int
     facets: wp.array[Facets]  # one, of a packet's hits on a shape
     fields: Fields
 
@@ -185,7 +188,7 @@ def view_from(origin: wp.vec3d, to_local: wp.mat33d, rays: wp.array[TileRays], r
     return view
 
 
-@wp.func
+@inlined
 def farthest(far: lanes) -> float:
     half = vec8()
     for j in range(8):
@@ -234,7 +237,7 @@ def hit_of_lane(hits: PacketHits, i: int) -> Hit:
     return hit_within(hits.near[i], hits.far[i], hits.shape[i], hits.triangle[i])
 
 
-@wp.func
+@inlined
 def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int, reach: float) -> float:
     """Let a packet's rays take the hits (near, far) of one shape or triangle where they are first; return its reach."""
     slot = packet.slot

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from rigcast.kernels.geometry import Patch, TriangleBlock
+from rigcast.kernels.geometry import Plot, TriangleBlock
 from rigcast.kernels.hits.out import Out
 from rigcast.kernels.launching.stack import CACHE_LINE
 from rigcast.kernels.trees.nodes import Node
@@ -31,9 +31,9 @@ def prefetch_block(blocks: wp.array[TriangleBlock], i: int):  # type: ignore[no-
     """Ask for block i."""
 
 
-@wp.func_native(_prefetch("patches"))
-def prefetch_patch(patches: wp.array[Patch], i: int):  # type: ignore[no-untyped-def]
-    """Ask for patch i."""
+@wp.func_native(_prefetch("plots"))
+def prefetch_plot(plots: wp.array[Plot], i: int):  # type: ignore[no-untyped-def]
+    """Ask for plot i."""
 
 
 @wp.func_native(_prefetch("packets"))

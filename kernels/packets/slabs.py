@@ -9,6 +9,7 @@ which few rays enter that do not enter the box, as they all run close to the mir
 import warp as wp
 
 from rigcast.kernels.hits.hit import APART
+from rigcast.kernels.inline import inlined
 from rigcast.kernels.single.ray import MARGIN, inverse_of
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
 from rigcast.kernels.trees.traverse import sign_bits
@@ -33,7 +34,7 @@ class Way:
     most: wp.vec3
 
 
-@wp.func
+@inlined
 def way_of(packet: Packet, view: View, middle: wp.vec3, spread: wp.vec3, local: wp.array[Vectors]) -> Way:
     """The way of a packet in a view; its unit directions there go into local.
 
@@ -98,7 +99,7 @@ class Slabs:
     far_z: vec8
 
 
-@wp.func
+@inlined
 def slabs_of(node: Node, origin: wp.vec3, margin: float, way: Way) -> Slabs:
     """The boxes of a node, wider by a margin."""
     center_x = node.center_x
@@ -150,7 +151,7 @@ class EnteredByLanes:
     lanes: vec8i
 
 
-@wp.func
+@inlined
 def enter_any(slabs: Slabs, way: Way, limit: float) -> EnteredByLanes:
     """The boxes that a packet may enter no farther than the limit; by which rays is left open."""
     near_x = slabs.near_x
@@ -175,7 +176,7 @@ def enter_any(slabs: Slabs, way: Way, limit: float) -> EnteredByLanes:
     return entered
 
 
-@wp.func
+@inlined
 def lanes_at_box(slowness: Vectors, limits: lanes, near: wp.vec3, far: wp.vec3) -> int:
     """Bit by bit, which rays enter a box before their best hits (at most `limits` away). As enter_boxes."""
     slow_x = slowness.x
@@ -189,7 +190,7 @@ def lanes_at_box(slowness: Vectors, limits: lanes, near: wp.vec3, far: wp.vec3) 
     return lane_bits(entering)
 
 
-@wp.func
+@inlined
 def enter_lane_by_lane(
     slabs: Slabs, way: Way, best: wp.array[PacketHits], slot: int, which: int, limit: float
 ) -> EnteredByLanes:

@@ -3,6 +3,7 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
+from rigcast.kernels.inline import inlined
 from rigcast.kernels.trees.nodes import Node
 
 from .edges import side_rounding
@@ -31,7 +32,7 @@ class Sought:
     margin: float  # by which boxes are widened
 
 
-@wp.func
+@inlined
 def packet_among_triangles(g: Geometry, rays: wp.array[TileRays], view: View, k: int, shape: int, cull: int) -> Sought:
     """Packet k of a tile as one shape sees it."""
     tile = rays[0].tile

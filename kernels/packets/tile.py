@@ -3,7 +3,6 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits.hit import NO_SHAPE
 from rigcast.kernels.poses.scope import is_doubled, pose_of
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
@@ -11,11 +10,11 @@ from rigcast.kernels.trees.nodes import Node, vec8
 from rigcast.kernels.trees.traverse import Entered, traversal
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
+from .beginning import begin_packets
 from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box
 from .packet import (
     LANES,
     PACKETS,
-    PacketHits,
     TileRays,
     View,
     double_lanes,
@@ -24,6 +23,7 @@ from .packet import (
     round_vectors,
     view_from,
 )
+from .plots import cast_tile_through_fields, is_in_plots
 from .solids import triage_closed_forms
 from .sought import packet_among_triangles
 from .triangles import cast_packet_through_triangles
@@ -69,56 +69,18 @@ def visit_closed_form(
 
 
 @wp.func
-def clear_packet(rays: wp.array[TileRays], k: int) -> None:
-    """No hits yet, and the directions of a packet's rays in the world."""
-    rotation = rays[0].rotation
-    slot = rays[0].first_slot + k
-    packet = rays[0].packets[rays[0].first_packet + k]
-    numbers = packet.ray
-    x = packet.x
-    y = packet.y
-    z = packet.z
-    world_x = double_lanes()
-    world_y = double_lanes()
-    world_z = double_lanes()
-    hits = PacketHits()
-    for i in range(LANES):
-        d = rotation * wp.vec3d(x[i], y[i], z[i])
-        world_x[i] = d[0]
-        world_y[i] = d[1]
-        world_z[i] = d[2]
-        hits.near[i] = wp.inf
-        hits.far[i] = wp.where(numbers[i] >= 0, wp.inf, -wp.inf)  # where there is no ray, nothing is entered
-        hits.shape[i] = NO_SHAPE
-    rays[0].best[slot] = hits
-    rays[0].directions[slot].x = world_x
-    rays[0].directions[slot].y = world_y
-    rays[0].directions[slot].z = world_z
-
-
-@wp.func
-def begin_packets(rays: wp.array[TileRays], which: int) -> None:
-    """Clear those packets, which meet their first shape."""
-    rays[0].met = rays[0].met | which
-    todo = int(which)
-    while todo != 0:
-        clear_packet(rays, lowest_bit(todo))
-        todo = todo & (todo - 1)
-
-
-@wp.func
 def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: float, reach: vec8) -> vec8:  # noqa: ARG001
     """A tile against one shape, if it is visible; returns how far its packets still reach."""
     rays = tile.rays
     kind = g.kind[shape]
     scope = rays[0].scope
+    at = scope.first_shape + shape
     if not g.visible[scope.first_visible + shape] or (kind == SHEET and rays[0].cull == CULL_FRONT):
         return reach
-    if is_doubled(rays[0].geometry, shape, scope):
+    if is_in_plots(g, at) or is_doubled(rays[0].geometry, shape, scope):
         return reach
     pose = pose_of(rays[0].geometry, shape, scope)
     to_local = wp.transpose(pose.rotation)
-    at = scope.first_shape + shape
     view = view_from(to_local * (rays[0].origin - pose.position), to_local, rays, g.reach[at])
     packets = packets_at_box(view, rays[0].tile, g.center[at], g.half[at], reach)
     begin_packets(rays, packets & ~rays[0].met)
@@ -188,4 +150,6 @@ def cast_tile(g: Geometry, rays: wp.array[TileRays]) -> None:
     sought.frustum = frustum_of(
         view, least_of_tile(p_low), most_of_tile(p_high), least_of_tile(q_low), most_of_tile(q_high)
     )
-    cast_tile_through_shapes(g, g.top, span * g.top_count, sought, reach)
+    reach = cast_tile_through_shapes(g, g.top, span * g.top_count, sought, reach)
+    if g.fields.shape[0] > 0:
+        cast_tile_through_fields(rays, reach)

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry, Patch, TriangleBlock
+from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.trees.nodes import FIRST_PATCH, WIDTH
 from rigcast.kernels.vectors import to_double, to_float
 
@@ -50,7 +50,7 @@ def unit_normal(triangle: Triangle) -> wp.vec3:
 def triangle_at(g: wp.array[Geometry], number: int) -> Triangle:
     triangle = Triangle()
     if number >= FIRST_IN_PATCHES:
-        triangle = triangle_of_patch(g[0].patches, number - FIRST_IN_PATCHES)
+        triangle = triangle_of_patch(g, number - FIRST_IN_PATCHES)
     else:
         triangle = triangle_of_block(g[0].blocks, number)
     return triangle
@@ -97,7 +97,7 @@ def facet_at(g: wp.array[Geometry], entry: int, number: int) -> Facet:
     """entry: of the triangle's shape, in arrays of sizes."""
     facet = Facet()
     if number >= FIRST_IN_PATCHES:
-        facet = facet_of_patch(g[0].patches, number - FIRST_IN_PATCHES, g[0].columns[entry])
+        facet = facet_of_patch(g, number - FIRST_IN_PATCHES, g[0].columns[entry])
     else:
         facet.corner = vector_of_block(g[0].blocks, number, 0)
         facet.normal = to_double(normal_of_block(g[0].blocks, number))
@@ -106,36 +106,62 @@ def facet_at(g: wp.array[Geometry], entry: int, number: int) -> Facet:
     return facet
 
 
-@wp.func_native("return (&wp::address(patches, k)->x[0])[i];")
-def number_of(patches: wp.array[Patch], k: int, i: int) -> float:  # type: ignore[empty-body]
-    """One of a patch's 16 numbers, read alone: three of x, three of y, then z row by row."""
+def _in_patch(on_cuda: str, on_cpu: str) -> str:
+    """Of C++, that reads one number of patch k."""
+    return f"""
+    const auto& geometry = g.data[0];
+#if defined(__CUDA_ARCH__)
+    return geometry.patches.data[k].{on_cuda};
+#else
+    const auto& plot = geometry.plots.data[k >> 3];
+    return {on_cpu};
+#endif
+"""
+
+
+@wp.func_native(_in_patch("x[column]", "geometry.sides.data[plot.x + 2 * (k & 3) + column]"))
+def x_of(g: wp.array[Geometry], k: int, column: int) -> float:  # type: ignore[empty-body]
+    """That of a column of corners."""
+
+
+@wp.func_native(_in_patch("y[row]", "geometry.sides.data[plot.y + 2 * (k >> 2 & 1) + row]"))
+def y_of(g: wp.array[Geometry], k: int, row: int) -> float:  # type: ignore[empty-body]
+    """That of a row of corners."""
+
+
+@wp.func_native(_in_patch("z.data[row][column]", "plot.z.data[2 * (k >> 2 & 1) + row][2 * (k & 3) + column]"))
+def z_of(g: wp.array[Geometry], k: int, row: int, column: int) -> float:  # type: ignore[empty-body]
+    """That of a corner."""
+
+
+@wp.func_native(_in_patch("face", "plot.face"))
+def first_face_of(g: wp.array[Geometry], k: int) -> int:  # type: ignore[empty-body]
+    """The lower one of the first cell of the patch's plot."""
 
 
 @wp.func
-def corner_of(patches: wp.array[Patch], k: int, row: int, column: int) -> wp.vec3:
-    return wp.vec3(
-        number_of(patches, k, column), number_of(patches, k, 3 + row), number_of(patches, k, 6 + 3 * row + column)
-    )
+def corner_of(g: wp.array[Geometry], k: int, row: int, column: int) -> wp.vec3:
+    return wp.vec3(x_of(g, k, column), y_of(g, k, row), z_of(g, k, row, column))
 
 
 @wp.func
-def triangle_of_patch(patches: wp.array[Patch], number: int) -> Triangle:
+def triangle_of_patch(g: wp.array[Geometry], number: int) -> Triangle:
     """See rigcast.kernels.shapes.patches."""
     k = number / WIDTH
     row = number / 2 % 2
     column = number % 2
     triangle = Triangle()
-    triangle.a = corner_of(patches, k, row, column)
-    triangle.b = corner_of(patches, k, row, column + 1)
-    triangle.c = corner_of(patches, k, row + 1, column + 1)
+    triangle.a = corner_of(g, k, row, column)
+    triangle.b = corner_of(g, k, row, column + 1)
+    triangle.c = corner_of(g, k, row + 1, column + 1)
     if number % WIDTH >= WIDTH / 2:
         triangle.b = triangle.c
-        triangle.c = corner_of(patches, k, row + 1, column)
+        triangle.c = corner_of(g, k, row + 1, column)
     return triangle
 
 
 @wp.func
-def facet_of_patch(patches: wp.array[Patch], number: int, columns: int) -> Facet:
+def facet_of_patch(g: wp.array[Geometry], number: int, columns: int) -> Facet:
     """columns: cells in a row of the height field.
 
     The normal of a triangle that rises by a along x, over dx, and by b along y, over dy, is (-a dy, -b dx, dx dy).
@@ -144,14 +170,13 @@ def facet_of_patch(patches: wp.array[Patch], number: int, columns: int) -> Facet
     column = number & 1
     row = (number >> 1) & 1
     upper = (number >> 2) & 1
-    first = 6 + 3 * row + column
-    x = number_of(patches, k, column)
-    y = number_of(patches, k, 3 + row)
-    z = number_of(patches, k, first)
-    z_far = wp.float64(number_of(patches, k, first + 4))
-    z_third = wp.float64(number_of(patches, k, first + 1 + 2 * upper))
-    dx = wp.float64(number_of(patches, k, column + 1)) - wp.float64(x)
-    dy = wp.float64(number_of(patches, k, 4 + row)) - wp.float64(y)
+    x = x_of(g, k, column)
+    y = y_of(g, k, row)
+    z = z_of(g, k, row, column)
+    z_far = wp.float64(z_of(g, k, row + 1, column + 1))
+    z_third = wp.float64(z_of(g, k, row + upper, column + 1 - upper))
+    dx = wp.float64(x_of(g, k, column + 1)) - wp.float64(x)
+    dy = wp.float64(y_of(g, k, row + 1)) - wp.float64(y)
     early = z_third - wp.float64(z)
     late = z_far - z_third
     a = wp.where(upper == 0, early, late)
@@ -160,5 +185,6 @@ def facet_of_patch(patches: wp.array[Patch], number: int, columns: int) -> Facet
     facet.corner = wp.vec3(x, y, z)
     facet.normal = wp.vec3d(-a * dy, -b * dx, dx * dy)
     facet.scale = wp.float64(1.0) / wp.length(facet.normal)
-    facet.face = patches[k].face + 2 * (row * columns + column) + upper
+    cell = (2 * ((k >> 2) & 1) + row) * columns + 2 * (k & 3) + column
+    facet.face = first_face_of(g, k) + 2 * cell + upper
     return facet

@@ -9,12 +9,13 @@ import warp as wp
 from rigcast.kernels.elements import bool_at, double_vector_at, float_at, int_at, vector_at
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
+from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import Scope, pose_of
 from rigcast.kernels.shapes.facets import normal_of_block, triangle_of_block
-from rigcast.kernels.shapes.patches import compose
+from rigcast.kernels.shapes.patches import compose, open_plot
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
-from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, WIDTH
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, WIDTH, Node
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double, to_float
 
 from .leaves import passed_in_block
@@ -121,7 +122,7 @@ def visit_leaf(g: wp.array[Geometry], ray: Ray, index: int, composed: wp.array[T
     blocks = g[0].blocks
     k = int(index)
     if index >= FIRST_PATCH:
-        compose(g[0].patches, index - FIRST_PATCH, composed)
+        compose(g[0].plots, g[0].sides, index - FIRST_PATCH, composed)
         blocks = composed
         k = 0
     passed = passed_in_block(blocks, k, ray.origin, ray.origin_rest, ray.direction, ray.margin)
@@ -129,6 +130,33 @@ def visit_leaf(g: wp.array[Geometry], ray: Ray, index: int, composed: wp.array[T
         j = lowest_bit(passed)
         passed = passed & (passed - 1)
         best = nearer(g, ray, best, meet_triangle(blocks, k * WIDTH + j, ray, index * WIDTH + j))
+    return best
+
+
+@noinline
+def cast_through_plot(
+    g: wp.array[Geometry],
+    ray: Ray,
+    k: int,
+    stack: wp.array[int],
+    bottom: int,
+    composed: wp.array[TriangleBlock],
+    best: Hit,
+) -> Hit:
+    """The ray against the patches of plot k."""
+    opened = wp.zeros(shape=1, dtype=Node)
+    open_plot(g[0].plots, g[0].sides, k, opened)
+    at = int(0)
+    top = int(bottom)
+    while True:
+        limit = limit_of(ray, best)
+        found = next_leaf(opened, at, ray.origin, ray.inverse, ray.margin, limit, stack, top, bottom)
+        leaf = leaf_of(found)
+        if leaf == NO_CHILD:
+            break
+        best = visit_leaf(g, ray, -1 - leaf, composed, best)
+        top = top_of(found)
+        at = NO_CHILD
     return best
 
 
@@ -150,8 +178,11 @@ def cast_through_triangles(
         leaf = leaf_of(found)
         if leaf == NO_CHILD:
             break
-        best = visit_leaf(g, ray, -1 - leaf, composed, best)
         top = top_of(found)
+        if -1 - leaf >= FIRST_PLOT:
+            best = cast_through_plot(g, ray, -1 - leaf - FIRST_PLOT, stack, top, composed, best)
+        else:
+            best = visit_leaf(g, ray, -1 - leaf, composed, best)
         at = NO_CHILD
     return best
 

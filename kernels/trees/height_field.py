@@ -1,4 +1,4 @@
-"""Trees over height fields: patches of the surface in a regular tree, and rows of triangles beside and below it."""
+"""Trees over height fields: plots of the surface in a regular tree, and rows of triangles beside and below it."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.geometry import FARTHEST, NO_FACE, Patch, TriangleBlock, TriangleTree
+from rigcast.kernels.geometry import FARTHEST, NO_FACE, Plot, TriangleBlock, TriangleTree
+from rigcast.kernels.shapes.patches import COLUMNS, ROWS
 
-from .nodes import FIRST_PATCH, WIDTH, struct_zeros
+from .nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH, struct_zeros
 from .regular import Boxes, RegularNodes
 from .triangle_tree import fill, on_cpu
 
@@ -51,7 +52,8 @@ def build_height_field(
         root.lower[0, 0],
         root.upper[0, 0],
         dropped=0,
-        patches=surface.patches(cells[1]),
+        plots=surface.plots(cells[1]),
+        sides=surface.sides(),
         columns=cells[1],
     )
 
@@ -68,7 +70,7 @@ def _require_usable(x: Floats, y: Floats, heights: Floats) -> None:
 
 
 class _Corners(NamedTuple):
-    """The corners of an even number of rows and columns of cells; Patch says what those have that are not there."""
+    """The corners of whole plots; rigcast.kernels.shapes.patches says what those have that are not there."""
 
     x: Floats
     y: Floats
@@ -76,43 +78,62 @@ class _Corners(NamedTuple):
 
     @staticmethod
     def of(x: Floats, y: Floats, heights: Floats) -> "_Corners":
-        rows, columns = 1 - len(y) % 2, 1 - len(x) % 2
+        rows, columns = (1 - len(y)) % ROWS, (1 - len(x)) % COLUMNS
         return _Corners(
             np.pad(x, (0, columns), constant_values=np.nan),
             np.pad(y, (0, rows), constant_values=np.nan),
             np.pad(heights, [(0, rows), (0, columns)], mode="edge"),
         )
 
-    def patches(self, columns: int) -> npt.NDArray[np.void]:
-        """(n,) of Patch, row by row; columns: the cells of a row."""
-        x, y = _threes(self.x, 0), _threes(self.y, 0)
-        patches = struct_zeros(Patch, len(x) * len(y))
-        grid = patches.reshape(len(y), len(x))
-        grid["x"], grid["y"], grid["z"] = x, y[:, None], _threes(_threes(self.z, 0), 1)
-        grid["face"] = 4 * (columns * np.arange(len(y))[:, None] + np.arange(len(x)))
-        return patches
+    def plots(self, columns: int) -> npt.NDArray[np.void]:
+        """(n,) of Plot, row by row; columns: the cells of a row."""
+        windows = np.lib.stride_tricks.sliding_window_view(self.z, (ROWS + 1, COLUMNS + 1))[::ROWS, ::COLUMNS]
+        row, column = np.arange(len(windows))[:, None], np.arange(windows.shape[1])
+        plots = struct_zeros(Plot, windows.shape[0] * windows.shape[1])
+        grid = plots.reshape(windows.shape[:2])
+        grid["z"] = windows
+        across, along = self._sides()
+        grid["x"], grid["y"] = across.shape[1] * column, across.size + along.shape[1] * row
+        grid["face"] = 2 * (columns * ROWS * row + COLUMNS * column)
+        return plots
+
+    def sides(self) -> Floats:
+        """Of all columns of plots, then of all rows, as Plot says."""
+        return np.concatenate([sides.ravel() for sides in self._sides()])
+
+    def _sides(self) -> tuple[Floats, Floats]:
+        """Of the columns (n, 17) and of the rows (m, 21)."""
+        across, along = _side(self.x, COLUMNS), _side(self.y, ROWS)
+        return np.concatenate(across, axis=1), np.concatenate([along[0], *np.repeat(along[1:], 4, axis=2)], axis=1)
 
     def boxes(self) -> Boxes:
-        """Those of the patches."""
+        """Those of the plots."""
         lower, upper = (self._ends(end) for end in (np.fmin, np.fmax))
         number = np.arange(lower[..., 0].size, dtype=np.int32).reshape(lower.shape[:2])
-        return Boxes(lower, upper, ~(FIRST_PATCH + number))
+        return Boxes(lower, upper, ~(FIRST_PLOT + number))
 
     def _ends(self, end: np.ufunc) -> Floats:
-        """The lower or upper ends (rows, columns, 3) of the patches."""
-        x, y = _over_threes(end, self.x), _over_threes(end, self.y)
-        z = _over_threes(end, _over_threes(end, self.z).T).T
+        """The lower or upper ends (rows, columns, 3) of the plots."""
+        x, y = _over(end, self.x, COLUMNS), _over(end, self.y, ROWS)
+        z = _over(end, _over(end, self.z, ROWS).T, COLUMNS).T
         return np.stack([*np.meshgrid(x, y, copy=False), z], axis=-1)
 
 
-def _threes(values: Floats, axis: int) -> Floats:
-    """A view of numbers 0 to 2, 2 to 4, 4 to 6, ... along an axis, along a last axis of three."""
-    return np.lib.stride_tricks.sliding_window_view(values, 3, axis)[(slice(None),) * axis + (slice(None, None, 2),)]
+def _side(corners: Floats, cells: int) -> tuple[Floats, Floats, Floats]:
+    """Of each plot its corners (n, cells + 1), and centre and half size (n, cells / 2) of the boxes of patches."""
+    windows = np.lib.stride_tricks.sliding_window_view(corners, cells + 1)[::cells]
+    low, middle, high = windows[:, 0:-1:2], windows[:, 1::2], windows[:, 2::2]
+    high = np.where(np.isnan(high), middle, high)
+    center = np.float32(0.5) * low + np.float32(0.5) * high
+    half = np.maximum(high - center, center - low) * np.float32(OUTWARDS)
+    absent = np.isnan(middle)
+    return windows, np.where(absent, np.float32(0), center), np.where(absent, np.float32(-np.inf), half)
 
 
-def _over_threes(end: np.ufunc, values: Floats) -> Floats:
-    """The least or the largest of numbers 0 to 2, 2 to 4, 4 to 6, ... along the first axis."""
-    found: Floats = end(end(values[:-2:2], values[1::2]), values[2::2])
+def _over(end: np.ufunc, values: Floats, step: int) -> Floats:
+    """The least or the largest of numbers 0 to step, step to 2 step, ... along the first axis."""
+    runs = values[:-1].reshape(-1, step, *values.shape[1:])
+    found: Floats = end(end.reduce(runs, axis=1), values[step::step])
     return found
 
 

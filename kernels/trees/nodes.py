@@ -26,6 +26,8 @@ WIDTH = wp.constant(8)
 NO_CHILD = wp.constant(-(2**31))
 FIRST_PATCH = wp.constant(2**27)
 """Leaves of triangle trees from here on are patches of height fields, those below it blocks of triangles."""
+FIRST_PLOT = wp.constant(2**28)
+"""Leaves from here on are plots of height fields, eight patches each: see rigcast.kernels.shapes.patches."""
 OUTWARDS = wp.constant(1.0 + 4.0 * 2.0**-23)
 
 vec8 = wp.types.vector(length=8, dtype=wp.float32)
@@ -146,12 +148,12 @@ def empty_node() -> Node:
 
 
 def moved_nodes(
-    nodes: npt.NDArray[np.void], first_node: int, first_leaf: int, first_patch: int = 0
+    nodes: npt.NDArray[np.void], first_node: int, first_leaf: int, first_plot: int = 0
 ) -> npt.NDArray[np.void]:
-    """The nodes of a tree whose root, first leaf and first patch stand at these places of longer arrays."""
+    """The nodes of a tree whose root, first leaf and first plot stand at these places of longer arrays."""
     moved = nodes.copy()
     child = moved["child"]
-    offset = np.where(child >= 0, first_node, np.where(~child >= FIRST_PATCH, -first_patch, -first_leaf))
+    offset = np.where(child >= 0, first_node, np.where(~child >= FIRST_PLOT, -first_plot, -first_leaf))
     moved["child"] = np.where(child == NO_CHILD, NO_CHILD, child + offset)
     return moved
 

@@ -16,7 +16,7 @@ from made_worlds import Hits, assert_same, random_plan, rays_of, unit
 from various_scenes import SCENES, Scene, every_seventh_is_hidden, many_worlds
 
 from rigcast.kernels import cast
-from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.geometry import Geometry, Patch
 from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
@@ -26,6 +26,7 @@ from rigcast.kernels.single.threads.cast import InThreads, cast_rays
 from rigcast.kernels.trees.fit import Fit
 from rigcast.kernels.trees.nodes import Node, by_ends
 from rigcast.kernels.trees.top_level import Refit, refit
+from rigcast.kernels.trees.unfolded import lead_to_nodes, nodes_of, patches_of
 from rigcast.kernels.world import World
 
 THREADS = 3
@@ -44,14 +45,20 @@ def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[
 
     def launch(geometry: Geometry, inputs: Sequence[Any]) -> None:
         trees = geometry.nodes, geometry.top
-        geometry.nodes, geometry.top = (wp.array(by_ends(a.numpy()), dtype=Node, device="cpu") for a in trees)
+        nodes, top = (a.numpy() for a in trees)
+        nodes = np.concatenate([lead_to_nodes(nodes, len(nodes)), nodes_of(geometry.patches.numpy())])
+        geometry.nodes, geometry.top = (wp.array(by_ends(a), dtype=Node, device="cpu") for a in (nodes, top))
         source.launch(np.arange(THREADS), inputs)
         geometry.nodes, geometry.top = trees
 
     def record(kernel: wp.Kernel, count: int, inputs: Sequence[Any], *others: Any) -> Callable[[], None]:
+        geometry = inputs[0] if kernel is cast_rays else inputs[1]
+        geometry.patches = wp.array(
+            patches_of(geometry.plots.numpy(), geometry.sides.numpy()), dtype=Patch, device="cpu"
+        )
         if kernel is not cast_rays:
             return recorded(kernel, count, inputs, *others)
-        return lambda: launch(inputs[0], inputs)
+        return lambda: launch(geometry, inputs)
 
     def begin() -> None:
         monkeypatch.setattr(cast, "_in_turns", cast._in_threads)

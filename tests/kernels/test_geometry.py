@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from made_worlds import Mesh, cube, field, grid, icosphere, mesh, torus, unit
 
-from rigcast.kernels.geometry import NO_FACE, TriangleTree, join_triangle_trees
-from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD
+from rigcast.kernels.geometry import NO_FACE, PATCHES, TriangleTree, join_triangle_trees
+from rigcast.kernels.trees.nodes import FIRST_PLOT, NO_CHILD
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
+from rigcast.kernels.trees.unfolded import patches_of
 
 MESHES = {
     "one triangle": mesh(np.eye(3), [(0, 1, 2)]),
@@ -90,37 +91,40 @@ def test_joined_trees_lead_to_their_own_nodes_and_blocks() -> None:
     meshes = (torus(), MESHES["one triangle"], grid(6), cube())
     trees = [build_triangle_tree(m.vertices, m.faces) for m in meshes]
     trees = [field(5, 9, 0.1).tree, *trees, field(8, 3, 0.1).tree, *trees]
-    nodes, blocks, patches, places = join_triangle_trees(trees)
+    nodes, blocks, plots, sides, places = join_triangle_trees(trees)
     assert len(nodes) == sum(len(t.nodes) for t in trees)
-    first_block, first_patch = 0, FIRST_PATCH
+    first_block = 0
     for tree, place in zip(trees, places, strict=True):
         root = place.node
-        reached_nodes, reached_leaves = {root}, set()
+        reached_nodes, reached_plots, reached_leaves = {root}, set(), set()
         to_visit = [root]
         while to_visit:
             child = nodes["child"][to_visit.pop()]
             inner = child[child >= 0].tolist()
             to_visit += inner
             reached_nodes |= set(inner)
-            reached_leaves |= set((~child[(child < 0) & (child != NO_CHILD)]).tolist())
+            leaves = ~child[(child < 0) & (child != NO_CHILD)]
+            reached_plots |= set((leaves[leaves >= FIRST_PLOT] - FIRST_PLOT).tolist())
+            reached_leaves |= set(leaves[leaves < FIRST_PLOT].tolist())
         assert reached_nodes == set(range(root, root + len(tree.nodes)))
-        own_blocks = set(range(first_block, first_block + len(tree.blocks)))
-        assert reached_leaves == own_blocks | set(range(first_patch, first_patch + len(tree.patches)))
+        assert reached_leaves == set(range(first_block, first_block + len(tree.blocks)))
+        assert reached_plots == set(range(place.plot, place.plot + len(tree.plots)))
         np.testing.assert_array_equal(blocks["face"][first_block : first_block + len(tree.blocks)], tree.blocks["face"])
-        assert patches[first_patch - FIRST_PATCH :][: len(tree.patches)].tobytes() == tree.patches.tobytes()
-        first_block, first_patch = first_block + len(tree.blocks), first_patch + len(tree.patches)
+        patches = patches_of(plots[place.plot :][: len(tree.plots)], sides)
+        assert patches.tobytes() == patches_of(tree.plots, tree.sides).tobytes()
+        first_block += len(tree.blocks)
 
 
 def test_no_trees_to_join() -> None:
-    assert [len(a) for a in join_triangle_trees([])] == [0, 0, 0, 0]
+    assert [len(a) for a in join_triangle_trees([])] == [0, 0, 0, 0, 0]
 
 
 @pytest.mark.parametrize("most", ["blocks", "patches"])
 def test_more_leaves_than_there_are_numbers_for_are_refused(most: str, monkeypatch: pytest.MonkeyPatch) -> None:
     tree = field(5, 9, 0.1).tree
-    monkeypatch.setattr("rigcast.kernels.geometry.FIRST_PATCH", max(len(tree.blocks), len(tree.patches)))
+    monkeypatch.setattr("rigcast.kernels.geometry.FIRST_PATCH", max(len(tree.blocks), PATCHES * len(tree.plots)))
     join_triangle_trees([tree])
     trees = [tree, build_triangle_tree(torus().vertices, torus().faces) if most == "blocks" else tree]
-    count = sum(len(getattr(one, most)) for one in trees)
+    count = sum(len(one.blocks) if most == "blocks" else PATCHES * len(one.plots) for one in trees)
     with pytest.raises(ValueError, match=rf"^triangle trees: got .*{count} {most}.*, expected up to \d+ of each"):
         join_triangle_trees(trees)

@@ -1,16 +1,21 @@
 """Height fields, whose triangles are not stored, are hit as meshes of the same triangles are."""
 
+# mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
+
 import numpy as np
 import pytest
+import warp as wp
 from made_worlds import Doubles, Field, Mesh, Plan, cast_through, field, random_rotations, unit
 from moeller_trumbore import dot, norm
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.geometry import FARTHEST, Plot, TriangleTree
+from rigcast.kernels.shapes.patches import open_plot
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.trees.height_field import build_height_field
-from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD
+from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, Node
 from rigcast.kernels.trees.tree import STACK
+from rigcast.kernels.trees.unfolded import lead_to_nodes, nodes_of, patches_of
 
 FIELDS = {
     f"{rows} x {columns}, up to {bumps:g} m": field(rows, columns, bumps, seed)
@@ -31,6 +36,13 @@ FIELDS = {
     )
 }
 RAYS = 20_000
+
+
+@pytest.fixture(autouse=True, params=[0, 2**14], ids=["plots are opened", "plots are stored as nodes"])
+def most_stored(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rigcast.kernels.world.MOST_STORED", request.param)
+
+
 EPS = 2.0**-23
 
 
@@ -109,12 +121,35 @@ def test_no_ray_goes_through_the_surface(name: str, offset: float) -> None:
     assert not leaks.size, f"{leaks.size} of {RAYS} rays, first {leaks[0]}: got {got.distance[leaks[0]]}"
 
 
+def all_nodes(tree: TriangleTree) -> NDArray[np.void]:
+    """The nodes of a tree, and after them those that its plots are."""
+    return np.concatenate([lead_to_nodes(tree.nodes, len(tree.nodes)), nodes_of(patches_of(tree.plots, tree.sides))])
+
+
+@wp.kernel
+def open_one(plots: wp.array[Plot], sides: wp.array[float], k: int, node: wp.array[Node]) -> None:
+    open_plot(plots, sides, k, node)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_plots_are_opened_as_the_nodes_that_cuda_stores(name: str) -> None:
+    tree = FIELDS[name].tree
+    plots = wp.array(tree.plots, dtype=Plot, device="cpu")
+    sides, opened = wp.array(tree.sides, dtype=float, device="cpu"), wp.empty(1, dtype=Node, device="cpu")
+    for k, expected in enumerate(nodes_of(patches_of(tree.plots, tree.sides))):
+        wp.launch(open_one, 1, inputs=[plots, sides, k, opened], device="cpu")
+        got, is_there = opened.numpy()[0], expected["child"] != NO_CHILD
+        for part in got.dtype.names:
+            np.testing.assert_array_equal(got[part][is_there], expected[part][is_there], err_msg=f"plot {k}, {part}")
+        np.testing.assert_array_equal((got["half_x"] >= 0) & (got["half_y"] >= 0), is_there)
+
+
 @pytest.mark.parametrize("name", FIELDS)
 def test_its_tree_reaches_every_leaf_once_within_boxes_and_a_stack(name: str) -> None:
     tree = FIELDS[name].tree
     leaves: list[int] = []
     room = {0: 1}
-    for k, node in enumerate(tree.nodes):
+    for k, node in enumerate(all_nodes(tree)):
         children = node["child"][node["child"] != NO_CHILD].tolist()
         full = room.pop(k) - 1 + len(children)
         assert full <= STACK
@@ -122,15 +157,16 @@ def test_its_tree_reaches_every_leaf_once_within_boxes_and_a_stack(name: str) ->
         leaves += [~child for child in children if child < 0]
         room |= dict.fromkeys((child for child in children if child >= 0), full)
     assert not room
-    expected = [*range(len(tree.blocks)), *range(FIRST_PATCH, FIRST_PATCH + len(tree.patches))]
-    assert sorted(leaves) == expected
+    patches = patches_of(tree.plots, tree.sides)
+    is_there = np.isfinite(patches["x"][:, 1]) & np.isfinite(patches["y"][:, 1])
+    assert sorted(leaves) == [*range(len(tree.blocks)), *(FIRST_PATCH + np.flatnonzero(is_there))]
 
 
 @pytest.mark.parametrize("name", FIELDS)
 def test_its_boxes_hold_all_triangles_below_them(name: str) -> None:
     tree = FIELDS[name].tree
     below: dict[int, NDArray[np.float32]] = {}
-    for k, node in reversed([*enumerate(tree.nodes)]):
+    for k, node in reversed([*enumerate(all_nodes(tree))]):
         parts = []
         for j in np.flatnonzero(node["child"] != NO_CHILD):
             child = int(node["child"][j])
@@ -146,7 +182,7 @@ def _corners(shape: Field, child: int) -> NDArray[np.float32]:
         block = shape.tree.blocks[~child]
         corners = np.array([[block[f"{axis}{k}"] for axis in "xyz"] for k in range(3)]).swapaxes(1, 2).reshape(-1, 3)
     else:
-        patch = shape.tree.patches[~child - FIRST_PATCH]
+        patch = patches_of(shape.tree.plots, shape.tree.sides)[~child - FIRST_PATCH]
         corners = np.stack([*np.meshgrid(patch["x"], patch["y"]), patch["z"]], axis=-1).reshape(-1, 3)
     return np.asarray(corners[np.isfinite(corners).all(axis=1)])
 

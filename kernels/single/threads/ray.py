@@ -6,7 +6,7 @@ arrays, and in memory, for functions that all casts share.
 
 import warp as wp
 
-from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.geometry import Geometry, Patch
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import entry_of, pose_at
@@ -15,7 +15,6 @@ from rigcast.kernels.shapes.facets import (
     Triangle,
     normal_of_block,
     triangle_of_block,
-    triangle_of_patch,
 )
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
@@ -94,6 +93,29 @@ def consider(held: wp.array2d[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
 
 
 @wp.func
+def triangle_in(patches: wp.array[Patch], number: int) -> Triangle:
+    """As rigcast.kernels.shapes.facets has it, without a detour to the patches."""
+    k = number / WIDTH
+    row = number / 2 % 2
+    column = number % 2
+    triangle = Triangle()
+    triangle.a = corner_in(patches, k, row, column)
+    triangle.b = corner_in(patches, k, row, column + 1)
+    triangle.c = corner_in(patches, k, row + 1, column + 1)
+    if number % WIDTH >= WIDTH / 2:
+        triangle.b = triangle.c
+        triangle.c = corner_in(patches, k, row + 1, column)
+    return triangle
+
+
+@wp.func_native(
+    on_cuda("const auto& own = patches.data[k]; return {own.x[column], own.y[row], own.z.data[row][column]};")
+)
+def corner_in(patches: wp.array[Patch], k: int, row: int, column: int) -> wp.vec3:
+    """A corner of a patch."""
+
+
+@wp.func
 def normal_in_patch(number: int, v: Triangle) -> wp.vec3:
     """See rigcast.kernels.shapes.patches: from corner a the triangle rises along one axis, and then along the other."""
     is_lower = number % WIDTH < WIDTH / 2
@@ -112,7 +134,7 @@ def meet_triangle(
     v = Triangle()
     normal = wp.vec3()
     if number >= FIRST_IN_PATCHES:
-        v = triangle_of_patch(g.patches, number - FIRST_IN_PATCHES)
+        v = triangle_in(g.patches, number - FIRST_IN_PATCHES)
         normal = normal_in_patch(number, v)
     else:
         v = triangle_of_block(g.blocks, number)

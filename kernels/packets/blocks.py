@@ -1,0 +1,114 @@
+"""Packets against the triangles of a leaf.
+
+Many rays are held against one triangle after the other; a few are taken one by one, each against all of a block at
+once.
+"""
+
+import warp as wp
+
+from rigcast.kernels.geometry import TriangleBlock
+from rigcast.kernels.hits.hit import APART
+from rigcast.kernels.inline import inlined
+from rigcast.kernels.shapes.patches import compose
+from rigcast.kernels.trees.nodes import FIRST_PATCH, WIDTH
+from rigcast.kernels.vectors import count_bits, lowest_bit
+
+from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
+from .lanes import direction_of, far_of, near_of
+from .packet import TileRays, decide_lane_of_packet, farthest, offer
+from .sought import Sought
+
+FEW = wp.constant(6)
+"""Rays up to which it is faster to take them one by one."""
+
+
+@inlined
+def visit_block_lane_by_lane(
+    sought: Sought, index: int, lanes: int, reach: float, blocks: wp.array[TriangleBlock], block: int
+) -> float:
+    """These rays of a packet against the triangles of one block; returns how far all of its rays still reach."""
+    best = sought.packet.best
+    slot = sought.packet.slot
+    edges = edges_of(blocks[block], sought.view, sought.side_rounding)
+    some = int(0)
+    while lanes != 0:
+        i = lowest_bit(lanes)
+        lanes = lanes & (lanes - 1)
+        limit = far_of(best, slot, i) * APART
+        met = meet_triangles(edges, direction_of(sought.local, i), sought.cull, limit)
+        near = met.near
+        far = met.far
+        possible = met.possible
+        some = some | possible
+        while possible != 0:
+            j = lowest_bit(possible)
+            possible = possible & (possible - 1)
+            if far[j] * APART < near_of(best, slot, i):
+                best[slot].near[i] = near[j]
+                best[slot].far[i] = far[j]
+                best[slot].shape[i] = sought.shape
+                best[slot].triangle[i] = index * WIDTH + j
+            elif near[j] <= far_of(best, slot, i) * APART:
+                decide_lane_of_packet(sought.packet.tile, slot, i, near[j], far[j], sought.shape, index * WIDTH + j)
+    if some == 0:
+        return reach
+    return APART * farthest(sought.packet.best[slot].far)
+
+
+@inlined
+def visit_block_at_once(sought: Sought, index: int, reach: float, blocks: wp.array[TriangleBlock], block: int) -> float:
+    """All rays of a packet against the triangles of one block; returns how far they still reach."""
+    edges = edges_of(blocks[block], sought.view, sought.side_rounding)
+    # fields are taken out of their struct first: an element of a field would be a copy of all of it
+    side0_of = edges.side0
+    side1_of = edges.side1
+    side2_of = edges.side2
+    normal_of = edges.normal
+    rounding = edges.rounding
+    height = edges.height
+    size = edges.size
+    possible = may_be_hit(edges, sought.middle, sought.spread, sought.widest)
+    while possible != 0:
+        j = lowest_bit(possible)
+        possible = possible & (possible - 1)
+        side0 = wp.vec3(side0_of[0, j], side0_of[1, j], side0_of[2, j])
+        side1 = wp.vec3(side1_of[0, j], side1_of[1, j], side1_of[2, j])
+        side2 = wp.vec3(side2_of[0, j], side2_of[1, j], side2_of[2, j])
+        inside = pass_edges(sought.local[0].x, sought.local[0].y, sought.local[0].z, side0, side1, side2, rounding[j])
+        if inside.some != 0:
+            met = meet_plane(
+                sought.local[0].x,
+                sought.local[0].y,
+                sought.local[0].z,
+                inside.by,
+                wp.vec3(normal_of[0, j], normal_of[1, j], normal_of[2, j]),
+                rounding[j],
+                height[j],
+                size[j],
+                sought.cull,
+            )
+            reach = offer(sought.packet, met.near, met.far, sought.shape, index * WIDTH + j, reach)
+    return reach
+
+
+@wp.func
+def compose_patch(rays: wp.array[TileRays], k: int) -> None:
+    """Make the triangles of patch k, unless they are there: neighbours often need the same."""
+    if rays[0].patch != k:
+        g = rays[0].geometry
+        compose(g[0].plots, g[0].sides, k, rays[0].composed)
+        rays[0].patch = k
+
+
+@inlined
+def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) -> float:
+    """A packet against the triangles of one block or patch, whose box these rays enter."""
+    blocks = sought.blocks
+    block = int(index)
+    if index >= FIRST_PATCH:
+        compose_patch(sought.packet.tile, index - FIRST_PATCH)
+        blocks = sought.packet.tile[0].composed
+        block = 0
+    if count_bits(lanes) <= FEW:
+        return visit_block_lane_by_lane(sought, index, lanes, reach, blocks, block)
+    return visit_block_at_once(sought, index, reach, blocks, block)

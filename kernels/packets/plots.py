@@ -1,0 +1,138 @@
+"""Tiles through large height fields, whose plots are not stored as nodes.
+
+They are met when all else of the scene has been: with a call amid the walk through the shapes, for which registers are
+put aside, all of it would take 3 to 6 % longer.
+"""
+
+import warp as wp
+
+from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.inline import noinline
+from rigcast.kernels.poses.scope import pose_of
+from rigcast.kernels.shapes.patches import open_plot
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, WIDTH, vec8
+from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
+
+from .beginning import begin_packets
+from .blocks import FEW, visit_block_of_packet
+from .frustum import packets_at_box
+from .packet import TileRays, view_from
+from .prefetch import prefetch_block, prefetch_node, prefetch_plot
+from .slabs import EnteredByLanes, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
+from .sought import Sought, packet_among_triangles
+from .triangles import packet_traversal
+
+
+@wp.func
+def open_plot_of(rays: wp.array[TileRays], k: int) -> None:
+    """Make the node that plot k is, unless it is there: neighbours often need the same."""
+    if rays[0].plot != k:
+        g = rays[0].geometry
+        open_plot(g[0].plots, g[0].sides, k, rays[0].opened)
+        rays[0].plot = k
+
+
+@wp.func
+def in_order(patches: int, turned: int) -> int:
+    """Bit by bit, patches j of a plot, as they are j ^ turned, turned having bits 0 and 1 alike."""
+    ordered = patches
+    if turned & 3 != 0:
+        ordered = ((ordered & 0x55) << 1) | ((ordered >> 1) & 0x55)
+        ordered = ((ordered & 0x33) << 2) | ((ordered >> 2) & 0x33)
+    if turned & 4 != 0:
+        ordered = ((ordered & 0x0F) << 4) | (ordered >> 4)
+    return ordered
+
+
+@wp.func
+def visit_plot_of_packet(sought: Sought, k: int, lanes: int, reach: float) -> float:
+    """A packet against the patches of one plot, whose box these rays enter; returns how far its rays still reach.
+
+    Patches come in the order in which rays pass them, which follows from the way that they go: no ray comes from a
+    column or a row to one before.
+    """
+    packet = sought.packet
+    way = sought.way
+    open_plot_of(packet.tile, k)
+    slabs = slabs_of(packet.tile[0].opened[0], sought.view.origin, sought.margin, way)
+    near_x = slabs.near_x
+    near_y = slabs.near_y
+    near_z = slabs.near_z
+    far_x = slabs.far_x
+    far_y = slabs.far_y
+    far_z = slabs.far_z
+    entered = EnteredByLanes()
+    limit = packet.tile[0].limit
+    if count_bits(lanes) <= FEW:
+        entered = enter_lane_by_lane(slabs, way, packet.best, packet.slot, lanes, limit)
+    else:
+        entered = enter_any(slabs, way, smaller(reach, limit))
+    turned = wp.where(way.high[0] < 0.0, 3, 0) | wp.where(way.high[1] < 0.0, 4, 0)
+    patches = in_order(entered.children, turned)
+    while patches != 0:
+        j = lowest_bit(patches) ^ turned
+        patches = patches & (patches - 1)
+        start = wp.vec3(near_x[j], near_y[j], near_z[j])
+        end = wp.vec3(far_x[j], far_y[j], far_z[j])
+        who = lanes & lanes_at_box(way.slowness, packet.best[packet.slot].far, start, end)
+        if who != 0:
+            reach = visit_block_of_packet(sought, FIRST_PATCH + WIDTH * k + j, who, reach)
+    return reach
+
+
+@wp.func
+def visit_leaf_of_field(sought: Sought, index: int, lanes: int, reach: float) -> float:
+    """A packet against a plot, or a block of the triangles beside and below the surface."""
+    if index >= FIRST_PLOT:
+        return visit_plot_of_packet(sought, index - FIRST_PLOT, lanes, reach)
+    return visit_block_of_packet(sought, index, lanes, reach)
+
+
+@wp.func
+def prefetch_child_of_field(sought: Sought, child: int) -> None:
+    if child >= 0:
+        prefetch_node(sought.nodes, child)
+    elif -1 - child >= FIRST_PLOT:
+        g = sought.packet.tile[0].geometry
+        prefetch_plot(g[0].plots, -1 - child - FIRST_PLOT)
+    else:
+        prefetch_block(sought.blocks, -1 - child)
+
+
+cast_packet_through_field = packet_traversal("cast_packet_through_field", visit_leaf_of_field, prefetch_child_of_field)
+
+
+@wp.func
+def is_in_plots(g: Geometry, entry: int) -> bool:
+    """Whether a shape, by its place in arrays of sizes, is a field whose plots are not stored as nodes."""
+    if g.fields.shape[0] == 0:
+        return False
+    return g.columns[entry] > 0
+
+
+@wp.func
+def cast_tile_through_field(g: Geometry, rays: wp.array[TileRays], shape: int, reach: vec8) -> vec8:
+    """A tile against one visible field; returns how far its packets still reach."""
+    pose = pose_of(rays[0].geometry, shape, rays[0].scope)
+    to_local = wp.transpose(pose.rotation)
+    at = rays[0].scope.first_shape + shape
+    view = view_from(to_local * (rays[0].origin - pose.position), to_local, rays, g.reach[at])
+    packets = packets_at_box(view, rays[0].tile, g.center[at], g.half[at], reach)
+    begin_packets(rays, packets & ~rays[0].met)
+    while packets != 0:
+        k = lowest_bit(packets)
+        packets = packets & (packets - 1)
+        sought = packet_among_triangles(g, rays, view, k, shape, rays[0].cull)
+        reach[k] = cast_packet_through_field(sought, g.root[at], reach[k])
+    return reach
+
+
+@noinline
+def cast_tile_through_fields(rays: wp.array[TileRays], reach: vec8) -> None:
+    """A tile against all visible fields that are in plots, up to where its packets still reach."""
+    g = rays[0].geometry[0]
+    scope = rays[0].scope
+    for k in range(g.fields.shape[0]):
+        shape = g.fields[k]
+        if is_in_plots(g, scope.first_shape + shape) and g.visible[scope.first_visible + shape]:
+            reach = cast_tile_through_field(g, rays, shape, reach)
