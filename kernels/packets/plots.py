@@ -9,7 +9,7 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import pose_of
-from rigcast.kernels.shapes.patches import open_plot
+from rigcast.kernels.shapes.patches import is_in_plots, open_plot
 from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, WIDTH, vec8
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
@@ -103,14 +103,6 @@ cast_packet_through_field = packet_traversal("cast_packet_through_field", visit_
 
 
 @wp.func
-def is_in_plots(g: Geometry, entry: int) -> bool:
-    """Whether a shape, by its place in arrays of sizes, is a field whose plots are not stored as nodes."""
-    if g.fields.shape[0] == 0:
-        return False
-    return g.columns[entry] > 0
-
-
-@wp.func
 def cast_tile_through_field(g: Geometry, rays: wp.array[TileRays], shape: int, reach: vec8) -> vec8:
     """A tile against one visible field; returns how far its packets still reach."""
     pose = pose_of(rays[0].geometry, shape, rays[0].scope)
@@ -134,5 +126,5 @@ def cast_tile_through_fields(rays: wp.array[TileRays], reach: vec8) -> None:
     scope = rays[0].scope
     for k in range(g.fields.shape[0]):
         shape = g.fields[k]
-        if is_in_plots(g, scope.first_shape + shape) and g.visible[scope.first_visible + shape]:
+        if is_in_plots(g.fields, g.columns, scope.first_shape + shape) and g.visible[scope.first_visible + shape]:
             reach = cast_tile_through_field(g, rays, shape, reach)

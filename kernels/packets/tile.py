@@ -4,6 +4,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.poses.scope import is_doubled, pose_of
+from rigcast.kernels.shapes.patches import is_in_plots
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
 from rigcast.kernels.trees.nodes import Node, vec8
@@ -23,7 +24,7 @@ from .packet import (
     round_vectors,
     view_from,
 )
-from .plots import cast_tile_through_fields, is_in_plots
+from .plots import cast_tile_through_fields
 from .solids import triage_closed_forms
 from .sought import packet_among_triangles
 from .triangles import cast_packet_through_triangles
@@ -77,7 +78,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     at = scope.first_shape + shape
     if not g.visible[scope.first_visible + shape] or (kind == SHEET and rays[0].cull == CULL_FRONT):
         return reach
-    if is_in_plots(g, at) or is_doubled(rays[0].geometry, shape, scope):
+    if is_in_plots(g.fields, g.columns, at) or is_doubled(rays[0].geometry, shape, scope):
         return reach
     pose = pose_of(rays[0].geometry, shape, scope)
     to_local = wp.transpose(pose.rotation)

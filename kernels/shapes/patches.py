@@ -25,6 +25,7 @@ patches, and plots as nodes.
 
 import warp as wp
 
+from rigcast.kernels.elements import int_at
 from rigcast.kernels.geometry import Plot, TriangleBlock
 from rigcast.kernels.trees.nodes import FIRST_PATCH, OUTWARDS, Node
 
@@ -127,3 +128,14 @@ def compose(plots: wp.array[Plot], sides: wp.array[float], k: int, block: wp.arr
 """)
 def open_plot(plots: wp.array[Plot], sides: wp.array[float], k: int, node: wp.array[Node]):  # type: ignore[no-untyped-def]
     """Make the node that plot k is, whose children are its patches."""
+
+
+@wp.func
+def is_in_plots(fields: wp.array[int], columns: wp.array[int], entry: int) -> bool:
+    """Whether a shape, by its place in arrays of sizes, is a height field whose plots are not stored as nodes.
+
+    fields, columns: as Geometry has them.
+    """
+    if fields.shape[0] == 0:
+        return False
+    return int_at(columns, entry) > 0

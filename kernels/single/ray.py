@@ -12,7 +12,7 @@ from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, 
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import Scope, pose_of
 from rigcast.kernels.shapes.facets import normal_of_block, triangle_of_block
-from rigcast.kernels.shapes.patches import compose, open_plot
+from rigcast.kernels.shapes.patches import compose, is_in_plots, open_plot
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
 from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, WIDTH, Node
@@ -133,33 +133,6 @@ def visit_leaf(g: wp.array[Geometry], ray: Ray, index: int, composed: wp.array[T
     return best
 
 
-@noinline
-def cast_through_plot(
-    g: wp.array[Geometry],
-    ray: Ray,
-    k: int,
-    stack: wp.array[int],
-    bottom: int,
-    composed: wp.array[TriangleBlock],
-    best: Hit,
-) -> Hit:
-    """The ray against the patches of plot k."""
-    opened = wp.zeros(shape=1, dtype=Node)
-    open_plot(g[0].plots, g[0].sides, k, opened)
-    at = int(0)
-    top = int(bottom)
-    while True:
-        limit = limit_of(ray, best)
-        found = next_leaf(opened, at, ray.origin, ray.inverse, ray.margin, limit, stack, top, bottom)
-        leaf = leaf_of(found)
-        if leaf == NO_CHILD:
-            break
-        best = visit_leaf(g, ray, -1 - leaf, composed, best)
-        top = top_of(found)
-        at = NO_CHILD
-    return best
-
-
 @wp.func
 def cast_through_triangles(
     g: wp.array[Geometry],
@@ -178,11 +151,8 @@ def cast_through_triangles(
         leaf = leaf_of(found)
         if leaf == NO_CHILD:
             break
+        best = visit_leaf(g, ray, -1 - leaf, composed, best)
         top = top_of(found)
-        if -1 - leaf >= FIRST_PLOT:
-            best = cast_through_plot(g, ray, -1 - leaf - FIRST_PLOT, stack, top, composed, best)
-        else:
-            best = visit_leaf(g, ray, -1 - leaf, composed, best)
         at = NO_CHILD
     return best
 
@@ -209,6 +179,8 @@ def visit_shape(
     if kind == SHEET and ray.cull == CULL_FRONT:
         return best
     entry = scope.first_shape + shape
+    if is_in_plots(g[0].fields, g[0].columns, entry):
+        return best
     if has_triangles(kind):
         local = in_frame_of_tree(ray, origin, direction, float_at(g[0].reach, entry))
         local.shape = shape
@@ -238,6 +210,75 @@ def cast_through_shapes(
 
 
 @wp.func
+def cast_through_plot(
+    g: wp.array[Geometry],
+    ray: Ray,
+    k: int,
+    stack: wp.array[int],
+    bottom: int,
+    composed: wp.array[TriangleBlock],
+    best: Hit,
+) -> Hit:
+    """The ray against the patches of plot k."""
+    opened = wp.zeros(shape=1, dtype=Node)
+    open_plot(g[0].plots, g[0].sides, k, opened)
+    at = int(0)
+    top = int(bottom)
+    while True:
+        limit = limit_of(ray, best)
+        found = next_leaf(opened, at, ray.origin, ray.inverse, ray.margin, limit, stack, top, bottom)
+        leaf = leaf_of(found)
+        if leaf == NO_CHILD:
+            break
+        best = visit_leaf(g, ray, -1 - leaf, composed, best)
+        top = top_of(found)
+        at = NO_CHILD
+    return best
+
+
+@wp.func
+def cast_through_field(
+    g: wp.array[Geometry], ray: Ray, shape: int, stack: wp.array[int], composed: wp.array[TriangleBlock], best: Hit
+) -> Hit:
+    """The ray against one visible field that is in plots."""
+    pose = pose_of(g, shape, ray.scope)
+    to_local = wp.transpose(pose.rotation)
+    entry = ray.scope.first_shape + shape
+    origin = to_local * (ray.world_origin - pose.position)
+    local = in_frame_of_tree(ray, origin, to_local * ray.world_direction, float_at(g[0].reach, entry))
+    local.shape = shape
+    at = int_at(g[0].root, entry)
+    top = int(0)
+    while True:
+        limit = limit_of(local, best)
+        found = next_leaf(g[0].nodes, at, local.origin, local.inverse, local.margin, limit, stack, top, 0)
+        leaf = leaf_of(found)
+        if leaf == NO_CHILD:
+            break
+        top = top_of(found)
+        if -1 - leaf >= FIRST_PLOT:
+            best = cast_through_plot(g, local, -1 - leaf - FIRST_PLOT, stack, top, composed, best)
+        else:
+            best = visit_leaf(g, local, -1 - leaf, composed, best)
+        at = NO_CHILD
+    return best
+
+
+@noinline
+def cast_through_fields(
+    g: wp.array[Geometry], ray: Ray, stack: wp.array[int], composed: wp.array[TriangleBlock], best: Hit
+) -> Hit:
+    """The ray against all visible fields that are in plots, after all else, as rigcast.kernels.packets.plots says."""
+    scope = ray.scope
+    for k in range(g[0].fields.shape[0]):
+        shape = int_at(g[0].fields, k)
+        is_seen = bool_at(g[0].visible, scope.first_visible + shape)
+        if is_seen and is_in_plots(g[0].fields, g[0].columns, scope.first_shape + shape):
+            best = cast_through_field(g, ray, shape, stack, composed, best)
+    return best
+
+
+@wp.func
 def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int], composed: wp.array[TriangleBlock]) -> Hit:
     """The first hit of a ray among the visible shapes; it may lie beyond the limit.
 
@@ -254,4 +295,7 @@ def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int], compo
     span = world.scope.span
     origin = world.origin - double_vector_at(g[0].anchor, span)
     ray = in_frame_of_tree(ray, origin, world.direction, float_at(g[0].top_reach, span))
-    return cast_through_shapes(g, ray, span * g[0].top_count, stack, composed)
+    best = cast_through_shapes(g, ray, span * g[0].top_count, stack, composed)
+    if g[0].fields.shape[0] > 0:
+        best = cast_through_fields(g, ray, stack, composed, best)
+    return best
