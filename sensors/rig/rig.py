@@ -85,6 +85,11 @@ class Rig:
         self._data = mujoco.MjData(model)
         self._kinematics = _KINEMATICS if model.ncam or model.nflex else _KINEMATICS[:1]
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
+        self._optics = {
+            m.mount.id: _optics(model, m.mount.id)
+            for m in self._mounted.values()
+            if isinstance(m.spec, DepthCamera) and m.spec.takes_optics
+        }
         self._warn_of_enclosed()
         self._begin(seed)
 
@@ -141,7 +146,8 @@ class Rig:
         holds any more, or makes new ones.
 
         Raises:
-            InputError: no sensor of this name, data of another model, no room in `out`, or more than memory holds.
+            InputError: no sensor of this name, data of another model, an MJCF camera whose optics were edited since a
+                sensor took them, no room in `out`, or more than memory holds.
         """
         mounted = self._select(names)
         if isinstance(data, mujoco.MjData):
@@ -152,6 +158,7 @@ class Rig:
             return {m.spec.name: frame for m, frame in zip(mounted, frames, strict=True)}
         if not is_batch(data):
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
+        self._require_same_optics()
         worlds = as_worlds(data)
         worlds.require_sensors(self._mounted)
         return sense_worlds(self.scene, mounted, worlds, out, self.seed)
@@ -252,6 +259,14 @@ class Rig:
             raise InputError(
                 "Rig: data belongs to another model than the rig; one that was compiled anew needs a new Rig"
             )
+        self._require_same_optics()
+
+    def _require_same_optics(self) -> None:
+        """Of MJCF cameras, which sensors took when the rig was made."""
+        for camera, optics in self._optics.items():
+            if _optics(self.model, camera) != optics:
+                name = self.model.camera(camera).name
+                raise InputError(f"Rig: the optics of camera {name!r} of the model have changed; make a new Rig")
 
     def _frames(self, due: Iterable[tuple[float, Mounted]], out: Mapping[str, Frame] | None = None) -> list[Frame]:
         """What sensors read in the world as it stands, each at its time."""
@@ -269,6 +284,11 @@ class _Delivery(NamedTuple):
     time: float
     rounding: float
     frame: Frame
+
+
+def _optics(model: mujoco.MjModel, camera: int) -> tuple[bytes, ...]:
+    """The figures of an MJCF camera from which its intrinsics follow."""
+    return tuple(getattr(model, name)[camera].tobytes() for name in ("cam_fovy", "cam_sensorsize", "cam_intrinsic"))
 
 
 def _schedule(spec: Sensor, timestep: float, seed: int) -> Schedule:

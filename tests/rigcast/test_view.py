@@ -161,6 +161,19 @@ def test_a_run_is_read_back(folder: Path, frames: list[rigcast.Frame], formats: 
         assert (shot.depth is None) == (expected.depth is None)
 
 
+def test_a_run_that_was_killed_is_read_back(folder: Path, frames: list[rigcast.Frame], tmp_path: Path) -> None:
+    rig = rigcast.load_rig(folder / "cart.yaml", device="cpu")
+    with rigcast.Recorder(tmp_path / "run", rig.model, rig.sensors, ["npz"]) as recorder:
+        for frame in frames[:3]:
+            recorder.write(frame)
+        killed = shutil.copytree(tmp_path / "run", tmp_path / "killed")
+    with (killed / "frames.jsonl").open("a") as journal:
+        journal.write('{"sensor": "top", "fra')
+    shots = list(read_run(killed))
+    assert [(shot.sensor, shot.time) for shot in shots] == [(frame.sensor, frame.time) for frame in frames[:3]]
+    assert call("view", killed, "--save", tmp_path / "page.html")[0] == 0
+
+
 @pytest.mark.parametrize("formats", ["npz", "ply"])
 def test_a_run_that_hit_nothing_is_read_back(folder: Path, formats: str) -> None:
     out = folder / "nothing" / formats

@@ -204,6 +204,28 @@ def test_data_of_another_model_is_refused(model: mujoco.MjModel, call: Callable[
         call(Rig(model, SENSORS[:1]), other)
 
 
+def sense_worlds(rig: Rig, data: mujoco.MjData) -> object:
+    mujoco.mj_forward(rig.model, data)
+    return rig.sense([data])
+
+
+@pytest.mark.parametrize(
+    "call", [Rig.sense, Rig.step, Rig.rays, Rig.cast, sense_worlds], ids=lambda call: call.__name__
+)
+@pytest.mark.parametrize("field", ["cam_fovy", "cam_intrinsic", "cam_sensorsize"])
+def test_optics_of_a_camera_that_were_edited_are_refused(call: Callable[[Rig, mujoco.MjData], Any], field: str) -> None:
+    """They were taken when the rig was made; what sensors have of their own, or do not look through, may change."""
+    model = mujoco.MjModel.from_xml_string(XML)
+    taken = DepthCamera(name="taken", mount=Mount(camera="eye"), resolution=(8, 6))
+    own = DepthCamera(name="own", mount=Mount(camera="tracker"), resolution=(8, 6), fov_y_deg=40)
+    rig, data = Rig(model, [taken, own]), mujoco.MjData(model)
+    getattr(model, field)[[model.camera(name).id for name in ("tracker", "watcher")]] += 1
+    call(rig, data)
+    getattr(model, field)[model.camera("eye").id] += 1
+    with pytest.raises(InputError, match="optics of camera 'eye' of the model have changed; make a new Rig"):
+        call(rig, data)
+
+
 @pytest.mark.skipif(wp.is_cuda_available(), reason="there is CUDA")
 def test_cuda_without_a_driver_is_one_error(model: mujoco.MjModel, capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match=r"^no device 'cuda', expected one of cpu$"):
