@@ -16,7 +16,7 @@ from rigcast.rig_file import open_rig
 from rigcast.rig_file.starter import starter_rig
 from rigcast.schema import dataset_schema, rig_schema
 
-CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 EXAMPLES = sorted([*CONFIGS.glob("*.yaml"), *(CONFIGS.parent / "examples").rglob("*.yaml")])
 
 
