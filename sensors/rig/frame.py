@@ -212,7 +212,7 @@ class Frame:
         return self._values(f"{owner}_id", partial(ids.look_up, owner, self._arrays.hits.shape))
 
     def _values(self, name: str, work_out: Callable[[wp.array | None], wp.array]) -> wp.array:
-        return self._arrays.field(name, work_out, self._arrays.in_shape)
+        return self._arrays.fields.get(name, work_out, self._arrays.in_shape)
 
     def _of_rays(self, name: str, work_out: Callable[..., wp.array]) -> wp.array:
         return self._values(name, partial(work_out, self._arrays.hits.distance, self._arrays.rays))

@@ -90,10 +90,8 @@ class ReadingOfWorlds:
     def frame(self) -> Frame:
         """The frame of all worlds, when they have been read."""
         fired, arrays, device = self._fired[0], self._arrays, self._arrays.range.device
-        time, pose = (
-            arrays.field("time", partial(self._worlds.times, device)),
-            arrays.field("pose", arrays.frames.poses),
-        )
+        time = arrays.fields.get("time", partial(self._worlds.times, device))
+        pose = arrays.fields.get("pose", arrays.frames.poses)
         aim = Aim(time, pose, arrays.aim_in_worlds(fired.pattern.rays), arrays)
         brightness = partial(_joined, self._brightness, arrays.range.size, device) if self._brightness else None
         return frame_of(fired, aim, brightness)

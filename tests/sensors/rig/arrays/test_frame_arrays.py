@@ -134,7 +134,7 @@ WORKED_OUT = ("points", "depth", "body_id")
 
 def by_cast(rig: Rig, name: str) -> set[str]:
     """What the cast of a sensor's last reading wrote beside hits."""
-    return set(rig._mounted[name].pool._last[-1]._written)
+    return set(rig._mounted[name].pool._last[-1].fields.written)
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
