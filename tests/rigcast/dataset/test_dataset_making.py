@@ -176,12 +176,12 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
 ) -> None:
     frames_before_full: Iterator[int] = iter(range(10))
 
-    def require_room(_folder: Path, _size: int) -> None:
+    def require_disk_space(_folder: Path, _size: int) -> None:
         if next(frames_before_full, None) is None:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patched:
-        patched.setattr(shards, "require_room", require_room)
+        patched.setattr(shards, "require_disk_space", require_disk_space)
         with pytest.raises(InputError, match="No space left on device; episodes that are finished stay"):
             make(path)
     manifest = json.loads((path.parent / "out/dataset.json").read_text())
