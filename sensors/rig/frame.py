@@ -138,7 +138,7 @@ class Frame:
             raise InputError(f"Frame.world: sensor {self.sensor!r}: no world {k}, expected 0 to {count - 1}")
         return replace(self, **self._of_world(int(k)))
 
-    def require_room(self, sensor: str, shape: tuple[int, ...], device: wp.Device) -> None:
+    def require_fit(self, sensor: str, shape: tuple[int, ...], device: wp.Device) -> None:
         """Raise InputError unless the arrays have room for another reading of this sensor, of this shape."""
         what = f"Rig.sense: out: sensor {sensor!r}: got a frame of"
         if self.sensor != sensor:

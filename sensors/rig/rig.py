@@ -23,11 +23,11 @@ from rigcast.sensors.specs.prop import Prop, as_props
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
+from .capacity import require_out
 from .frame import Frame
 from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import sense_worlds
 from .reading import read_frames
-from .room import require_room_in
 from .timing.schedule import Schedule
 from .under_way import UnderWay
 
@@ -153,7 +153,7 @@ class Rig:
         mounted = self._select(names)
         if isinstance(data, mujoco.MjData):
             if out is not None:
-                require_room_in(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
+                require_out(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
             self._look(data)
             frames = self._frames([(data.time, m) for m in mounted], out)
             return {m.spec.name: frame for m, frame in zip(mounted, frames, strict=True)}

@@ -89,7 +89,7 @@ class Scene(Stage):
         if is_batch(data):
             worlds = as_worlds(data)
             self.take_worlds(worlds)
-            self.stand(worlds, worlds.all)
+            self.pose_worlds(worlds, worlds.all)
             return
         require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigcast.kernels.cast import Readings
 from rigcast.kernels.hits.arrays import HIT_NAMES, HitArrays
 from rigcast.kernels.host.held import Held
-from rigcast.kernels.host.shown import shown
+from rigcast.kernels.host.views import view_as
 from rigcast.kernels.poses.mounts import Frames
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.scene.rays.placed import in_pose
@@ -134,8 +134,8 @@ class FrameArrays:
         """
         scalar = _SCALARS.get(array.dtype)
         if scalar is None or len(self.shape) == _MOST_AXES:
-            return shown(array, array.dtype, self.shape)
-        return shown(array, scalar, (*self.shape, 3))
+            return view_as(array, array.dtype, self.shape)
+        return view_as(array, scalar, (*self.shape, 3))
 
     def of_worlds(self, part: slice) -> "FrameArrays":
         """For a reading of some of many worlds, in the same memory; themselves, of all."""

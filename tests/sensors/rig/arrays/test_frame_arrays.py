@@ -246,7 +246,7 @@ def test_held_frames_do_not_keep_later_ones_from_being_used_again(monkeypatch: p
 def test_arrays_for_as_many_worlds_as_before_count_as_free(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(MODEL, SENSORS[:1], "cpu")
     rig.sense(worlds(0.1))
-    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 5_000)
+    monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", lambda _: 5_000)
     rig.sense(worlds(0.2))
     with pytest.raises(InputError, match="2 worlds need"):
         Rig(MODEL, SENSORS[:1], "cpu").sense(worlds(0.2))
