@@ -47,7 +47,7 @@ def test_a_wrong_value_is_shown_with_a_caret() -> None:
 def test_json_on_standard_output_stands_alone(arguments: list[Any]) -> None:
     code, output = call(*arguments, "--json", "-")
     assert code == 0
-    assert json.loads(output)
+    assert json.loads(output, parse_constant=pytest.fail), "Infinity and NaN are Python's, and no JSON"
 
 
 def test_validate_tells_programs_all_about_a_rig(tmp_path: Path) -> None:
