@@ -113,6 +113,27 @@ def test_a_recorded_motion_is_played_back(path: Path) -> None:
     np.testing.assert_allclose(list(poses.values()), list(expected.values()), atol=1e-9)
 
 
+def test_a_free_body_is_moved_from_where_a_motion_has_it(path: Path) -> None:
+    model = open_rig(path.parent / "rig.yaml")[1]
+    rows = np.tile(mujoco.MjData(model).qpos, (3, 1))
+    ball = slice(*(model.jnt_qposadr[model.body("ball").jntadr[0]] + [0, 3]))
+    rows[:, ball] += [[0, 0, 0], [1, 0, 0], [1, 2, 0]]
+    np.save(path.parent / "walk.npy", rows)
+    controlled_by(path, "type: recorded, file: walk.npy, rate_hz: 20")
+    edited(path, "ball: {euler_deg: [9, 9, 9]}", "ball: {pos: [3, 3, 0], euler_deg: [0, 0, 90]}")
+    config = read_dataset(path)
+    for unit in config.units():
+        episode = open_episode(config, unit, "cpu")
+        x, y, _, _, _, turn = episode.about["poses"]["ball"]
+        for share in (0.0, 0.4, 0.8):  # two steps of 10 ms are 0.4 rows
+            pose = episode.data.body("ball")
+            mujoco.mj_kinematics(episode.rig.model, episode.data)
+            np.testing.assert_allclose(pose.xpos, [1 + share + x, y, 3], atol=1e-9, err_msg=unit.name)
+            np.testing.assert_allclose(pose.xmat[0], np.cos(np.deg2rad(turn)), atol=1e-9, err_msg=unit.name)
+            episode.step()
+            episode.step()
+
+
 def test_random_actions_stay_within_limits(path: Path) -> None:
     config = read_dataset(controlled_by(path, "type: random, hold: 0.05"))
     episode = open_episode(config, config.units()[0], "cpu")
