@@ -122,6 +122,7 @@ class FrameArrays:
         readings = self._launches.prepared(scene, fixed, rays, visible, limits)
         fields = _BY_CAST & self._before
         if self._are_shared or readings is not self.cast or fields != self._turned_to:
+            self.cast = None  # until it is turned whole
             readings.turn_to(self.hits, rays, {name: self._worked_out[name] for name in fields})
             self.cast, self._turned_to = readings, fields
             self._held.settle()
