@@ -4,8 +4,8 @@ from typing import Any
 
 import warp as wp
 
-from .cast import HitArrays
 from .geometry import Geometry
+from .hits.arrays import HitArrays
 from .launching.slices import OverTiles
 from .rays.arrays import Rays
 from .single.cast import RAYS_PER_RUN, Alone, Job, cast_turns
@@ -45,7 +45,7 @@ class _Cast:
         job = self._job.__ctype__()
         job.rays, job.visible = rays.arrays.__ctype__(), visible.__ctype__()
         job.limit, job.cull = limit, cull
-        hits.turn(self._job)
+        hits.lend(job.out)
         self._alone.count, self.tiles.count = rays.total, -(-rays.total // RAYS_PER_RUN)
 
     def _inputs(self, threads: int) -> list[Any]:

@@ -1,13 +1,13 @@
 """The cast: the rays of a sensor, through the geometry, to hits."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import warp as wp
 
 from .geometry import Geometry, TriangleBlock
+from .hits.arrays import BYTES_PER_HIT, HitArrays
 from .hits.out import FIELD_NAMES, Out
 from .launching.slices import OverTiles
 from .launching.stack import align_stack
@@ -17,65 +17,18 @@ from .packets.places import Places, place_packet, stage_packet
 from .packets.prefetch import prefetch_out, prefetch_packet, prefetch_tile
 from .packets.staging import PacketOut, end_stream, stage_misses, write_part
 from .packets.tile import cast_tile
-from .packing.bundling import Bundles
-from .packing.sorting import Packets
-from .packing.warps import Warps
 from .poses.moving import at_firings
 from .poses.scope import scope_of
 from .rays.arrays import RayArrays, Rays, firing_of, origin_of, span_of
+from .rays.coherent import Bundles, Packets, Warps
 from .shapes.triangle import CULL_NONE
 from .single.cast import RAYS_PER_RUN, Alone, Job, cast_turns, is_castable
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
-HIT_NAMES = ("distance", "shape", "face", "normal")
-"""Of the arrays of HitArrays."""
-BYTES_PER_HIT = 24
-"""Of a ray in them."""
 STREAMED_FROM = 2**20
 """Bytes of hits that are written past the cache: fewer stay in it until they are read."""
-
-
-@dataclass(frozen=True)
-class HitArrays:
-    """What a cast writes, one entry per ray.
-
-    distance: float32 [m], +inf on a miss, NaN for a ray that is not finite or starts beyond FARTHEST.
-    shape, face: int32, -1 on a miss. normal: vec3, unit, outward, in the world; 0 on a miss.
-    """
-
-    distance: wp.array
-    shape: wp.array
-    face: wp.array
-    normal: wp.array
-
-    def out(self) -> "Out":
-        """The same arrays for a kernel."""
-        out = Out()
-        out.distance, out.shape, out.face, out.normal = self.distance, self.shape, self.face, self.normal
-        return out
-
-    def turn(self, job: Job) -> None:
-        """Let a job write here from now on. Whoever launches it keeps the arrays."""
-        out = job.__ctype__().out
-        for name in HIT_NAMES:
-            setattr(out, name, getattr(self, name).__ctype__())
-
-    def of_worlds(self, part: slice, worlds: int) -> "HitArrays":
-        """Those of some of so many worlds, without a copy."""
-        count = self.distance.size // worlds
-        rays = slice(part.start * count, part.stop * count)
-        return HitArrays(self.distance[rays], self.shape[rays], self.face[rays], self.normal[rays])
-
-    @staticmethod
-    def empty(count: int, device: wp.DeviceLike) -> "HitArrays":
-        return HitArrays(
-            wp.empty(count, dtype=float, device=device),
-            wp.empty(count, dtype=int, device=device),
-            wp.empty(count, dtype=int, device=device),
-            wp.empty(count, dtype=wp.vec3, device=device),
-        )
 
 
 @wp.struct
@@ -218,8 +171,8 @@ class Readings(NamedTuple):
 
         rays: those that it was prepared for, wherever they are now. Whoever launches keeps the arrays.
         """
-        hits.turn(self.job)
         job = self.job.__ctype__()
+        hits.lend(job.out)
         for name in FIELD_NAMES:
             setattr(job.fields, name, fields[name].__ctype__() if name in fields else type(getattr(job.fields, name))())
         job.rays.position, job.rays.rotation = rays.position.__ctype__(), rays.rotation.__ctype__()

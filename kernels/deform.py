@@ -5,13 +5,11 @@ part of the time of a build. Boxes that once lay side by side overlap more and m
 surface-area heuristic takes for the cost of a ray, have grown by REBUILD_RATIO, the tree is built anew.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .geometry import FARTHEST, Shapes, TriangleBlock, TriangleTree
+from .geometry import FARTHEST, TriangleBlock, TriangleTree
 from .trees.fit import REBUILD_RATIO, Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
 from .trees.nodes import NO_CHILD, WIDTH, Node, set_child
 from .trees.tree import build_tree
@@ -115,15 +113,3 @@ def _checked(vertices: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         got = vertices[vertex].tolist()
         raise ValueError(f"vertex {vertex}: got {got}, expected finite numbers up to {FARTHEST:g} m")
     return vertices
-
-
-def surface_shapes(kinds: Sequence[int], trees: Sequence[TriangleTree]) -> Shapes:
-    """One shape for each tree, TRIANGLES or SHEET."""
-    lower, upper = (
-        np.array([getattr(t, side) for t in trees], np.float32).reshape(-1, 3) for side in ("lower", "upper")
-    )
-    center = 0.5 * lower + 0.5 * upper
-    # more than the rounding of the differences
-    half = np.maximum(upper - center, center - lower) * np.float32(1 + 1e-6)
-    index = np.arange(len(trees), dtype=np.int32)
-    return Shapes(np.array(kinds, np.int32), np.zeros_like(center), index, center, half)

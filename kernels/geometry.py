@@ -145,6 +145,16 @@ def join_triangle_trees(
     )
 
 
+def boxes_of(trees: Sequence[TriangleTree]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Centre and half size (n, 3) [m] of boxes that hold all triangles of each tree."""
+    lower, upper = (
+        np.array([getattr(tree, side) for tree in trees], np.float32).reshape(-1, 3) for side in ("lower", "upper")
+    )
+    center = 0.5 * lower + 0.5 * upper
+    # more than the rounding of the differences
+    return center, np.maximum(upper - center, center - lower) * np.float32(1 + 1e-6)
+
+
 @dataclass(frozen=True)
 class Shapes:
     """Shapes as numpy arrays: kind and size as in rigcast.kernels.shapes.solids, and boxes in their own frames.
@@ -162,6 +172,13 @@ class Shapes:
     def reach(self) -> npt.NDArray[np.float32]:
         """(n,) largest |coordinate| in the shape's own frame."""
         return np.max(np.abs(self.center) + self.half, axis=1, initial=0.0).astype(np.float32)
+
+    @staticmethod
+    def of_trees(kind: Sequence[int], tree: Sequence[int], trees: Sequence[TriangleTree]) -> "Shapes":
+        """Shapes of these kinds, TRIANGLES or SHEET, each of the tree with this index."""
+        index = np.array(tree, np.int32)
+        center, half = (ends[index] for ends in boxes_of(trees))
+        return Shapes(np.array(kind, np.int32), np.zeros_like(center), index, center, half)
 
     @staticmethod
     def joined(parts: "Sequence[Shapes]", first_tree: npt.NDArray[np.int_]) -> "Shapes":

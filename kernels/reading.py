@@ -6,14 +6,12 @@ are `while`, as the compiler keeps what a `for` counts with in memory, and rays 
 
 import warp as wp
 
-from rigcast.kernels.effects.echoes import SurfaceArrays
-
-from .cast import HitArrays
+from .hits.arrays import HitArrays
 from .hits.fields import depth_at, point_at
 from .hits.out import Out, read_hit
 from .launching.slices import launch_over_runs
 from .rays.arrays import RayArrays, Rays, direction_of, firing_of, origin_of
-from .vectors import to_double, to_float
+from .vectors import to_float
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -148,39 +146,10 @@ def look_up_run(  # type: ignore[no-untyped-def]
 
 
 @wp.kernel
-def look_up(first: int, run: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]) -> None:
+def look_up_entries(first: int, run: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]) -> None:
     """table[index], -1 where there is no such entry."""
     begin = (first + wp.tid()) * run
     look_up_run(begin, wp.min(begin + run, index.shape[0]), table, index, values)
-
-
-@wp.kernel
-def reflected_share(
-    first: int,
-    run: int,  # rays per thread
-    surfaces: SurfaceArrays,
-    rays: RayArrays,
-    distance: wp.array[float],
-    shape: wp.array[int],
-    normal: wp.array[wp.vec3],
-    intensity: wp.array[float],
-) -> None:
-    i = (first + wp.tid()) * run
-    end = wp.min(i + run, distance.shape[0])
-    while i < end:
-        intensity[i] = 0.0
-        if wp.isfinite(distance[i]) and shape[i] >= 0:
-            cosine = wp.abs(float(wp.dot(to_double(normal[i]), direction_of(rays, i))))
-            intensity[i] = surfaces.reflectivity[shape[i]] * wp.min(cosine, 1.0)
-        i += 1
-
-
-def intensity(hits: HitArrays, rays: Rays, surfaces: SurfaceArrays, out: wp.array | None = None) -> wp.array:
-    """(n,) rho cos(theta) of hits whose normals are in the rays' frame, 0 where there is none."""
-    out = wp.empty(hits.distance.size, dtype=float, device=hits.distance.device) if out is None else out
-    inputs = [surfaces, rays.arrays, hits.distance, hits.shape, hits.normal]
-    launch_over_runs(reflected_share, out.size, inputs, [out], out.device)
-    return out
 
 
 def points(distance: wp.array, rays: Rays, out: wp.array | None = None) -> wp.array:
@@ -213,8 +182,8 @@ def depth_16bit(depth: wp.array, scale: float, out: wp.array | None = None) -> w
     return out
 
 
-def take(table: wp.array, index: wp.array, out: wp.array | None = None) -> wp.array:
+def look_up(table: wp.array, index: wp.array, out: wp.array | None = None) -> wp.array:
     """(n,) int32: table[index], -1 where there is no such entry, as for -1."""
     out = wp.empty(index.size, dtype=int, device=index.device) if out is None else out
-    launch_over_runs(look_up, index.size, [table, index], [out], index.device)
+    launch_over_runs(look_up_entries, index.size, [table, index], [out], index.device)
     return out

@@ -15,12 +15,13 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.rays.coherent import Packets
+
 from .host.held import Held
 from .launching.slices import TURN, OverTiles
 from .launching.turns import turn_of
 from .packets.packet import LANES, TILE, Tile, double_lanes
 from .packing.in_order import Packing, PackingInOrder, by_number, pack_tile
-from .packing.sorting import Packets
 
 Doubles = npt.NDArray[np.float64]
 

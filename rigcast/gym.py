@@ -25,7 +25,7 @@ class RigObservation(gymnasium.ObservationWrapper[Any, Any, Any]):
     The observation becomes a dict: the keys of the environment's own if it is one, else "state" for it, and for every
     sensor a float32 Box of its readings' shape, from 0 to its `max_range` [m]. Policies take no infinities: nothing
     in range and invalid read as `max_range`, too near reads as 0. Every observation is of the time it is made,
-    whatever the sensors' rates.
+    whatever the sensors' rates. `reset(seed=...)` resets the rig to that seed too.
 
     Args:
         env: with a MuJoCo `data` of the rig's model in `env.unwrapped`, as gymnasium's own MuJoCo environments have.
@@ -58,6 +58,12 @@ class RigObservation(gymnasium.ObservationWrapper[Any, Any, Any]):
             for name, farthest in self._farthest.items()
         }
         self.observation_space = spaces.Dict({**known, **seen})
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; a seed is the rig's too, so that with it the readings are the same again."""
+        if seed is not None:
+            self.rig.reset(seed)
+        return super().reset(seed=seed, options=options)
 
     def observation(self, observation: Any) -> dict[str, Any]:
         """The environment's observation with every sensor's readings beside it."""

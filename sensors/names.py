@@ -2,8 +2,11 @@
 
 import difflib
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
+
+from .errors import InputError
 
 if TYPE_CHECKING:
     import mujoco
@@ -36,6 +39,13 @@ def listing(names: Sequence[str]) -> str:
     """The first few of `names`, and how many there are in all."""
     more = f", ... ({len(names)} in all)" if len(names) > _SHOWN else ""
     return ", ".join(names[:_SHOWN]) + more or "(there is none)"
+
+
+def require_different(what: str, names: Iterable[str]) -> None:
+    """Raise InputError, which calls them `what`, where two of the names are the same."""
+    repeated = [repr(name) for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise InputError(f"{what}: names must differ, got {', '.join(repeated)} more than once")
 
 
 def usable_name(name: str, taken: set[str]) -> str:

@@ -9,9 +9,10 @@ from rigcast.kernels.hits.hit import WorldRay, no_hit
 from rigcast.kernels.hits.out import write_miss
 from rigcast.kernels.launching.slices import TURN, OverTiles
 from rigcast.kernels.launching.turns import turn_of
-from rigcast.kernels.packing.bundling import MOST, Bundles
+from rigcast.kernels.packing.bundling import MOST
 from rigcast.kernels.poses.scope import scope_of
 from rigcast.kernels.rays.arrays import direction_of, firing_of, origin_of, span_of
+from rigcast.kernels.rays.coherent import Bundles
 from rigcast.kernels.single.cast import Job, is_castable, read_ray, write_hit
 
 from .bundle import Bundle, Member, cast_bundle, world_ray_of

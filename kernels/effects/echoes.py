@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.hits.out import Out
 from rigcast.kernels.launching.slices import launch_over_runs
 from rigcast.kernels.rays.arrays import RayArrays, Rays, firing_of

@@ -21,7 +21,7 @@ from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.vectors import of_ray
 
 from .draws import Draws, drawn
-from .infrared import cos_incidence
+from .light import cos_incidence
 from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.hits.out import Out
 from rigcast.kernels.launching.slices import launch_over_rays, launch_over_runs
 from rigcast.kernels.packing.steered import steered
@@ -22,7 +22,7 @@ from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.vectors import of_ray, to_double, to_float
 
 from .draws import Draws, drawn
-from .infrared import cos_incidence
+from .light import cos_incidence
 from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -36,6 +36,7 @@ import warp as wp
 from rigcast.kernels.launching.slices import launch_over_runs
 
 from .echoes import Echoes, spread_power
+from .light import SPEED_OF_LIGHT
 from .random import RandomSource, as_uniform, log_of, random_bits
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -46,7 +47,6 @@ NEAREST_DROP = wp.constant(1.5)
 SMALLEST_DROP = wp.constant(0.05)
 DROP_REFLECTIVITY = wp.constant((0.328 / 2.328) ** 2)
 CUBE_ROOT_BITS = wp.constant(709_921_077)  # two thirds of those of 1, less what a straight line is off by
-SPEED_OF_LIGHT = 299_792_458.0
 FOG_STEP = wp.constant(0.1)  # [m] between targets in the table of fog echoes
 _FOG_REACH = 20.0
 _HALF_PULSE = 20e-9

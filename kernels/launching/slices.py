@@ -138,8 +138,11 @@ def _call_each(begun: Sequence[Sequence[Callable[[], None]]], thread: int, first
 def thread_count() -> int:
     """CPU threads to build trees and cast with: RIGCAST_THREADS, or as many as this process may use."""
     wanted = os.environ.get("RIGCAST_THREADS")
-    if wanted:
-        return int(wanted)
+    return int(wanted) if wanted else cpu_count()
+
+
+def cpu_count() -> int:
+    """CPUs that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

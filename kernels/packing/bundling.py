@@ -1,26 +1,16 @@
 """Sorting parallel rays into bundles of neighbours, as rigcast.kernels.bundles casts them."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+
+from rigcast.kernels.rays.coherent import Bundles
 
 from .sorting import Doubles, Indices, halved_to, in_parts
 
 MOST = wp.constant(16)
 """Rays of a bundle."""
 _CHUNK = 32 * MOST
-
-
-@dataclass(frozen=True)
-class Bundles:
-    """Rays that are cast in bundles, on the CPU.
-
-    rays: (m, MOST) int32, those of each bundle by their number; where it has fewer, -1 follows.
-    """
-
-    rays: wp.array
 
 
 def sort_into_bundles(origins: Doubles, group: npt.NDArray[np.int32]) -> Bundles:

@@ -13,8 +13,9 @@ import warp as wp
 
 from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.packets.packet import LANES, PACKETS, TILE, Packet, Tile, double_lanes, farthest, int_lanes, lanes
+from rigcast.kernels.rays.coherent import Packets
 
-from .sorting import SLACK, SPARSE, WIDEST, Packets
+from .sorting import SLACK, SPARSE, WIDEST
 
 _TILES_PER_SLICE = 256
 """Fewer are packed sooner than another thread begins."""

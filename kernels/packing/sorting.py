@@ -12,13 +12,13 @@ Rays that have no near neighbours go alone.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.packets.packet import LANES, PACKETS, TILE, Packet, Tile
+from rigcast.kernels.rays.coherent import Packets
 from rigcast.kernels.trees.nodes import struct_zeros
 
 SQUARE = 4
@@ -38,24 +38,6 @@ SLACK = 1e-6
 
 Indices = npt.NDArray[np.int64]
 Doubles = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Packets:
-    """Rays sorted into tiles of packets, on the CPU.
-
-    singles: the rays that go alone.
-    """
-
-    tiles: wp.array
-    packets: wp.array
-    singles: wp.array
-
-    @cached_property
-    def order(self) -> npt.NDArray[np.int32]:
-        """(n,) all rays, as they follow each other in the packets; those that go alone are the last."""
-        rays = self.packets.numpy()["ray"].reshape(-1)
-        return np.concatenate([rays[rays >= 0], self.singles.numpy()])
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,10 @@ from dataclasses import replace
 import warp as wp
 
 from rigcast.kernels.rays.arrays import Rays
+from rigcast.kernels.rays.coherent import Packets, Warps
 
 from .firings import groups_of
 from .in_order import pack_in_order
-from .sorting import Packets
-from .warps import Warps
 
 
 def steered(rays: Rays, directions: wp.array, origins: wp.array | None = None) -> Rays:

@@ -3,10 +3,10 @@
 Threads of a warp run together, through all that any of them comes to, and neighbouring rays come to much the same.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import warp as wp
+
+from rigcast.kernels.rays.coherent import Warps
 
 from .sorting import CHUNK, Doubles, halved_to, in_parts
 
@@ -14,16 +14,6 @@ WARP = 32
 EVEN = (1.0, 1.0, 1.0)
 LEVEL = (1.0, 1.0, 6.0)
 """Of a lidar, rays of one elevation go about as far as each other, and none waits long for the slowest of its warp."""
-
-
-@dataclass(frozen=True)
-class Warps:
-    """Rays on CUDA.
-
-    order: (n,) int32, all of them, WARP neighbours after WARP neighbours.
-    """
-
-    order: wp.array
 
 
 def sort_into_warps(directions: Doubles, device: wp.DeviceLike, weights: tuple[float, float, float] = EVEN) -> Warps:

@@ -5,10 +5,9 @@ from functools import cached_property
 
 import warp as wp
 
-from rigcast.kernels.packing.bundling import Bundles
-from rigcast.kernels.packing.sorting import Packets
-from rigcast.kernels.packing.warps import Warps
 from rigcast.kernels.vectors import of_ray
+
+from .coherent import Bundles, Packets, Warps
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

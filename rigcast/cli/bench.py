@@ -22,8 +22,7 @@ from rigcast.bench.scaling import Series, scaling
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
 from rigcast.bench.worlds.crowd import G1_HEAD, crowd
 from rigcast.bench.worlds.measure import Batch, OnDevice, measure_worlds
-from rigcast.cli.common.options import JsonFile, console_beside, write_json
-from rigcast.export.files import make_writable
+from rigcast.cli.common.options import JsonFile, console_beside, require_png, say, write_json
 from rigcast.kernels.launching.slices import thread_count
 from rigcast.quiet import quiet_warp
 from rigcast.sensors.device import find_device
@@ -76,13 +75,13 @@ def bench(
     if threads is not None:
         set_threads(threads)
     console = console_beside(json_file)
-    for picture in (chart, scaling_chart, worlds_chart):
-        if picture is not None:
-            make_writable(picture.parent)
+    require_png("--chart", chart)
+    require_png("--scaling-chart", scaling_chart)
+    require_png("--worlds-chart", worlds_chart)
     quiet_warp()
     casters, missing = load_casters(tuple(dict.fromkeys(("rigcast", *(caster or CASTERS)))))
     for line in missing:
-        console.print(f"left out: {line}", markup=False)
+        say(console, f"left out: {line}")
     console.print(f"rigcast {version('rigcast')} on {thread_count()} CPU threads, {rounds} rounds in turn")
     record = Record.begun(rounds)
     measure(console, parts, casters, Extent(rounds, triangles, worlds, device), record)
@@ -123,7 +122,7 @@ def _race(console: Console, name: str, casters: Sequence[type[Caster]], extent: 
     try:
         workload = hills(extent.triangles) if name == "hills" else WORKLOADS[name]()
     except Unavailable as reason:
-        console.print(f"left out: {name}: {reason}", markup=False)
+        say(console, f"left out: {name}: {reason}")
         return ()
     results = race(workload, casters, extent.rounds)
     console.print(_table(results))
@@ -136,19 +135,19 @@ def _in_worlds(console: Console, casters: Sequence[type[Caster]], extent: Extent
     try:
         robots = crowd(WORKLOADS["g1"](), G1_HEAD, max(sizes))
     except Unavailable as reason:
-        console.print(f"left out: worlds: {reason}", markup=False)
+        say(console, f"left out: worlds: {reason}")
         return None
     found = measure_worlds(robots, sizes, device, [caster.name for caster in casters], extent.rounds)
     console.print(f"worlds on {found.device}: {found.workload}, {found.geoms} geoms, {found.triangles} triangles")
     console.print(_table_of_worlds(found.batches))
     for line in _about_worlds(found):
-        console.print(line, markup=False)
+        say(console, line)
     return found
 
 
 def _shown(console: Console, figures: Iterator[Figure]) -> Iterator[Figure]:
     for figure in figures:
-        console.print(f"{figure.what}: {_spread(figure.value)} {figure.unit}", markup=False)
+        say(console, f"{figure.what}: {_spread(figure.value)} {figure.unit}")
         yield figure
 
 

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from rigcast.check import Hit, Report, Row, WrongRay
 from rigcast.check import check as check_rig
-from rigcast.cli.common.options import JsonFile, Overrides, RigPath, console_beside, write_json
+from rigcast.cli.common.options import Device, JsonFile, ModelPath, Overrides, RigPath, console_beside, say, write_json
 from rigcast.cli.common.ready import ready_rig
 from rigcast.rig_file import open_rig
 from rigcast.simulation import initial_data
@@ -22,10 +22,10 @@ COUNTS = ("rays", "agree", "edge", "wrong")
 
 def check(
     rig: RigPath,
-    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
+    model: ModelPath = None,
     rays: Annotated[int, typer.Option(min=1, help="rays in all, over sensors and states")] = 20_000,
     json_file: JsonFile = None,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    device: Device = None,
     overrides: Overrides = None,
 ) -> None:
     """Compare every sensor's rays with MuJoCo's own, ray by ray. Exits with 1 if any is wrong."""
@@ -36,10 +36,10 @@ def check(
     report = check_rig(loaded, data, rays=rays)
     console.print(_table(report))
     for wrong in report.wrong_rays:
-        console.print(escape(_sentence(wrong)), soft_wrap=True)
+        say(console, _sentence(wrong))
     if report.not_judged:
-        console.print(f"{report.not_judged} rays end on flexes or skins: not judged before MuJoCo 4", soft_wrap=True)
-    console.print(escape(_verdict(rig, report)), soft_wrap=True)
+        say(console, f"{report.not_judged} rays end on flexes or skins: not judged before MuJoCo 4")
+    say(console, _verdict(rig, report))
     if json_file is not None:
         write_json(json_file, as_json(rig, report))
     if report.total("wrong"):

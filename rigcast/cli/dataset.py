@@ -7,10 +7,9 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.console import Console
 from rich.filesize import decimal
-from rich.markup import escape
 from rich.table import Table
 
-from rigcast.cli.common.options import counted
+from rigcast.cli.common.options import Device, counted, say
 from rigcast.cli.common.progress import progress
 from rigcast.cli.common.ready import word_if_compiling
 from rigcast.dataset.description.config import DatasetConfig, read_dataset
@@ -35,7 +34,7 @@ def dataset(
     workers: Annotated[int | None, typer.Option(min=1, help="how many at a time  [default: one per CPU]")] = None,
     address: Annotated[str | None, typer.Option(help="of a Ray cluster to join, such as auto; implies ray")] = None,
     shard: Annotated[str | None, typer.Option(metavar="I/N", help="only the I-th of N parts, from 1 to N")] = None,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    device: Device = None,
     verify: Annotated[bool, typer.Option("--verify", help="only compare what is there with its checksums")] = False,
     overrides: Annotated[
         list[str] | None,
@@ -55,8 +54,7 @@ def dataset(
     chosen = _engine("ray" if address is not None else engine, address, workers)
     missing = missing_units(read, folder, part)
     count = len(read.units()[part[0] - 1 :: part[1]])
-    say = f"{config}: {len(missing)} of {count} episodes to make, {chosen.workers} at a time, in {folder}"
-    console.print(escape(say), soft_wrap=True)
+    say(console, f"{config}: {len(missing)} of {count} episodes to make, {chosen.workers} at a time, in {folder}")
     if missing:
         with word_if_compiling(console):
             warm_kernels(read, device)
@@ -65,7 +63,7 @@ def dataset(
         try:
             done = make_dataset(read, folder, chosen, device=device, part=part, report=reported)
         except KeyboardInterrupt:
-            console.print(f"{escape(str(folder))}: episodes that are finished stay, and the same command goes on")
+            say(console, f"{folder}: episodes that are finished stay, and the same command goes on")
             raise
     _tell(console, read, folder, done, chosen.workers)
     if done.manifest["failed"]:
@@ -111,12 +109,12 @@ def _verify(console: Console, place: str | Path) -> None:
     read = open_dataset(place)
     faults = read.verify()
     for fault in faults:
-        console.print(escape(fault), soft_wrap=True)
+        say(console, fault)
     shards = read.manifest["shards"]
     files = counted(sum(len(entry["files"]) for entry in shards), "file")
     found = f"{files} of {counted(len(shards), 'episode')}, {counted(len(read), 'frame')}"
     words = f"{len(faults)} wrong" if faults else "all as they were written"
-    console.print(escape(f"{place}: {found}, {words}"), soft_wrap=True)
+    say(console, f"{place}: {found}, {words}")
     if faults:
         raise typer.Exit(1)
 
@@ -126,13 +124,13 @@ def _tell(console: Console, config: DatasetConfig, folder: Path, done: Done, wor
     console.print(_table(manifest["statistics"]))
     for failure in manifest["failed"][:_SHOWN]:
         where = f"{failure['scene']}, episode {failure['episode']}"
-        console.print(escape(f"failed: {where} (seed {failure['seed']}): {failure['reason']}"), soft_wrap=True)
+        say(console, f"failed: {where} (seed {failure['seed']}): {failure['reason']}")
     size = sum(file["size"] for entry in manifest["shards"] for file in entry["files"].values())
     have = f"{len(manifest['shards'])} of {len(config.units())} episodes, {decimal(size)}"
     lacking = f"{len(manifest['failed'])} failed, {manifest['missing']} not made yet"
-    console.print(escape(f"{folder / MANIFEST_NAME}: {have}; {lacking}"), soft_wrap=True)
+    say(console, f"{folder / MANIFEST_NAME}: {have}; {lacking}")
     if done.episodes:
-        console.print(escape(_throughput(done, workers)), soft_wrap=True)
+        say(console, _throughput(done, workers))
 
 
 def _table(statistics: dict[str, dict[str, Any]]) -> Table:

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from rigcast.card import Card
 from rigcast.card_picture import draw_card, terminal_picture
-from rigcast.cli.common.options import JsonFile, console_beside, write_json
+from rigcast.cli.common.options import JsonFile, console_beside, require_png, say, write_json
 from rigcast.export.files import replacing
 from rigcast.rig_file import sensor_of_preset
 from rigcast.sensors.errors import InputError
@@ -34,6 +34,7 @@ def presets(
             raise InputError("--picture: needs the name of a preset")
         console.print(_list())
     else:
+        require_png("--picture", picture)
         _show(Card.of(name), console, picture)
     if json_file is not None:
         shown = preset_names() if name is None else (name,)
@@ -42,7 +43,7 @@ def presets(
 
 def _show(card: Card, console: Console, picture: Path | None) -> None:
     for line in _lines(card, console):
-        console.print(line, markup=False, soft_wrap=True)
+        say(console, line)
     if picture is not None:
         with replacing(picture) as temporary:
             draw_card(card).save(temporary, format="png")

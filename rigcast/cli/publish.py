@@ -1,16 +1,14 @@
 """`rigcast publish`: step the simulation in real time and publish what its sensors see to ROS 2."""
 
 import itertools
-from pathlib import Path
 from time import perf_counter, sleep
 from typing import Annotated
 
 import mujoco
 import typer
 from rich.console import Console
-from rich.markup import escape
 
-from rigcast.cli.common.options import Overrides, RigPath, counted
+from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say
 from rigcast.cli.common.progress import step_count
 from rigcast.cli.common.ready import ready_rig
 from rigcast.rig_file import open_rig
@@ -22,11 +20,11 @@ from rigcast.simulation import initial_data
 
 def publish(
     rig: RigPath,
-    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
+    model: ModelPath = None,
     duration: Annotated[float | None, typer.Option(help="time to simulate, s  [default: until Ctrl-C]")] = None,
     speed: Annotated[float, typer.Option(help="simulated seconds per second, at most")] = 1.0,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")] = None,
+    device: Device = None,
+    seed: Seed = None,
     overrides: Overrides = None,
 ) -> None:
     """Run a rig on its model and publish what its sensors see to ROS 2."""
@@ -40,9 +38,9 @@ def publish(
     loaded = ready_rig(console, config, compiled, data, device, seed)
     node = RosNode(compiled, config.sensors, classes=config.classes, props=config.props, options=config.export)
     with node:
-        console.print(escape(f"{rig}: publishing {', '.join(spec.name for spec in config.sensors)}; Ctrl-C ends it"))
+        say(console, f"{rig}: publishing {', '.join(spec.name for spec in config.sensors)}; Ctrl-C ends it")
         frames = _simulate(loaded, data, node, steps, speed)
-    console.print(f"published {counted(frames, 'frame')}")
+    say(console, f"published {counted(frames, 'frame')}")
 
 
 def _simulate(rig: Rig, data: mujoco.MjData, node: RosNode, steps: int | None, speed: float) -> int:

@@ -12,7 +12,7 @@ from rich.filesize import decimal
 from rich.markup import escape
 from rich.table import Table
 
-from rigcast.cli.common.options import Overrides, RigPath, counted
+from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.formats import FORMATS
@@ -27,15 +27,15 @@ from rigcast.simulation import Spent, divergence, initial_data
 
 def run(
     rig: RigPath,
-    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
+    model: ModelPath = None,
     out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<rig>]")] = None,
     duration: Annotated[float, typer.Option(help="time to simulate, s")] = 3.0,
     formats: Annotated[
         str | None,
         typer.Option("--format", help=f"of {','.join(FORMATS)}  [default: exr for cameras, ply for the others]"),
     ] = None,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")] = None,
+    device: Device = None,
+    seed: Seed = None,
     overrides: Overrides = None,
 ) -> None:
     """Run a rig on its model and write what its sensors see."""
@@ -50,7 +50,7 @@ def run(
     how: dict[str, Any] = {"classes": config.classes, "props": config.props, "options": config.export}
     recorder = Recorder(folder, compiled, config.sensors, wanted, **how)
     names = ", ".join(spec.name for spec in config.sensors)
-    _say(console, f"{rig}: {names}; {duration:g} s on {loaded.scene.device}, to {folder}")
+    say(console, f"{rig}: {names}; {duration:g} s on {loaded.scene.device}, to {folder}")
     spent = Spent(loading=perf_counter() - began)
     try:
         with progress(console, steps * compiled.opt.timestep) as report:
@@ -61,9 +61,9 @@ def run(
         spent.writing += perf_counter() - finishing
     console.print(summary(config.sensors, recorder))
     for path in recorder.run_files:
-        _say(console, f"{path}: the whole run, {decimal(_size(path))}")
-    _say(console, f"{folder / INDEX_NAME}: index of {counted(recorder.frames, 'frame')}")
-    _say(console, f"{spent.sentence()}, {perf_counter() - began:.1f} s in all")
+        say(console, f"{path}: the whole run, {decimal(_size(path))}")
+    say(console, f"{folder / INDEX_NAME}: index of {counted(recorder.frames, 'frame')}")
+    say(console, f"{spent.sentence()}, {perf_counter() - began:.1f} s in all")
 
 
 def split_formats(text: str) -> list[str]:
@@ -125,7 +125,3 @@ def summary(sensors: Sequence[SensorSpec], recorder: Recorder) -> Table:
 def _size(folder: Path) -> int:
     """Bytes of all files in a folder."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-
-
-def _say(console: Console, line: str) -> None:
-    console.print(escape(line), soft_wrap=True)

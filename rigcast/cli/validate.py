@@ -1,15 +1,12 @@
 """`rigcast validate`: check a rig and its model without casting a ray."""
 
 import json
-from pathlib import Path
-from typing import Annotated
 
 import mujoco
-import typer
 from rich.markup import escape
 from rich.table import Table
 
-from rigcast.cli.common.options import JsonFile, Overrides, RigPath, console_beside, counted, write_json
+from rigcast.cli.common.options import JsonFile, ModelPath, Overrides, RigPath, console_beside, counted, say, write_json
 from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.mount import Mount
@@ -18,7 +15,7 @@ from rigcast.simulation import initial_data
 
 def validate(
     rig: RigPath,
-    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
+    model: ModelPath = None,
     json_file: JsonFile = None,
     overrides: Overrides = None,
 ) -> None:
@@ -34,8 +31,8 @@ def validate(
     data = initial_data(compiled, config.keyframe)
     mujoco.mj_fwdPosition(compiled, data)
     for sentence in enclosed(compiled, data, config.sensors):
-        console.print(escape(sentence), soft_wrap=True)
-    console.print(escape(f"{rig}: valid, {counted(len(config.sensors), 'sensor')}"), soft_wrap=True)
+        say(console, sentence)
+    say(console, f"{rig}: valid, {counted(len(config.sensors), 'sensor')}")
     if json_file is not None:
         write_json(json_file, as_json(config, compiled))
 

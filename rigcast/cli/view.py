@@ -9,9 +9,8 @@ from typing import Annotated, NamedTuple
 import mujoco
 import typer
 from rich.console import Console
-from rich.markup import escape
 
-from rigcast.cli.common.options import Overrides, counted
+from rigcast.cli.common.options import Device, ModelPath, Overrides, counted, say
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_writable, replacing
@@ -38,8 +37,8 @@ def view(
         Path | None, typer.Option(help="write a page (.html) or a rerun recording (.rrd) in place of showing it")
     ] = None,
     duration: Annotated[float, typer.Option(help="time to simulate of a rig, s")] = 1.0,
-    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    model: ModelPath = None,
+    device: Device = None,
     overrides: Overrides = None,
 ) -> None:
     """Show clouds and depth images over time: in rerun where that is installed, else as a page in the browser.
@@ -129,7 +128,7 @@ def _show_in_rerun(console: Console, title: str, seen: _Seen, save: Path | None)
         return
     with replacing(save) as temporary:
         show_in_rerun(title, seen.shots, temporary, seen.model, seen.moments)
-    console.print(escape(f"{save}: {counted(len(seen.shots), 'frame')}; `rerun {save}` shows them"), soft_wrap=True)
+    say(console, f"{save}: {counted(len(seen.shots), 'frame')}; `rerun {save}` shows them")
 
 
 def _show_page(console: Console, title: str, shots: list[Shot], save: Path | None) -> None:
@@ -137,6 +136,6 @@ def _show_page(console: Console, title: str, shots: list[Shot], save: Path | Non
     make_writable(path.parent)
     with replacing(path) as temporary:
         write_page(temporary, title, shots)
-    console.print(escape(f"{path}: {counted(len(shots), 'frame')}"), soft_wrap=True)
+    say(console, f"{path}: {counted(len(shots), 'frame')}")
     if save is None and console.is_terminal:
         webbrowser.open(path.resolve().as_uri())

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 
-from rigcast.cli.common.options import Overrides, RigPath, counted
+from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, counted, say
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_writable, replacing
 from rigcast.rig_file import open_rig
@@ -22,9 +21,9 @@ _PERIOD = 0.3  # s between two looks at the files
 
 def watch(
     rig: RigPath,
-    model: Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")] = None,
+    model: ModelPath = None,
     out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<rig>]")] = None,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")] = None,
+    device: Device = None,
     overrides: Overrides = None,
 ) -> None:
     """Draw what every sensor sees at the start, again whenever the rig, what it extends or its model is saved.
@@ -58,9 +57,7 @@ def draw_once(
         with replacing(folder / f"{spec.name}.png") as temporary:
             draw_preview(spec.pattern(compiled), frame).save(temporary, format="png")
     seconds = time.perf_counter() - began
-    console.print(
-        escape(f"{rig}: {counted(len(config.sensors), 'picture')} in {folder}, {seconds:.1f} s"), soft_wrap=True
-    )
+    say(console, f"{rig}: {counted(len(config.sensors), 'picture')} in {folder}, {seconds:.1f} s")
     own = model if model is not None else config.model
     return config.files if own is None else (*config.files, own)
 
@@ -75,7 +72,7 @@ def keep_drawing(console: Console, rig: Path, draw: Callable[[], Sequence[Path]]
             before = {**_saved(drawn), **before}
             files = drawn
         except InputError as error:
-            console.print(escape(str(error)), soft_wrap=True)
+            say(console, str(error))
         while _saved(files) == {path: before[path] for path in files}:
             time.sleep(_PERIOD)
 

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault, faults_of
-from rigcast.sensors.scene.parts.mesh_file import read_mesh
+from rigcast.sensors.meshes import read_mesh
 from rigcast.sensors.specs.presets import load_preset
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -29,8 +29,7 @@ def sensor_of_preset(name: str) -> SensorSpec:
     try:
         return _Only.model_validate({"sensors": [given]}).sensors[0]
     except ValidationError as error:
-        faults = (f"preset {name!r}: {'; '.join(one['msg'] for one in error.errors())}",)
-        raise InputError("\n".join(faults)) from None
+        raise InputError(f"preset {name!r}: {'; '.join(one['msg'] for one in error.errors())}") from None
 
 
 def faults_in(document: YamlFile) -> list[Fault]:

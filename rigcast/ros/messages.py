@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from rigcast.export.fields import fields_of
 from rigcast.export.frames.png import MILLIMETRE, whole_steps
-from rigcast.export.quaternion import quaternion
 from rigcast.sensors.rig.frame import CameraFrame, Frame
+from rigcast.sensors.rotations import quaternion
+from rigcast.sensors.specs.cameras.lens import Lens
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 from .layouts import Points
@@ -103,7 +104,7 @@ def depth_image(frame: CameraFrame, frame_id: str, encoding: str) -> Any:
 def camera_info(frame: CameraFrame, frame_id: str) -> Any:
     """sensor_msgs/CameraInfo, where the centre of the first pixel is at (0, 0): ours is at (0.5, 0.5)."""
     matrix = frame.intrinsics - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-    model, distortion = _distortion(getattr(frame, "lens", None))
+    model, distortion = _distortion(frame.lens)
     height, width = frame.shape[:2]
     return make(
         "sensor_msgs/msg/CameraInfo",
@@ -147,7 +148,7 @@ def serialize(message: Any) -> bytes:
     return bytes(typestore().serialize_cdr(message, message.__msgtype__))
 
 
-def _distortion(lens: Any) -> tuple[str, NDArray[np.float64]]:
+def _distortion(lens: Lens | None) -> tuple[str, NDArray[np.float64]]:
     """ROS's name of the model and OpenCV's coefficients; none is plumb_bob with five zeros."""
     if lens is None:
         return "plumb_bob", np.zeros(5)
@@ -158,7 +159,7 @@ def _distortion(lens: Any) -> tuple[str, NDArray[np.float64]]:
 
 
 def _transform(pose: NDArray[np.float64]) -> Any:
-    w, x, y, z = quaternion(pose[:3, :3])
+    w, x, y, z = quaternion(pose[:3, :3]).tolist()
     return make(
         "geometry_msgs/msg/Transform",
         make("geometry_msgs/msg/Vector3", *pose[:3, 3].tolist()),

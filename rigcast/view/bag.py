@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.export.quaternion import rotation
 from rigcast.ros.messages import DATATYPES, typestore
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
+from rigcast.sensors.rotations import rotation_matrix
 from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.view.shots import VALUES, Share, Shot, arrays_of_image
 
@@ -184,7 +184,7 @@ def _lens(info: Any) -> Lens | None:
 def _matrix(transform: Any) -> NDArray[np.float64]:
     q, t = transform.rotation, transform.translation
     pose = np.eye(4)
-    pose[:3, :3] = rotation(q.w, q.x, q.y, q.z)
+    pose[:3, :3] = rotation_matrix([q.w, q.x, q.y, q.z])
     pose[:3, 3] = t.x, t.y, t.z
     return pose
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.sensors.extras import load_extra
+from rigcast.sensors.meshes import mesh_of_model
 from rigcast.sensors.preview.colour import Scale, id_colours
 from rigcast.view.shots import VALUES, Shot
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     import rerun
 
 TIMELINE = "simulation"
+_GEOM = mujoco.mjtGeom
 _THICKNESS = 0.001  # m, of the box that stands for a plane
 _WIDEST = 20.0  # m, half the side of an infinite plane
 
@@ -135,33 +137,26 @@ def _shape(model: mujoco.MjModel, geom: int) -> Iterator[Any]:
     """A geom as rerun draws it, with where it is on its body; nothing for one that is transparent or a height field."""
     import rerun as rr
 
-    kind, size = mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_size[geom]
     rgba = model.geom_rgba[geom] if model.geom_matid[geom] < 0 else model.mat_rgba[model.geom_matid[geom]]
     if rgba[3] == 0:
         return
     w, x, y, z = model.geom_quat[geom]
     yield rr.InstancePoses3D(translations=[model.geom_pos[geom]], quaternions=[rr.Quaternion(xyzw=[x, y, z, w])])
-    look: dict[str, Any] = {"colors": [rgba], "fill_mode": "solid"}
-    if kind == mujoco.mjtGeom.mjGEOM_PLANE:
-        half = [side or _WIDEST for side in size[:2]]
-        yield rr.Boxes3D(half_sizes=[[*half, _THICKNESS]], centers=[[0, 0, -_THICKNESS]], **look)
-    elif kind == mujoco.mjtGeom.mjGEOM_BOX:
-        yield rr.Boxes3D(half_sizes=[size], **look)
-    elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        yield rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], **look)
-    elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        yield rr.Ellipsoids3D(half_sizes=[size], **look)
-    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        yield rr.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], **look)
-    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:  # rerun's begins at its origin
-        yield rr.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[[0, 0, -size[1]]], **look)
-    elif kind in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF):
-        yield _mesh(model, int(model.geom_dataid[geom]), rgba)
-
-
-def _mesh(model: mujoco.MjModel, mesh: int, rgba: NDArray[np.float32]) -> Any:
-    import rerun as rr
-
-    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
-    faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
-    return rr.Mesh3D(vertex_positions=vertices, triangle_indices=faces, albedo_factor=rgba)
+    size, look = model.geom_size[geom], {"colors": [rgba], "fill_mode": "solid"}
+    match model.geom_type[geom]:
+        case _GEOM.mjGEOM_PLANE:
+            half = [side or _WIDEST for side in size[:2]]
+            yield rr.Boxes3D(half_sizes=[[*half, _THICKNESS]], centers=[[0, 0, -_THICKNESS]], **look)
+        case _GEOM.mjGEOM_BOX:
+            yield rr.Boxes3D(half_sizes=[size], **look)
+        case _GEOM.mjGEOM_SPHERE:
+            yield rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], **look)
+        case _GEOM.mjGEOM_ELLIPSOID:
+            yield rr.Ellipsoids3D(half_sizes=[size], **look)
+        case _GEOM.mjGEOM_CYLINDER:
+            yield rr.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], **look)
+        case _GEOM.mjGEOM_CAPSULE:  # rerun's begins at its origin
+            yield rr.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[[0, 0, -size[1]]], **look)
+        case _GEOM.mjGEOM_MESH | _GEOM.mjGEOM_SDF:
+            vertices, faces = mesh_of_model(model, model.geom_dataid[geom])
+            yield rr.Mesh3D(vertex_positions=vertices, triangle_indices=faces, albedo_factor=rgba)

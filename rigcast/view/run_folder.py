@@ -10,7 +10,8 @@ import OpenEXR
 from numpy.typing import NDArray
 from trimesh.exchange.ply import load_ply
 
-from rigcast.export.layout import INDEX_NAME
+from rigcast.export.index import read_journal
+from rigcast.export.layout import INDEX_NAME, JOURNAL_NAME
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import listing
 from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
@@ -22,6 +23,8 @@ _READABLE = ("npz", "exr", "ply")
 
 def read_run(folder: Path, most: int | None = None) -> Iterator[Shot]:
     """The readings that were written as npz, exr or ply, else those in a bag, in the order of their times.
+
+    Of a run that is under way or was killed, too: those that are written.
 
     most: no more than that, the same share of every sensor's. One is read at a time.
 
@@ -43,6 +46,8 @@ def read_run(folder: Path, most: int | None = None) -> Iterator[Shot]:
 
 def _read_index(folder: Path) -> dict[str, NDArray[Any]]:
     try:
+        if (folder / JOURNAL_NAME).is_file():
+            return read_journal(folder / JOURNAL_NAME, _READABLE)
         with np.load(folder / INDEX_NAME) as archive:
             return {name: archive[name] for name in archive.files}
     except OSError as error:

@@ -6,11 +6,12 @@ from functools import partial
 
 import warp as wp
 
-from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
 from rigcast.kernels.effects.draws import BYTES_PER_DRAW
-from rigcast.kernels.effects.infrared import Losses, infrared, lose
+from rigcast.kernels.effects.light import SPEED_OF_LIGHT, infrared
+from rigcast.kernels.effects.losses import Losses, lose
 from rigcast.kernels.effects.random import RandomSource
+from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import bound, read
@@ -57,7 +58,7 @@ class _Look:
         losses.min_intensity = spec.min_intensity
         if losses.dropout or losses.untextured_dropout or losses.min_cosine or losses.min_intensity:
             looks = self.scene.looks()
-            lose(hits, losses, self.source, self.rays.directions, (looks.reflectivity, looks.textured))
+            lose(hits, losses, self.source, self.rays.directions, looks.reflectivity, looks.textured)
 
 
 class DepthPhysics:
@@ -150,7 +151,7 @@ class _ReadTimeOfFlight:
             )
         hits = _copy(seen)
         look.lose(spec, 0.0, hits)
-        wrap = math.inf if spec.modulation_hz is None else time_of_flight.SPEED_OF_LIGHT / (2 * spec.modulation_hz)
+        wrap = math.inf if spec.modulation_hz is None else SPEED_OF_LIGHT / (2 * spec.modulation_hz)
         std, bias, per_metre = spec.range_std, spec.bias, spec.bias_per_metre
         time_of_flight.measure_range(hits, look.source, std=std, bias=bias, bias_per_metre=per_metre, wrap=wrap)
         return _Measured(hits, seen)

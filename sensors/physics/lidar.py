@@ -7,10 +7,11 @@ from functools import partial
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.draws import BYTES_PER_DRAW
+from rigcast.kernels.effects.light import SPEED_OF_LIGHT
 from rigcast.kernels.effects.random import RandomSource
+from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import read
@@ -77,7 +78,7 @@ class LidarPhysics:
             sub_rays = steered(sub_rays, beams.aim(rays, self._angles, source, self._angle_std, rays.worlds))
         found = self._echoes(sub_rays, visible, source)
         least_power = spec.detection.least_power if spec.detection else 0.0
-        gap = 0.5 * weather.SPEED_OF_LIGHT * spec.pulse_length
+        gap = 0.5 * SPEED_OF_LIGHT * spec.pulse_length
         kept = returns.choose(found, count, gap, least_power, _MODES[spec.returns])
         per_beam = kept.distance.size // count
         ranging.measure(kept, per_beam, self._noise, source, (spec.min_range, spec.max_range))

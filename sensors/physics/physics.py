@@ -5,8 +5,8 @@ from typing import NamedTuple, Protocol
 
 import warp as wp
 
-from rigcast.kernels.cast import HitArrays
 from rigcast.kernels.effects.random import RandomSource
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.rays.arrays import Rays
 
 Brightness = Callable[[wp.array | None], wp.array]

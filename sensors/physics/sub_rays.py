@@ -7,8 +7,8 @@ import warp as wp
 
 from rigcast.kernels.effects.beams import repeated
 from rigcast.kernels.packing.firings import groups_of, repeat_firing
-from rigcast.kernels.packing.sorting import Packets
 from rigcast.kernels.rays.arrays import Rays
+from rigcast.kernels.rays.coherent import Packets
 from rigcast.sensors.scene.cache.packets import cached_packets
 
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from rigcast.kernels.packing.bundling import sort_into_bundles
 from rigcast.kernels.packing.firings import groups_of, same_rows
 from rigcast.kernels.packing.in_order import pack_in_order
-from rigcast.kernels.packing.sorting import Packets
-from rigcast.kernels.packing.warps import EVEN, LEVEL, Warps, sort_into_warps
+from rigcast.kernels.packing.warps import EVEN, LEVEL, sort_into_warps
 from rigcast.kernels.rays.arrays import Rays
+from rigcast.kernels.rays.coherent import Packets, Warps
 from rigcast.sensors.captured import is_captured
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.scene.cache.packets import cached_packets

@@ -5,10 +5,9 @@ from functools import partial
 from typing import NamedTuple
 
 from rigcast.kernels.cast import Readings, launch
-from rigcast.kernels.effects.infrared import infrared
+from rigcast.kernels.effects.light import infrared, intensity
 from rigcast.kernels.effects.random import RandomSource, random_source
 from rigcast.kernels.rays.arrays import Rays
-from rigcast.kernels.reading import intensity
 from rigcast.sensors.physics.physics import Brightness
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.lidars.lidar import Lidar
@@ -66,7 +65,7 @@ def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame
     spec, arrays, looks = mounted.spec, aim.arrays, mounted.scene.looks
     common = aim.time, aim.pose, arrays.shape, arrays, mounted.source
     if isinstance(spec, Lidar):
-        bright = brightness or partial(intensity, arrays.hits, aim.rays, looks().surfaces)
+        bright = brightness or partial(intensity, arrays.hits, aim.rays, looks().reflectivity)
         frame: Frame = LidarFrame(*common, mounted.pattern.ring, mounted.pattern.column, bright)
     elif isinstance(spec, DepthCamera):
         bright = brightness or partial(infrared, arrays.hits, aim.rays.directions, looks().reflectivity)
@@ -75,6 +74,6 @@ def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame
         frame = CameraFrame(*common, pattern.intrinsics, pattern.lens, spec.depth_scale, bright)
     else:
         frame = Frame(*common)
-    for field in arrays.asked:
+    for field in arrays.fields.asked:
         getattr(frame, field)  # which is worked out into the array that it had
     return frame

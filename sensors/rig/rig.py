@@ -1,7 +1,6 @@
 """A rig: sensors mounted on a MuJoCo model, read together."""
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple, NoReturn
 
@@ -10,25 +9,25 @@ import numpy as np
 import warp as wp
 
 from rigcast.sensors.errors import InputError, require_type, warn_user
-from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.names import expected_one_of, require_different
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
 from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
-from rigcast.sensors.scene.parts.props import as_props
+from rigcast.sensors.scene.same_model import PLACES, SHAPES, require_same_model
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lidars.lidar import Lidar
-from rigcast.sensors.specs.prop import Prop
+from rigcast.sensors.specs.prop import Prop, as_props
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
+from .capacity import require_out
 from .frame import Frame
 from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import sense_worlds
 from .reading import read_frames
-from .room import require_room_in
 from .timing.schedule import Schedule
 from .under_way import UnderWay
 
@@ -77,10 +76,8 @@ class Rig:
         require_type("Rig: model", model, mujoco.MjModel)
         self.sensors = _as_sensors(sensors)
         self.props = as_props(props)
-        self.seed = _as_seed(seed)
-        repeated = [name for name, n in Counter(s.name for s in self.sensors).items() if n > 1]
-        if repeated:
-            raise InputError(f"Rig: names must differ, got {', '.join(map(repr, repeated))} more than once")
+        seed = _as_seed(seed)
+        require_different("Rig", [s.name for s in self.sensors])
         faults = [f"sensor {s.name!r}: {fault}" for s in self.sensors for fault in s.faults(model)]
         if faults:
             raise InputError("\n".join(faults))
@@ -89,12 +86,39 @@ class Rig:
         self._data = mujoco.MjData(model)
         self._kinematics = _KINEMATICS if model.ncam or model.nflex else _KINEMATICS[:1]
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
+        self._optics = {
+            m.mount.id: _optics(model, m.mount.id)
+            for m in self._mounted.values()
+            if isinstance(m.spec, DepthCamera) and m.spec.takes_optics
+        }
         self._warn_of_enclosed()
-        self._schedules = {s.name: _schedule(s, model.opt.timestep, self.seed) for s in self.sensors}
+        self._begin(seed)
+
+    def _begin(self, seed: int) -> None:
+        self._seed = seed
+        self._schedules = {s.name: _schedule(s, self.model.opt.timestep, seed) for s in self.sensors}
         rounding = {name: schedule.rounding for name, schedule in self._schedules.items()}
         self._under_way = UnderWay(self.scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
+
+    @property
+    def seed(self) -> int:
+        """Of all random numbers of the rig; `reset` takes another."""
+        return self._seed
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begin anew with this seed (None: the same): what follows is what a rig made just now gives, bit for bit.
+
+        Readings are counted from the first again, those that are under way or have not come in are discarded. Without
+        it a clock that goes backwards starts the schedule over, but random numbers go on.
+
+        Raises:
+            InputError: the seed is not from 0 to 2^63 - 1.
+        """
+        seed = self._seed if seed is None else _as_seed(seed)
+        self._mounted = {name: m.afresh() for name, m in self._mounted.items()}
+        self._begin(seed)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a Rig holds memory of its device: make one of its model and sensors in each process")
@@ -123,17 +147,19 @@ class Rig:
         holds any more, or makes new ones.
 
         Raises:
-            InputError: no sensor of this name, data of another model, no room in `out`, or more than memory holds.
+            InputError: no sensor of this name, data of another model or of an edited copy of it, an MJCF camera whose
+                optics were edited since a sensor took them, no room in `out`, or more than memory holds.
         """
         mounted = self._select(names)
         if isinstance(data, mujoco.MjData):
             if out is not None:
-                require_room_in(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
+                require_out(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
             self._look(data)
             frames = self._frames([(data.time, m) for m in mounted], out)
             return {m.spec.name: frame for m, frame in zip(mounted, frames, strict=True)}
         if not is_batch(data):
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
+        self._require_same_optics()
         worlds = as_worlds(data)
         worlds.require_sensors(self._mounted)
         return sense_worlds(self.scene, mounted, worlds, out, self.seed)
@@ -234,6 +260,15 @@ class Rig:
             raise InputError(
                 "Rig: data belongs to another model than the rig; one that was compiled anew needs a new Rig"
             )
+        require_same_model("Rig: data", data.model, self.model, SHAPES + PLACES)
+        self._require_same_optics()
+
+    def _require_same_optics(self) -> None:
+        """Of MJCF cameras, which sensors took when the rig was made."""
+        for camera, optics in self._optics.items():
+            if _optics(self.model, camera) != optics:
+                name = self.model.camera(camera).name
+                raise InputError(f"Rig: the optics of camera {name!r} of the model have changed; make a new Rig")
 
     def _frames(self, due: Iterable[tuple[float, Mounted]], out: Mapping[str, Frame] | None = None) -> list[Frame]:
         """What sensors read in the world as it stands, each at its time."""
@@ -251,6 +286,11 @@ class _Delivery(NamedTuple):
     time: float
     rounding: float
     frame: Frame
+
+
+def _optics(model: mujoco.MjModel, camera: int) -> tuple[bytes, ...]:
+    """The figures of an MJCF camera from which its intrinsics follow."""
+    return tuple(getattr(model, name)[camera].tobytes() for name in ("cam_fovy", "cam_sensorsize", "cam_intrinsic"))
 
 
 def _schedule(spec: Sensor, timestep: float, seed: int) -> Schedule:

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.cast import HitArrays
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.sensors.errors import InputError
 
 from .parts.part import OWNERS, Owner

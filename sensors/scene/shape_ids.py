@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.reading import take
+from rigcast.kernels.reading import look_up
 
 from .parts.part import OWNERS, Owner
 
@@ -35,4 +35,4 @@ class ShapeIds:
 
     def look_up(self, owner: Owner, shape: wp.array, out: wp.array | None = None) -> wp.array:
         """(n,) int32: ids of what was hit, -1 where that is of another kind, or -1 itself; the scene has some of it."""
-        return take(self.of_shape[owner], shape, out)
+        return look_up(self.of_shape[owner], shape, out)

@@ -9,7 +9,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.alone import CastsAlone
-from rigcast.kernels.cast import HitArrays, Readings, cast, prepare_readings
+from rigcast.kernels.cast import Readings, cast, prepare_readings
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
@@ -23,7 +24,8 @@ from rigcast.sensors.specs.surface import Surface
 
 from .batch.differences import Differences
 from .batch.per_world import PerWorld
-from .batch.standing import Standing
+from .batch.posed_worlds import PosedWorlds
+from .batch.world_mounts import WorldMounts
 from .batch.worlds import Worlds
 from .freed_memory import give_back_freed_memory
 from .hits import Hits
@@ -56,7 +58,7 @@ class Stage:
         self, model: mujoco.MjModel, device: wp.Device, props: Sequence[Prop], surfaces: Sequence[Surface]
     ) -> None:
         self.model, self.device = model, device
-        self._geoms, self._props = Geoms(model), Props(model, props, self.device)
+        self._geoms, self._props = Geoms(model), Props(model, props)
         self._parts: list[Part] = [
             self._geoms,
             *([Flexes(model)] if model.nflex else []),
@@ -76,6 +78,7 @@ class Stage:
         self._stale = "no poses yet"  # why nothing can be cast at, if so
         self._is_whole = True  # whether the world is not half changed
         self._worlds: int | None = None  # how many there are, if it is a batch of them
+        self._prop_mounts = [WorldMounts.by([mount], device) for mount in self._props.mounts]  # in many worlds
         self._gathered: dict[str, Gathered] = {}  # where poses of several MjData are copied together
         self._part: slice | None = None  # which of the worlds stand, if not all
         self._differences = _NO_DIFFERENCES
@@ -114,14 +117,14 @@ class Stage:
         Rays are still cast at what was there before, until the next `update` or `sweep`.
         """
         taken = [array.numpy() for array in (self._geoms.poses.position, self._geoms.poses.rotation)]
-        standing = [values.copy() for values in taken]  # those that rays may be cast at in place
+        in_place = [values.copy() for values in taken]  # those that rays may be cast at in place
         self._begin_change()
         try:
             poses = joined_poses(self._snapshots(data))
             self._is_whole = True
             return ShapePoses(poses.position.copy(), poses.rotation.copy())
         finally:
-            for values, before in zip(taken, standing, strict=True):
+            for values, before in zip(taken, in_place, strict=True):
                 values[...] = before
 
     def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
@@ -196,22 +199,20 @@ class Stage:
         self._differences = differences
         self._sight.forget_visible()
 
-    def stand(self, worlds: Worlds, part: slice) -> Standing:
+    def pose_worlds(self, worlds: Worlds, part: slice) -> PosedWorlds:
         """Take some of the worlds that were taken, or all, as they stand. `cast` needs all."""
-        standing = Standing(worlds, part, self.model, self.device, self._gathered)
-        position, rotation = standing.geoms
+        posed = PosedWorlds(worlds, part, self.model, self.device, self._gathered)
+        position, rotation = posed.geoms
         if isinstance(position, np.ndarray):
             self._warn_of_lost(position, rotation, part.start)
-        if self._props.ids.size:
-            frames = self._props.poses_after_geoms(standing)
-            position, rotation = frames.position, frames.rotation
         self._part = None if part == worlds.all else part
+        position, rotation = posed.shapes(self._prop_mounts)
         self._begin_change()
         self._world.update(position, rotation, self._part)
         self._is_whole = True
         self._stale = "" if self._part is None else "only some of many worlds stand in it"
         self._worlds = worlds.count
-        return standing
+        return posed
 
     def _warn_of_lost(
         self, position: NDArray[np.floating[Any]], rotation: NDArray[np.floating[Any]], first: int
@@ -225,7 +226,7 @@ class Stage:
         """What each of many worlds takes, beside what is read in it: sizes and meshes of its own."""
         return self.body_of_shape.size * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
 
-    def bytes_per_standing_world(self, worlds: Worlds) -> int:
+    def bytes_per_posed_world(self, worlds: Worlds) -> int:
         """What each of those that stand at one time takes: its poses, and the tree over its shapes."""
         geoms, props = self.model.ngeom, len(self._props.ids)
         copied = geoms * worlds.bytes_per_pose

@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from rigcast.sensors.meshes import mesh_of_model
+
 from .sensor_spec import SensorSpec
 
 _GEOM = mujoco.mjtGeom
@@ -75,10 +77,8 @@ def _turns_around(model: mujoco.MjModel, geom: int, point: NDArray[np.float64]) 
     Of a face a, b, c as seen from the point tan(angle / 2) = a . (b x c) / (|a||b||c| + a.b |c| + b.c |a| + c.a |b|)
     (van Oosterom and Strackee, 1983).
     """
-    mesh = model.geom_dataid[geom]
-    first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    faces = model.mesh_face[first : first + count] + model.mesh_vertadr[mesh]
-    a, b, c = np.moveaxis(model.mesh_vert[faces].astype(np.float64) - point, 1, 0)
+    vertices, faces = mesh_of_model(model, model.geom_dataid[geom])
+    a, b, c = np.moveaxis(vertices[faces].astype(np.float64) - point, 1, 0)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
     volume = (a * np.cross(b, c)).sum(1)
     about = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb

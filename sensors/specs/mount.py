@@ -10,6 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from rigcast.sensors.faults import Fault, refuse
 from rigcast.sensors.names import expected_one_of, model_names
+from rigcast.sensors.rotations import rotation_matrix
 
 from .spec import Spec
 
@@ -75,7 +76,7 @@ class Mount(Spec):
         offset = np.eye(4)
         offset[:3, 3] = self.pos
         if self.quat is not None:
-            offset[:3, :3] = _rotation_from_quat(np.array(self.quat))
+            offset[:3, :3] = rotation_matrix(np.array(self.quat) / np.linalg.norm(self.quat))
         elif self.euler_deg is not None:
             offset[:3, :3] = _rotation_from_euler(np.deg2rad(self.euler_deg))
         return offset
@@ -168,12 +169,6 @@ def _body_of(model: mujoco.MjModel, parent: Parent, index: int) -> int:
     if parent == "site":
         return int(model.site_bodyid[index])
     return int(model.cam_bodyid[index]) if parent == "camera" else index
-
-
-def _rotation_from_quat(quat: NDArray[np.float64]) -> NDArray[np.float64]:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quat / np.linalg.norm(quat))
-    return matrix.reshape(3, 3)
 
 
 def _rotation_from_euler(angles: NDArray[np.float64]) -> NDArray[np.float64]:

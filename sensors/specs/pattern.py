@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .cameras.lens import Lens
 
 if TYPE_CHECKING:  # cards of devices are drawn without Warp
-    from rigcast.kernels.packing.sorting import Packets
+    from rigcast.kernels.rays.coherent import Packets
 
 MOST_RAYS = 2**26  # of one reading; more is a slip, and their directions alone fill 1.6 GB
 

@@ -1,5 +1,6 @@
 """Props: meshes that are not in the MuJoCo model."""
 
+from collections.abc import Iterable
 from typing import Annotated, Any
 
 import mujoco
@@ -7,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.faults import Fault
-from rigcast.sensors.scene.parts.mesh_file import read_mesh
+from rigcast.sensors.meshes import read_mesh
+from rigcast.sensors.names import require_different
 
 from .mount import Mount
 from .spec import FilePath, Spec
@@ -54,3 +56,14 @@ class Prop(Spec):
             raise InputError(f"prop {self.name!r}: {error}") from None
         scale = np.broadcast_to(self.scale, 3)
         return vertices * scale, faces[:, ::-1] if np.prod(np.sign(scale)) < 0 else faces
+
+
+def as_props(given: object) -> tuple[Prop, ...]:
+    """Raises InputError for anything but a list of props with different names."""
+    if isinstance(given, Prop) or not isinstance(given, Iterable):
+        raise InputError(f"props: got {type(given).__name__}, expected a list of props")
+    props = tuple(given)
+    for k, prop in enumerate(props):
+        require_type(f"props[{k}]", prop, Prop)
+    require_different("props", [prop.name for prop in props])
+    return props

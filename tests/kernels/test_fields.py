@@ -11,12 +11,13 @@ from test_bundles import DOWN, raster
 from test_packets import PATTERNS
 
 from rigcast.kernels import cast as casting
-from rigcast.kernels.cast import HitArrays, cast, launch, prepare_readings
+from rigcast.kernels.cast import cast, launch, prepare_readings
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.hits.out import FIELD_NAMES
 from rigcast.kernels.packing.bundling import sort_into_bundles
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
-from rigcast.kernels.reading import points, take, z_depth
+from rigcast.kernels.reading import look_up, points, z_depth
 from rigcast.kernels.shapes.triangle import CULL_NONE
 
 SEED = 2
@@ -85,7 +86,7 @@ def test_fields_are_those_of_the_hits(
     expected = {
         "points": points(hits.distance, rays),
         "depth": z_depth(hits.distance, rays),
-        "body_id": take(body_of_shape, hits.shape),
+        "body_id": look_up(body_of_shape, hits.shape),
     }
     for name, array in every.items():
         got = array.numpy()

@@ -13,9 +13,10 @@ from rigcast.kernels.effects.stereo import StereoPair, second_view
 from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.firings import groups_of
 from rigcast.kernels.packing.in_order import pack_in_order
-from rigcast.kernels.packing.sorting import Packets, sort_into_packets
+from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
+from rigcast.kernels.rays.coherent import Packets
 from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
 

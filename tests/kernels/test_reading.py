@@ -7,11 +7,12 @@ import pytest
 import warp as wp
 from made_worlds import Doubles, random_plan, random_rotations, rays_of, unit
 
-from rigcast.kernels.cast import HitArrays, cast, launch, prepare_readings
+from rigcast.kernels.cast import cast, launch, prepare_readings
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.launching import slices
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
-from rigcast.kernels.reading import points, read, take, world_points, z_depth
+from rigcast.kernels.reading import look_up, points, read, world_points, z_depth
 from rigcast.kernels.shapes.triangle import CULL_NONE
 
 INF, NAN = np.inf, np.nan
@@ -90,7 +91,7 @@ def test_depth_is_the_range_along_z_and_infinite_where_it_is() -> None:
 
 
 def test_taken_is_what_the_table_holds_and_minus_1_of_minus_1() -> None:
-    got = take(device(np.array([10, 20, 30]), wp.int32), device(np.array([2, -1, 0, 0, 1, -1]), wp.int32)).numpy()
+    got = look_up(device(np.array([10, 20, 30]), wp.int32), device(np.array([2, -1, 0, 0, 1, -1]), wp.int32)).numpy()
     np.testing.assert_array_equal(got, [30, -1, 10, 10, 20, -1])
 
 
@@ -102,4 +103,4 @@ def test_every_ray_is_read_whatever_runs_and_threads_there_are(
     monkeypatch.setattr(slices, "thread_count", lambda: threads)
     rng = np.random.default_rng(count)
     table, index = rng.integers(0, 1000, 50).astype(np.int32), rng.integers(0, 50, count).astype(np.int32)
-    np.testing.assert_array_equal(take(device(table, wp.int32), device(index, wp.int32)).numpy(), table[index])
+    np.testing.assert_array_equal(look_up(device(table, wp.int32), device(index, wp.int32)).numpy(), table[index])

@@ -9,7 +9,8 @@ from made_worlds import Hits, assert_same, random_plan, rays_of
 from test_fields import RAYS, START
 from test_packets import PATTERNS
 
-from rigcast.kernels.cast import HitArrays, Readings, launch, prepare_readings
+from rigcast.kernels.cast import Readings, launch, prepare_readings
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.world import World
 

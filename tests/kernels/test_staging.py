@@ -10,10 +10,12 @@ from made_worlds import Doubles, Hits, assert_same, random_plan, random_rotation
 from test_packets import PATTERNS
 
 from rigcast.kernels import cast as casting
-from rigcast.kernels.cast import HitArrays, cast
+from rigcast.kernels.cast import cast
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.in_order import pack_in_order
-from rigcast.kernels.packing.sorting import Packets, sort_into_packets
+from rigcast.kernels.packing.sorting import sort_into_packets
+from rigcast.kernels.rays.coherent import Packets
 from rigcast.kernels.shapes.triangle import CULL_NONE
 
 WORLDS = 2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigcast.kernels.packing.sorting import Packets
+from rigcast.kernels.rays.coherent import Packets
 from rigcast.kernels.wedges import Bending, TurningWedge
 
 LINES = np.array([[1.0, 0.0, 0.0], [0.8, 0.0, 0.6]])

@@ -51,6 +51,8 @@ def test_the_card_is_drawn(tmp_path: Path) -> None:
         assert card.size[0] == 1200
     code, output = call("presets", "--picture", str(tmp_path / "none.png"))
     assert (code, output) == (2, "--picture: needs the name of a preset\n")
+    code, output = call("presets", "livox_mid40", "--picture", "card.txt")
+    assert (code, output) == (2, "--picture: got 'card.txt', expected a name that ends in .png\n")
 
 
 def test_a_users_preset_has_a_card(tmp_path: Path) -> None:

@@ -68,6 +68,17 @@ def test_it_passes_the_checks_of_gymnasium(as_dict: bool) -> None:
     check_env(RigObservation(env, rig_of(env)), skip_render_check=True)
 
 
+@pytest.mark.filterwarnings("ignore:.*different from the unwrapped version.*")
+def test_a_seed_is_one_of_the_readings_too() -> None:
+    env = Cart()
+    wrapped = RigObservation(env, rig_of(env, noise=rigcast.Noise(range_std=0.1)))
+    check_env(wrapped, skip_render_check=True)  # which resets twice with one seed
+    seen = [wrapped.reset(seed=seed)[0]["top"] for seed in (7, 7, 8, None)]
+    np.testing.assert_array_equal(seen[0], seen[1])
+    assert not (seen[1] == seen[2]).all()
+    assert not (seen[2] == seen[3]).all()
+
+
 def test_the_spaces_say_what_comes() -> None:
     env = Cart()
     wrapped = RigObservation(env, rig_of(env))

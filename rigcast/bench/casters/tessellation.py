@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from rigcast.sensors.meshes import mesh_of_model
 from rigcast.sensors.scene.parts.height_fields import hfield_data, hfield_triangles
 
 SECTIONS = 32
@@ -40,10 +41,8 @@ def _triangles(model: mujoco.MjModel, geom: int) -> Triangles:
     if kind == _GEOM.mjGEOM_HFIELD:
         return hfield_triangles(model.hfield_size[asset], hfield_data(model, asset))
     if kind in (_GEOM.mjGEOM_MESH, _GEOM.mjGEOM_SDF):
-        first, count = model.mesh_vertadr[asset], model.mesh_vertnum[asset]
-        first_face, faces = model.mesh_faceadr[asset], model.mesh_facenum[asset]
-        vertices = model.mesh_vert[first : first + count].astype(np.float64)
-        return vertices, model.mesh_face[first_face : first_face + faces]
+        vertices, faces = mesh_of_model(model, asset)
+        return vertices.astype(np.float64), faces
     if kind == _GEOM.mjGEOM_PLANE:
         x, y = np.where(size[:2] > 0, size[:2], FAR)
         return np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]]), np.array([[0, 1, 2], [0, 2, 3]])

@@ -7,8 +7,12 @@ import typer
 from rich.console import Console
 
 from rigcast.export.files import make_writable, replacing
+from rigcast.sensors.errors import InputError
 
 RigPath = Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)]
+ModelPath = Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")]
+Device = Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")]
+Seed = Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="in place of the rig's own, such as sensors.top.rate_hz=5"),
@@ -28,6 +32,20 @@ def console_beside(json_file: Path | None) -> Console:
     if json_file not in (None, _STANDARD_OUTPUT):
         make_writable(json_file.parent)
     return Console(highlight=False, quiet=json_file == _STANDARD_OUTPUT)
+
+
+def require_png(option: str, picture: Path | None) -> None:
+    """Raise InputError, before anything is worked out, where a picture is not named as a PNG or cannot be written."""
+    if picture is None:
+        return
+    if picture.suffix.lower() != ".png":
+        raise InputError(f"{option}: got {str(picture)!r}, expected a name that ends in .png")
+    make_writable(picture.parent)
+
+
+def say(console: Console, line: str) -> None:
+    """A line as it is: brackets in it are no markup, and it is not broken where the terminal ends."""
+    console.print(line, markup=False, soft_wrap=True)
 
 
 def counted(count: int, noun: str) -> str:

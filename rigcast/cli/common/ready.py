@@ -7,8 +7,8 @@ from threading import Timer
 
 import mujoco
 from rich.console import Console
-from rich.markup import escape
 
+from rigcast.cli.common.options import say
 from rigcast.quiet import quiet_warp
 from rigcast.rig_file import RigConfig
 from rigcast.sensors.rig.rig import Rig
@@ -37,7 +37,7 @@ def _warnings_as_words(console: Console) -> Iterator[None]:
     with warnings.catch_warnings(record=True, action="always", category=UserWarning) as caught:
         yield
     for warning in caught:
-        console.print(escape(str(warning.message)), soft_wrap=True)
+        say(console, str(warning.message))
 
 
 @contextmanager

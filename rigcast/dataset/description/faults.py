@@ -3,13 +3,15 @@
 from collections import Counter
 from pathlib import Path
 
+import mujoco
+
 from rigcast.export.fields import field_names
 from rigcast.export.formats import FORMATS
-from rigcast.rig_file import read_rig
+from rigcast.rig_file import compile_model, read_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.faults import Fault
-from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.names import expected_one_of, model_names
 
 from .file import DatasetFile, RecordedMotion, UserController
 from .functions import find_function
@@ -22,6 +24,7 @@ _TAKEN = ("failed", "unfinished")  # folders beside those of scenes
 def faults_in(file: DatasetFile, folder: Path) -> list[Fault]:
     """folder: which its paths are relative to. Raises InputError for a rig with faults, shown in the rig's own file."""
     of_inputs = [*_name_faults(file), *_rig_faults(file, folder), *_scene_faults(file, folder)]
+    of_inputs += _pose_faults(file, folder)
     return [*of_inputs, *_controller_faults(file, folder), *_output_faults(file), *_field_faults(file, folder)]
 
 
@@ -56,6 +59,36 @@ def _scene_faults(file: DatasetFile, folder: Path) -> list[Fault]:
         if scene.python is not None:
             faults += _function_faults(("scenes", i, "python"), folder, scene.python)
     return faults
+
+
+def _pose_faults(file: DatasetFile, folder: Path) -> list[Fault]:
+    """Bodies to be moved that the file of a scene does not have; what functions make is known in their episodes."""
+    if not file.randomise.poses:
+        return []
+    faults = []
+    for scene in file.scenes:
+        bodies = None if scene.file is None else _movable_bodies(folder / scene.file)
+        faults += [
+            Fault(
+                ("randomise", "poses", name),
+                f"no body {name!r} that can be moved in the scene {scene.name!r}, {expected_one_of(name, bodies)}",
+                at_key=True,
+            )
+            for name in file.randomise.poses
+            if bodies is not None and name not in bodies
+        ]
+    return faults
+
+
+def _movable_bodies(path: Path) -> list[str] | None:
+    """Their names, read without meshes, which take long; None where the file cannot be read, which its episodes say."""
+    try:
+        if path.suffix == ".mjb":
+            model = compile_model(path)
+            return model_names(model, mujoco.mjtObj.mjOBJ_BODY, model.nbody)[1:]
+        return [body.name for body in mujoco.MjSpec.from_file(str(path)).bodies[1:] if body.name]
+    except (InputError, ValueError, mujoco.FatalError):
+        return None
 
 
 def _controller_faults(file: DatasetFile, folder: Path) -> list[Fault]:

@@ -6,6 +6,7 @@ stops the work. A unit whose worker dies is tried again, by itself, so that only
 
 import multiprocessing
 import os
+import socket
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -15,6 +16,7 @@ from threading import Thread
 from typing import Any, Protocol
 
 from rigcast.dataset.description.config import Unit
+from rigcast.kernels.launching.slices import cpu_count
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.threads import set_threads
@@ -25,6 +27,7 @@ Make = Callable[[Unit], Result]
 Results = Generator[Result, None, None]
 
 _RETRIES = 2  # of an episode whose worker died, in Ray
+_PATIENCE = 5.0  # s, for a cluster's answer; Ray itself tries for minutes
 _DIED = "its worker died, and died again when it was tried alone: killed, or out of memory"
 
 
@@ -140,6 +143,8 @@ class Ray:
             # it but results of some hundred bytes each
             how = {"address": "local", "num_cpus": workers or cpu_count(), "object_store_memory": 200e6}
             how["include_dashboard"] = False
+        else:
+            _require_answer(address)
         try:
             self._ray.init(log_to_driver=False, logging_level="error", **how)
         except (OSError, RuntimeError, ValueError, self._ray.exceptions.RayError) as error:
@@ -173,11 +178,18 @@ class Ray:
             return Result(unit, f"Ray: {str(error).strip().splitlines()[-1]}", stops=True)
 
 
+def _require_answer(address: str) -> None:
+    """Raise InputError where nothing listens at `host:port`. Where there is no port Ray says at once what is wrong."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not port.isdecimal():
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
+    except (OSError, OverflowError) as error:  # OverflowError: of a port too large for any number
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"--address: no Ray cluster at {address!r} to join: {reason}") from None
+
+
 def _with_one_thread(make: Make, unit: Unit) -> Result:
     set_threads(1)
     return make(unit)
-
-
-def cpu_count() -> int:
-    """CPUs that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

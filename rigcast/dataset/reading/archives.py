@@ -22,7 +22,7 @@ class Archive(Protocol):
         """One array. Raises KeyError where the frame has none of that name."""
 
     def names(self, sensor: str, number: int) -> Iterable[str]:
-        """Those that a frame has."""
+        """Those that a frame has, in the order of the alphabet."""
 
 
 class _NpzArchive:
@@ -36,7 +36,7 @@ class _NpzArchive:
 
     def names(self, sensor: str, number: int) -> Iterable[str]:
         prefix = f"{sensor}/{number:06d}/"
-        return [name.removeprefix(prefix) for name in self._file.files if name.startswith(prefix)]
+        return sorted(name.removeprefix(prefix) for name in self._file.files if name.startswith(prefix))
 
 
 class _ZarrParts(Mapping[str, Any]):
@@ -72,7 +72,7 @@ class _ZarrArchive:
 
     def names(self, sensor: str, _number: int) -> Iterable[str]:
         group = self._root[sensor]
-        return [*group.array_keys(), *(name for name in group.attrs if name not in ("type", "spec"))]
+        return sorted([*group.array_keys(), *(name for name in group.attrs if name not in ("type", "spec"))])
 
 
 def archive_of(store: Store, entry: Mapping[str, Any]) -> Archive:

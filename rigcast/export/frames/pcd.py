@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from rigcast.export.fields import Fields, points_of
-from rigcast.export.quaternion import quaternion
 from rigcast.sensors.rig.frame import Frame
+from rigcast.sensors.rotations import quaternion
 
 _SCALARS = {
     "intensity": np.float32,
@@ -33,7 +33,7 @@ def write_pcd(path: Path, frame: Frame) -> None:
     columns = _columns(points_of(frame), frame.time)
     types = [column.dtype.type for column in columns.values()]
     cloud = PointCloud.from_points(list(columns.values()), list(columns), types)
-    viewpoint = (*frame.pose[:3, 3].tolist(), *quaternion(frame.pose[:3, :3]))
+    viewpoint = (*frame.pose[:3, 3].tolist(), *quaternion(frame.pose[:3, :3]).tolist())
     cloud.metadata = cloud.metadata.model_copy(update={"viewpoint": viewpoint})
     with path.open("wb") as file:
         cloud.save(file, Encoding.BINARY)

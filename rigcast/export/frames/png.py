@@ -1,8 +1,7 @@
 """A depth camera's z-depth as a 16-bit greyscale PNG, as drivers give it: whole steps, 0 where there is none.
 
-A step is the camera's `depth_scale`, a millimetre (REP-118's 16UC1) where it has none. 0 is a miss of any kind, and
-what is too far for 16 bits. Text chunks: `sensor`, `depth_scale` [m], `time` [s], `pose` (16 numbers, row by row),
-`intrinsics` (9).
+A step is the camera's `depth_scale`. 0 is a miss of any kind, and what is too far for 16 bits. Text chunks: `sensor`,
+`depth_scale` [m], `time` [s], `pose` (16 numbers, row by row), `intrinsics` (9).
 """
 
 from pathlib import Path
@@ -19,7 +18,7 @@ MILLIMETRE = 0.001
 def write_png(path: Path, frame: CameraFrame) -> None:
     """Write one frame to `path`, whatever its suffix. Raises OSError where it cannot be written."""
     text = PngImagePlugin.PngInfo()
-    scale = float(getattr(frame, "depth_scale", MILLIMETRE))
+    scale = frame.depth_scale
     numbers = {"depth_scale": [scale], "time": [frame.time], "pose": frame.pose, "intrinsics": frame.intrinsics}
     text.add_text("sensor", frame.sensor)
     for name, values in numbers.items():

@@ -6,7 +6,7 @@ from sys import getrefcount
 
 import warp as wp
 
-from rigcast.kernels.cast import BYTES_PER_HIT, HitArrays
+from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays
 
 from .frame_arrays import FrameArrays
 from .launches import Launches

@@ -6,11 +6,11 @@ Between two steps positions go straight on and rotations along the shortest way,
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels.packing.firings import same_rows
+from rigcast.sensors.rotations import quaternion
 from rigcast.sensors.scene.parts.part import ShapePoses
 
 SLOT, PACKED_SLOT = 2e-5, 1e-4
@@ -148,11 +148,7 @@ def slerp(start: Doubles, end: Doubles, fraction: Doubles) -> Doubles:
 
 def _quaternions(matrices: Doubles) -> Doubles:
     """(n, 4) w, x, y, z of rotation matrices (n, 3, 3); NaN where one is not finite."""
-    quaternions = np.full((len(matrices), 4), np.nan)
-    for quaternion, matrix in zip(quaternions, matrices, strict=True):
-        if np.isfinite(matrix).all():
-            mujoco.mju_mat2Quat(quaternion, matrix.flatten())
-    return quaternions
+    return np.array([quaternion(m) if np.isfinite(m).all() else np.full(4, np.nan) for m in matrices])
 
 
 def _matrices(quaternions: Doubles) -> Doubles:

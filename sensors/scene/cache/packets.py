@@ -7,7 +7,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.packets.packet import Packet, Tile
-from rigcast.kernels.packing.sorting import Packets, sort_into_packets
+from rigcast.kernels.packing.sorting import sort_into_packets
+from rigcast.kernels.rays.coherent import Packets
 
 from .on_disk import Arrays, digest_of, kept_arrays
 

@@ -4,7 +4,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.deform import surface_shapes
 from rigcast.kernels.geometry import FARTHEST, Shapes
 from rigcast.kernels.shapes import solids
 from rigcast.sensors.specs.filter import Filter, is_opaque
@@ -82,7 +81,8 @@ class Flexes:
 
     def _shapes(self, half_length: NDArray[np.float64]) -> Shapes:
         edges = _capsules(self.model.flex_radius[self._flex_of_edge], half_length)
-        return Shapes.joined([edges, surface_shapes(self._kinds, self.trees)], np.zeros(2, int))
+        surfaces = Shapes.of_trees(self._kinds, range(len(self.trees)), self.trees)
+        return Shapes.joined([edges, surfaces], np.zeros(2, int))
 
     def _vertices(self, of_all: NDArray[np.float64], flex: int) -> NDArray[np.float64]:
         """Those of one flex among those of all."""

@@ -12,10 +12,11 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.geometry import Shapes, TriangleTree
+from rigcast.kernels.geometry import Shapes, TriangleTree, boxes_of
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.trees.triangle_tree import build_triangle_tree
 from rigcast.sensors.errors import InputError, warn_user
+from rigcast.sensors.meshes import mesh_of_model
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.cache.trees import FEWEST_FACES, cached_small_trees, cached_triangle_tree
 
@@ -58,7 +59,7 @@ class Asset:
         try:
             if self.kind == "hfield":
                 return hfield_tree(model.hfield_size[self.id], hfield_data(model, self.id))
-            return build(*_mesh(model, self.id))
+            return build(*mesh_of_model(model, self.id))
         except ValueError as error:
             raise InputError(f"{self.name(model)}: {error}") from None
 
@@ -84,7 +85,7 @@ def read_model(model: mujoco.MjModel) -> ModelGeometry:
 def _trees(model: mujoco.MjModel, assets: list[Asset]) -> list[TriangleTree]:
     """The tree of each asset, those of meshes from disk where they were built before."""
     small = [asset for asset in assets if asset.kind == "mesh" and model.mesh_facenum[asset.id] < FEWEST_FACES]
-    meshes = [_mesh(model, asset.id) for asset in small]
+    meshes = [mesh_of_model(model, asset.id) for asset in small]
     of_small = dict(zip(small, cached_small_trees(meshes, lambda: [a.tree(model) for a in small]), strict=True))
     return [of_small[asset] if asset in of_small else asset.tree(model, cached_triangle_tree) for asset in assets]
 
@@ -170,13 +171,6 @@ def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
     return f"'{name}'" if name else f"{index} (unnamed)"
 
 
-def _mesh(model: mujoco.MjModel, k: int) -> tuple[NDArray[np.floating], NDArray[np.int32]]:
-    """Vertices and faces, in the frame of the geoms."""
-    first, count = model.mesh_vertadr[k], model.mesh_vertnum[k]
-    first_face, faces = model.mesh_faceadr[k], model.mesh_facenum[k]
-    return model.mesh_vert[first : first + count], model.mesh_face[first_face : first_face + faces]
-
-
 def _local_boxes(
     types: NDArray[np.int32], size: NDArray[np.float64], tree: NDArray[np.int32], trees: list[TriangleTree]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -190,13 +184,11 @@ def _local_boxes(
         _GEOM.mjGEOM_CYLINDER: size[:, [0, 0, 1]],
         _GEOM.mjGEOM_BOX: size,
     }
-    center, half = np.zeros((2, len(size), 3))
+    extents = np.zeros((len(size), 3))
     for kind, extent in by_type.items():
-        half = np.where((types == kind)[:, None], extent, half)
-    placed = np.flatnonzero(tree >= 0)
-    lower, upper = (np.array([getattr(t, end) for t in trees], float).reshape(-1, 3) for end in ("lower", "upper"))
-    lower, upper = lower[tree[placed]], upper[tree[placed]]
-    center[placed], half[placed] = (lower + upper) / 2, (upper - lower) / 2
-    rounded = center.astype(np.float32)
+        extents = np.where((types == kind)[:, None], extent, extents)
     # float64 to float32 may round a half size down
-    return rounded, ((half + np.abs(center - rounded)) * (1 + 1e-6)).astype(np.float32)
+    center, half = np.zeros((len(size), 3), np.float32), (extents * (1 + 1e-6)).astype(np.float32)
+    has_tree = tree >= 0
+    center[has_tree], half[has_tree] = (ends[tree[has_tree]] for ends in boxes_of(trees))
+    return center, half

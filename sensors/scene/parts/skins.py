@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.deform import surface_shapes
-from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.geometry import FARTHEST, Shapes
 from rigcast.kernels.shapes import solids
+from rigcast.sensors.rotations import rotation_matrix
 from rigcast.sensors.specs.filter import Filter, is_opaque
 
 from .deforming import all_hidden, flat_surfaces, lost_owners, only_bodies
@@ -37,7 +37,7 @@ class Skins:
         self._faces = faces + model.skin_vertadr[skin_of_face, None]
         self._surfaces = flat_surfaces(model.skin_vertnum, (faces[skin_of_face == skin] for skin in skins))
         self.trees = [surface.tree for surface in self._surfaces]
-        self.shapes = surface_shapes([solids.TRIANGLES] * model.nskin, self.trees)
+        self.shapes = self._shapes()
         self.ids = skins.astype(np.int32)
         self._bodies = [np.unique(model.skin_bonebodyid[self._skin_of_bone == skin]) for skin in skins]
         self.bodies = only_bodies(self._bodies)
@@ -60,8 +60,7 @@ class Skins:
         }
         self.trees = [surface.tree for surface in self._surfaces]
         position[lost] = np.nan
-        shapes = surface_shapes([solids.TRIANGLES] * count, self.trees)
-        return Snapshot(position, np.tile(np.eye(3).reshape(9), (count, 1)), shapes, trees)
+        return Snapshot(position, np.tile(np.eye(3).reshape(9), (count, 1)), self._shapes(), trees)
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         model = self.model
@@ -69,10 +68,14 @@ class Skins:
         seen &= is_opaque(model, model.skin_rgba, model.skin_matid)
         return seen & ~all_hidden(self._bodies, filter.hidden_bodies(model))
 
+    def _shapes(self) -> Shapes:
+        return Shapes.of_trees([solids.TRIANGLES] * self.model.nskin, range(self.model.nskin), self.trees)
+
     def _bent(self, data: mujoco.MjData, bones: NDArray[np.float64]) -> NDArray[np.float64]:
         """(nskinvert, 3): the vertices as the bones at (nskinbone, 3) carry them, not inflated."""
         model = self.model
-        turn = data.xmat[model.skin_bonebodyid].reshape(-1, 3, 3) @ _matrices(model.skin_bonebindquat).swapaxes(1, 2)
+        bind = np.array([rotation_matrix(quat) for quat in model.skin_bonebindquat])
+        turn = data.xmat[model.skin_bonebodyid].reshape(-1, 3, 3) @ bind.swapaxes(1, 2)
         shift = bones - np.einsum("bij,bj->bi", turn, model.skin_bonebindpos)
         carried = np.einsum("kij,kj->ki", turn[self._bone], model.skin_vert[self._vertex]) + shift[self._bone]
         return _sums(self._vertex, model.skin_bonevertweight[:, None] * carried, model.nskinvert)
@@ -91,11 +94,3 @@ class Skins:
 def _sums(of: NDArray[np.integer], vectors: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """(count, 3): row k is the sum of the vectors (n, 3) that are `of` k."""
     return np.stack([np.bincount(of, vectors[:, axis], minlength=count) for axis in range(3)], axis=-1)
-
-
-def _matrices(quaternions: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(n, 3, 3) rotations of quaternions (n, 4), w first."""
-    matrices = np.zeros((len(quaternions), 9))
-    for matrix, quaternion in zip(matrices, quaternions.astype(np.float64), strict=True):
-        mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrices.reshape(-1, 3, 3)

@@ -78,6 +78,11 @@ class DepthCamera(SensorSpec):
         """Whether it measures in a way that has errors."""
         return self.stereo is not None or self.time_of_flight is not None
 
+    @property
+    def takes_optics(self) -> bool:
+        """Whether its optics are those of the MJCF camera that it is mounted on."""
+        return self.mount.camera is not None and self.fov_y_deg is None and self.fx is None
+
     @field_validator("resolution")
     @classmethod
     def _not_too_many(cls, resolution: tuple[int, int] | None) -> tuple[int, int] | None:
@@ -130,8 +135,7 @@ class DepthCamera(SensorSpec):
         faults = []
         if self.resolution is None and model.cam_resolution[camera].min() <= 1:
             faults.append(Fault((), f"resolution required: camera {self.mount.camera!r} of the model has none"))
-        takes_optics = self.fov_y_deg is None and self.fx is None
-        if takes_optics and model.cam_projection[camera] == mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC:
+        if self.takes_optics and model.cam_projection[camera] == mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC:
             faults.append(
                 Fault(
                     ("mount", "camera"),

@@ -23,7 +23,7 @@ from rigcast.sensors.specs.pattern import Pattern, directions_at
 from rigcast.sensors.specs.spec import Spec
 
 if TYPE_CHECKING:  # cards of devices are drawn without Warp
-    from rigcast.kernels.packing.sorting import Packets
+    from rigcast.kernels.rays.coherent import Packets
 
 Coordinate = float | NDArray[np.float64]
 Aim = Callable[[float, bool], "tuple[NDArray[np.float64], Packets | None]"]

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -35,6 +36,8 @@ from .small_datasets import controlled_by, edited
             "set.yaml:9:32",
             "no field 'dept' of a lidar, expected one",
         ),
+        ("sign: {pos", "sing: {pos", "set.yaml:7:64", "can be moved in the scene 'room', expected one of table, sign"),
+        ("sign: {pos", "world: {pos", "set.yaml:7:64", "no body 'world' that can be moved"),
         ("count: 2", "count: 0", "set.yaml:5:19", "must be greater than or equal to 1"),
     ],
 )
@@ -50,6 +53,21 @@ def test_a_rig_in_place_of_a_data_set_is_told_apart(path: Path) -> None:
         read_dataset(path.parent / "rig.yaml")
     with pytest.raises(InputError, match=r"set\.yaml:1:1: a data set, expected a rig; `rigcast dataset .*` makes it"):
         load_rig(path)
+
+
+@pytest.mark.parametrize("scene", ["room.mjb", "broken.xml", "broken.mjb"])
+def test_bodies_to_be_moved_are_looked_for_in_every_file_that_can_be_read(path: Path, scene: str) -> None:
+    mujoco.mj_saveModel(mujoco.MjModel.from_xml_path(str(path.parent / "room.xml")), str(path.parent / "room.mjb"))
+    (path.parent / "broken.xml").write_text("<mujoco>")
+    (path.parent / "broken.mjb").write_text("<mujoco>")
+    edited(path, "file: room.xml", f"file: {scene}")
+    read_dataset(path)
+    edited(path, "sign: {pos", "sing: {pos")
+    if scene == "room.mjb":
+        with pytest.raises(InputError, match="no body 'sing'"):
+            read_dataset(path)
+    else:
+        read_dataset(path)  # its episodes fail, and say why
 
 
 def test_mistakes_are_shown_all_at_once(path: Path) -> None:

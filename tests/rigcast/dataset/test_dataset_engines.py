@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -97,7 +98,7 @@ class FakeRay:
 
     def init(self, **how: Any) -> None:
         self.how = how
-        if how["address"] == "10.0.0.9:6379":
+        if str(how["address"]).startswith("127.0.0.1"):
             raise self.exceptions.RayError("Authentication token is missing")
 
     def cluster_resources(self) -> dict[str, float]:
@@ -146,10 +147,30 @@ def test_ray_starts_one_of_its_own_or_says_why_it_joins_none(monkeypatch: pytest
     monkeypatch.setattr(engines, "load_extra", lambda *_names: ray)
     Ray()
     assert ray.how["address"] == "local", "else Ray joins a cluster that runs on this machine"
-    with pytest.raises(
-        InputError, match=r"--address: no Ray cluster at '10\.0\.0\.9:6379' to join: Authentication token"
-    ):
-        Ray("10.0.0.9:6379")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = "{}:{}".format(*server.getsockname())
+        with pytest.raises(InputError, match=f"--address: no Ray cluster at '{address}' to join: Authentication token"):
+            Ray(address)
+
+
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
+        ("127.0.0.1:1", "Connection refused"),
+        ("[::1]:1", ""),
+        ("ray://127.0.0.1:1", "Connection refused"),
+        ("127.0.0.1:99999999999999999999", "too large"),
+    ],
+)
+def test_where_nobody_answers_ray_is_not_asked(monkeypatch: pytest.MonkeyPatch, address: str, message: str) -> None:
+    """It tries for minutes, and says nothing meanwhile."""
+    ray = FakeRay()
+    monkeypatch.setattr(engines, "load_extra", lambda *_names: ray)
+    with pytest.raises(InputError) as caught:
+        Ray(address)
+    assert str(caught.value).startswith(f"--address: no Ray cluster at {address!r} to join: ")
+    assert message in str(caught.value)
+    assert not hasattr(ray, "how")
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from rigcast.dataset.storage.manifest import write_manifest
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 
-from .small_datasets import contents, controlled_by, edited, make
+from .small_datasets import MODULE_NAME, contents, controlled_by, edited, make
 
 
 class Backwards:
@@ -128,7 +128,6 @@ def test_random_actions_stay_within_limits(path: Path) -> None:
 FAILURES = {
     "worldbdy": ("room.xml", "<worldbody>", "<worldbdy>"),
     "the simulation diverged at t = 0": ("room.xml", 'damping="1"', 'stiffness="-1e9" springref="1"'),
-    "no body 'tabel' that can be moved, expected one of table": ("set.yaml", "poses: {table", "poses: {tabel"),
     "OSError: no weights": ("set.yaml", ":push", ":broken"),
     "no body 'cart' in the model": ("room.xml", 'body name="cart"', 'body name="carts"'),
 }
@@ -143,6 +142,13 @@ def test_an_episode_that_fails_is_listed_with_its_reason(path: Path, reason: str
     assert done.manifest["missing"] == 0
     assert all(reason in failure["reason"] for failure in done.manifest["failed"]), done.manifest["failed"]
     assert json.loads((path.parent / "out/dataset.json").read_text()) == done.manifest
+
+
+def test_a_body_to_be_moved_that_a_function_does_not_make_fails_its_episodes(path: Path) -> None:
+    edited(path.parent / f"{MODULE_NAME}.py", "read_text()\n", "read_text().replace('table', 'desk')\n")
+    failed = make(path).manifest["failed"]
+    assert [failure["scene"] for failure in failed] == ["made", "made"]
+    assert all("no body 'table' that can be moved, expected one of desk" in failure["reason"] for failure in failed)
 
 
 def test_one_scene_that_fails_does_not_keep_others_from_being_made(path: Path, whole: dict[str, bytes]) -> None:
@@ -176,12 +182,12 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
 ) -> None:
     frames_before_full: Iterator[int] = iter(range(10))
 
-    def require_room(_folder: Path, _size: int) -> None:
+    def require_disk_space(_folder: Path, _size: int) -> None:
         if next(frames_before_full, None) is None:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patched:
-        patched.setattr(shards, "require_room", require_room)
+        patched.setattr(shards, "require_disk_space", require_disk_space)
         with pytest.raises(InputError, match="No space left on device; episodes that are finished stay"):
             make(path)
     manifest = json.loads((path.parent / "out/dataset.json").read_text())

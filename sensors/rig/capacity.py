@@ -1,0 +1,74 @@
+"""Whether readings have room, before anything is allocated or written over."""
+
+import math
+import os
+from collections.abc import Mapping
+
+import warp as wp
+
+from rigcast.sensors.captured import is_captured
+from rigcast.sensors.errors import InputError, require_type
+
+from .frame import Frame
+
+MOST_RAYS = 2**31 - 1
+"""Of a frame: those of kernels are counted in 32 bits."""
+
+
+def require_countable(worlds: int, rays: Mapping[str, int]) -> None:
+    """Raise InputError where so many worlds have too many rays; each has these of the sensors they are named after."""
+    for name, of_each in rays.items():
+        if worlds * of_each > MOST_RAYS:
+            raise InputError(
+                f"Rig.sense: {worlds} worlds of sensor {name!r} have {worlds * of_each} rays, expected at most "
+                f"{MOST_RAYS}: {MOST_RAYS // of_each} worlds"
+            )
+
+
+def require_out(out: Mapping[str, Frame], shapes: Mapping[str, tuple[int, ...]], device: wp.Device) -> None:
+    """Raise InputError unless `out` has a frame of each of these sensors, of these shapes."""
+    require_type("Rig.sense: out", out, Mapping)
+    for name, shape in shapes.items():
+        if name not in out:
+            raise InputError(
+                f"Rig.sense: out: no frame of sensor {name!r}, expected a frame of each sensor that is read"
+            )
+        require_type(f"Rig.sense: out: sensor {name!r}", out[name], Frame)
+        out[name].require_fit(name, shape, device)
+
+
+def require_memory(worlds: int, needs: Mapping[str, int], meanwhile: int, device: wp.Device, kept: int) -> None:
+    """Raise InputError where so many worlds do not fit; each needs these bytes for what they are named after.
+
+    meanwhile: bytes that all of them need together. kept: bytes of earlier frames, which are written over.
+    """
+    each = sum(needs.values())
+    free = free_memory(device) + kept
+    if worlds * each + meanwhile > free and device.is_cuda and not is_captured(device):
+        wp.synchronize_device(device)  # after which what has been freed counts as free
+        free = free_memory(device) + kept
+    if worlds * each + meanwhile > free:
+        parts = ", ".join(f"{name} {_bytes(need)}" for name, need in needs.items() if need)
+        raise InputError(
+            f"Rig.sense: {worlds} worlds need {_bytes(worlds * each + meanwhile)}, {_bytes(each)} each ({parts}) and "
+            f"{_bytes(meanwhile)} to work them out in, expected at most {max(0, free - meanwhile) // each}: "
+            f"{_bytes(free)} are free on {device}"
+        )
+
+
+def free_memory(device: wp.Device) -> int:
+    """Bytes that can be allocated now; on the CPU what the system calls available, or else has in all."""
+    if device.is_cuda:
+        return int(device.free_memory)
+    try:
+        with open("/proc/meminfo") as lines:
+            available = next(line for line in lines if line.startswith("MemAvailable:"))
+        return int(available.split()[1]) * 1024
+    except (OSError, StopIteration):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def _bytes(count: float) -> str:
+    """A number of bytes with three figures."""
+    power = min(int(math.log10(max(count, 1)) / 3), 4)
+    return f"{count / 1000**power:.3g} {('B', 'kB', 'MB', 'GB', 'TB')[power]}"

@@ -1,0 +1,161 @@
+"""Some of many worlds, or all, with their poses at one reading."""
+
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+from typing import Any
+
+import mujoco
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from rigcast.kernels.host.gather import Gathered
+from rigcast.kernels.poses.mounts import Carriers, Frames, origin
+from rigcast.sensors.captured import require_as_before, require_on_device
+from rigcast.sensors.errors import InputError
+from rigcast.sensors.specs.mount import CARRIERS
+from rigcast.sensors.specs.sensor_spec import SensorSpec
+
+from .arrays import poses, require_array, require_no_gaps
+from .sources import Rows
+from .world_mounts import WorldMounts
+from .worlds import Worlds
+
+_POSES = {"geom": ("geom_xpos", "geom_xmat", "ngeom")} | {
+    kind: (*names, count) for (kind, names), count in zip(CARRIERS.items(), ("nbody", "nsite", "ncam"), strict=True)
+}
+"""Of each kind of thing that has a pose: the fields of its position and rotation, and how many a model has."""
+_DEVICE_TYPES: dict[str, tuple[tuple[int, ...], tuple[type, type]]] = {
+    "position": ((3,), (wp.vec3, wp.vec3d)),
+    "rotation": ((3, 3), (wp.mat33, wp.mat33d)),
+}
+
+
+class PosedWorlds:
+    """Some of many worlds, or all, with their poses at one reading.
+
+    Poses are asked for once; of carriers on the host only what is used is copied.
+
+    part: which of the worlds. gathered: where poses of several MjData are copied together, the same for every reading.
+    """
+
+    def __init__(
+        self,
+        worlds: Worlds,
+        part: slice,
+        model: mujoco.MjModel,
+        device: wp.Device,
+        gathered: dict[str, Gathered],
+    ) -> None:
+        self.part, self.count, self.device = part, part.stop - part.start, device
+        self._worlds, self._model, self._gathered = worlds, model, gathered
+        self._carriers: dict[tuple[str, bytes], Carriers] = {}
+
+    @cached_property
+    def active(self) -> wp.array:
+        """(n,) bool, which of the worlds are sensed; empty if all are."""
+        return self._worlds.active(self.device, self.part)
+
+    @cached_property
+    def ids(self) -> wp.array:
+        """(n,) uint32, of which the worlds draw their random numbers."""
+        return _uploaded_ids(self._worlds.ids.tobytes(), self.device.alias)[self.part]
+
+    def mounts_of(self, spec: SensorSpec, own: WorldMounts) -> WorldMounts:
+        """Where a sensor is mounted: as the worlds say, or else as it says itself."""
+        mounts = self._worlds.mounts_of(spec, self._model, self.device)
+        return own if mounts is None else mounts.of_worlds(self.part)
+
+    @cached_property
+    def geoms(self) -> Sequence[NDArray[np.floating[Any]] | wp.array]:
+        """The positions and rotations of all geoms: Warp arrays (n, ngeom), or (n, ngeom, 3) and (n, ngeom, 3, 3)."""
+        values = self._values("geom")
+        for name, value in zip(_POSES["geom"][:2], values, strict=True):
+            if isinstance(value, wp.array):
+                require_no_gaps(name, value)
+        return values
+
+    def shapes(self, props: Sequence[WorldMounts]) -> Sequence[NDArray[np.floating[Any]] | wp.array]:
+        """The positions and rotations of all geoms, then of these props."""
+        if not props:
+            return self.geoms
+        first = self._model.ngeom
+        frames = Frames.empty(self.count, first + len(props), self.device)
+        frames.copy(self._uploaded(*self.geoms))
+        for k, prop in enumerate(props):
+            frames.place(first + k, self.carriers(prop), prop.on)
+        return frames.position, frames.rotation
+
+    def carriers(self, mounts: WorldMounts) -> Carriers:
+        """The poses of what carries this: of all of its kind (n, m), or of this alone (n, 1)."""
+        key = mounts.kind, mounts.which.tobytes()
+        if key not in self._carriers:
+            self._carriers[key] = (
+                origin(self.device)
+                if mounts.kind == "world"
+                else self._uploaded(*self._values(mounts.kind, mounts.which))
+            )
+        return self._carriers[key]
+
+    def _values(self, kind: str, which: NDArray[np.int32] | None = None) -> list[Any]:
+        """Position and rotation of all things of a kind, checked, in one precision.
+
+        They are Warp arrays, or numpy arrays, where `which`, (n,) or (1,), says to take one thing of each world only.
+        """
+        *names, count = _POSES[kind]
+        shape = (self.count, getattr(self._model, count))
+        values = []
+        for name, (axes, dtypes) in zip(names, _DEVICE_TYPES.values(), strict=True):
+            value = self._worlds.field(name, self.part)
+            if value is None:
+                raise InputError(f"Worlds: batch: no {name!r}, which says where a sensor or prop on a {kind} is")
+            if isinstance(value, wp.array):
+                require_array(name, value, shape, dtypes, self.device)
+            elif isinstance(value, Rows):
+                value = self._copied(name, value, axes, which)
+            else:
+                value = poses(name, value, (*shape, *axes))
+                value = value if which is None else value[np.arange(self.count), which, None]
+            values.append(value)
+        on_host = [isinstance(value, np.ndarray) for value in values]
+        if any(on_host) and not all(on_host):
+            raise InputError(f"Worlds: {', '.join(names)}: got one on the host, expected both there or on the device")
+        if not any(on_host):
+            _require_one_precision(names, values)
+            return values
+        require_on_device(f"Worlds: {names[0]}", "an array on the host", self.device)
+        self._worlds.require_set(names[1], values[1], self.part)
+        precision = np.result_type(*values)
+        return [value.astype(precision, copy=False) for value in values]
+
+    def _copied(
+        self, name: str, rows: Rows, axes: tuple[int, ...], which: NDArray[np.int32] | None
+    ) -> NDArray[np.float64]:
+        """(n, m, *axes) of all things, or (n, 1, *axes)."""
+        shape = (self.count, self._model.ngeom if which is None else 1, *axes)
+        gathered = self._gathered.get(name)
+        if gathered is None or gathered.values.shape != shape:
+            gathered = self._gathered[name] = Gathered(shape)
+        gathered.take(rows.of_worlds(self.part), which)
+        return gathered.values
+
+    def _uploaded(self, position: Any, rotation: Any) -> Carriers:
+        if isinstance(position, wp.array):
+            return Carriers(position, rotation)
+        vector, matrix = (dtypes[position.dtype == np.float64] for _, dtypes in _DEVICE_TYPES.values())
+        return Carriers(
+            wp.array(position, dtype=vector, device=self.device), wp.array(rotation, dtype=matrix, device=self.device)
+        )
+
+
+def _require_one_precision(names: Sequence[str], values: Sequence[wp.array]) -> None:
+    kinds = tuple(value.dtype for value in values)
+    if kinds not in ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)):
+        got = " and ".join(kind.__name__ for kind in kinds)
+        raise InputError(f"Worlds: {', '.join(names)}: got arrays of {got}, expected both in one precision")
+
+
+@lru_cache(maxsize=8)
+def _uploaded_ids(ids: bytes, device: str) -> wp.array:
+    require_as_before("Worlds: got other ids", wp.get_device(device))
+    return wp.array(np.frombuffer(ids, np.uint32), dtype=wp.uint32, device=device)

@@ -1,0 +1,272 @@
+"""What a view shows is what the sensors saw: in a page, in a browser, and in a rerun recording."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+import rigcast
+from rigcast.cli import app
+from rigcast.view.page import write_page
+from rigcast.view.run_folder import read_run
+from rigcast.view.shots import Shot, shot_of
+
+MODEL = """
+<mujoco>
+  <option timestep="0.01"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="0 0 1"/>
+    <geom name="wall" type="box" pos="4 0 1" size="0.1 3 1"/>
+    <geom name="pillar" type="cylinder" pos="2 1.5 1" size="0.3 1"/>
+    <geom name="pipe" type="capsule" pos="2 -1.5 1" size="0.2 0.5"/>
+    <body name="cart" pos="0 0 0.5"><joint type="slide" axis="1 0 0"/><geom type="box" size="0.2 0.2 0.2"/></body>
+  </worldbody>
+  <keyframe><key name="rolling" qvel="1"/></keyframe>
+</mujoco>
+"""
+RIG = """\
+model: cart.xml
+keyframe: rolling
+sensors:
+  - {name: top, type: lidar, mount: {body: cart, pos: [0, 0, 0.5]}, elevation_deg: [-20, -10, 0, 10], columns: 180,
+     rate_hz: 20}
+  - {name: front, type: depth_camera, mount: {body: cart, pos: [0.3, 0, 0]}, resolution: [32, 24], fov_y_deg: 60,
+     rate_hz: 20}
+"""
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), ""
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("view")
+    (path / "cart.xml").write_text(MODEL)
+    (path / "cart.yaml").write_text(RIG)
+    return path
+
+
+def call(*arguments: str | Path) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, result.output
+
+
+@pytest.fixture(scope="module")
+def frames(folder: Path) -> list[rigcast.Frame]:
+    rig = rigcast.load_rig(folder / "cart.yaml", device="cpu")
+    data = mujoco.MjData(rig.model)
+    mujoco.mj_resetDataKeyframe(rig.model, data, 0)
+    seen = []
+    for _ in range(20):
+        mujoco.mj_step(rig.model, data)
+        seen += rig.step(data)
+    return seen
+
+
+def data_of(page: Path) -> dict[str, Any]:
+    (data,) = re.findall(r"const data = (.*);\n", page.read_text(encoding="utf-8"))
+    return dict(json.loads(data.replace("<\\/", "</")))
+
+
+def points_in(document: dict[str, Any], entry: dict[str, Any]) -> Any:
+    steps = np.frombuffer(base64.b64decode(entry["points"]), "<u2").reshape(-1, 3)
+    return steps * document["step"] + document["low"]
+
+
+def test_a_page_has_the_points_of_every_reading(folder: Path, frames: list[rigcast.Frame]) -> None:
+    write_page(folder / "all.html", "</script> & co", [shot_of(frame) for frame in frames])
+    document = data_of(folder / "all.html")
+    assert document["title"] == "</script> & co"
+    assert [(e["sensor"], e["time"]) for e in document["shots"]] == [(f.sensor, f.time) for f in frames]
+    for entry, frame in zip(document["shots"], frames, strict=True):
+        points = frame.points_world.numpy().reshape(-1, 3)
+        near = np.abs(points - np.add(document["low"], document["middle"])).max(axis=1) < 5 * document["reach"]
+        np.testing.assert_allclose(points_in(document, entry), points[near], atol=2e-3)
+        assert ("image" in entry) == (frame.sensor == "front")
+
+
+def test_a_page_of_many_readings_is_thinned_out(folder: Path) -> None:
+    cloud = np.random.default_rng(0).normal(size=(30_000, 3)).astype(np.float32)
+    values = {"geom_id": np.arange(30_000)}
+    shots = [Shot(name, 0.1 * k, np.eye(4), cloud, values) for k in range(150) for name in ("a", "b")]
+    write_page(folder / "many.html", "many", shots)
+    entries = data_of(folder / "many.html")["shots"]
+    assert [entry["sensor"] for entry in entries].count("a") == 75
+    assert {len(base64.b64decode(entry["values"]["geom_id"])) for entry in entries} == {15_000}
+
+
+def test_of_a_long_run_only_what_a_page_shows_is_kept(
+    folder: Path, frames: list[rigcast.Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked_at, written = list[str](), list[Shot]()
+
+    def look_at(frame: rigcast.Frame) -> Shot:
+        looked_at.append(frame.sensor)
+        return shot_of(frame)
+
+    def write(path: Path, _title: str, shots: list[Shot]) -> None:
+        written.extend(shots)
+        path.touch()
+
+    for name, own in {"MOST_SHOTS": 10, "WIDEST": 16, "shot_of": look_at, "write_page": write}.items():
+        monkeypatch.setattr(f"rigcast.cli.view.{name}", own)
+    page = folder / "long.html"
+    code, output = call("view", folder / "cart.yaml", "--duration", "0.4", "--save", page, "--device", "cpu")
+    assert code == 0, output
+    assert looked_at == ["top", "front"] * 4, "every other one of eight"
+    assert [shot.sensor for shot in written] == looked_at
+    assert [shot.time for shot in written[:2]] == [frame.time for frame in frames[:2]]
+    for shot in written[1::2]:
+        assert shot.depth is not None
+        assert (shot.depth.shape, shot.size) == ((12, 16), (32, 24))
+        assert shot.depth.base is None, "the whole image is in memory"
+
+
+@pytest.mark.parametrize("cloud", [np.zeros((0, 3), np.float32), np.ones((1, 3), np.float32)])
+def test_a_page_of_hardly_a_point_is_one_too(folder: Path, cloud: Any) -> None:
+    values = {"range": np.ones(len(cloud), np.float32)}
+    write_page(folder / "few.html", "few", [Shot("a", 0.0, np.eye(4), cloud, values)])
+    document = data_of(folder / "few.html")
+    np.testing.assert_allclose(points_in(document, document["shots"][0]), cloud, atol=1e-6)
+
+
+def test_a_page_of_nothing_is_refused(folder: Path) -> None:
+    with pytest.raises(rigcast.InputError, match="none: no frame to show"):
+        write_page(folder / "none.html", "none", [])
+
+
+@pytest.mark.parametrize("formats", ["npz", "exr,ply"])
+def test_a_run_is_read_back(folder: Path, frames: list[rigcast.Frame], formats: str) -> None:
+    out = folder / formats
+    code, output = call("run", folder / "cart.yaml", "--duration", "0.2", "--out", out, "--format", formats)
+    assert code == 0, output
+    shots = list(read_run(out))
+    assert [(shot.sensor, round(shot.time, 9)) for shot in shots] == [(f.sensor, round(f.time, 9)) for f in frames]
+    for shot, frame in zip(shots, frames, strict=True):
+        expected = shot_of(frame)
+        np.testing.assert_allclose(shot.points, expected.points, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(shot.points_world, expected.points_world, rtol=1e-5, atol=1e-5)
+        np.testing.assert_array_equal(shot.values["geom_id"], expected.values["geom_id"])
+        np.testing.assert_allclose(shot.values["range"], expected.values["range"], rtol=1e-5)
+        assert (shot.depth is None) == (expected.depth is None)
+
+
+def test_a_run_that_was_killed_is_read_back(folder: Path, frames: list[rigcast.Frame], tmp_path: Path) -> None:
+    rig = rigcast.load_rig(folder / "cart.yaml", device="cpu")
+    with rigcast.Recorder(tmp_path / "run", rig.model, rig.sensors, ["npz"]) as recorder:
+        for frame in frames[:3]:
+            recorder.write(frame)
+        killed = shutil.copytree(tmp_path / "run", tmp_path / "killed")
+    with (killed / "frames.jsonl").open("a") as journal:
+        journal.write('{"sensor": "top", "fra')
+    shots = list(read_run(killed))
+    assert [(shot.sensor, shot.time) for shot in shots] == [(frame.sensor, frame.time) for frame in frames[:3]]
+    assert call("view", killed, "--save", tmp_path / "page.html")[0] == 0
+
+
+@pytest.mark.parametrize("formats", ["npz", "ply"])
+def test_a_run_that_hit_nothing_is_read_back(folder: Path, formats: str) -> None:
+    out = folder / "nothing" / formats
+    near = ("--duration", "0.06", "--set", "sensors.*.max_range=0.01")
+    code, output = call("run", folder / "cart.yaml", *near, "--out", out, "--format", formats)
+    assert code == 0, output
+    code, output = call("view", out, "--save", out / "nothing.html")
+    assert code == 0, output
+    assert [len(points_in(page, shot)) for page in [data_of(out / "nothing.html")] for shot in page["shots"]] == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["."], "frames.npz: cannot be read: No such file or directory; expected a folder of rigcast run"),
+        (["cart.yaml", "--save", "x.png"], "--save: got 'x.png', expected a name that ends in .html or .rrd"),
+        (["cart.yaml", "--duration", "0.02", "--save", "x.html"], "cart.yaml: no frame fell due in 0.02 s"),
+        (["gone.yaml", "--save", "x.html"], "gone.yaml: cannot be read: No such file"),
+    ],
+)
+def test_what_cannot_be_shown_is_told(
+    folder: Path, arguments: list[str], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    code, output = call("view", *arguments)
+    assert code == 2
+    assert message in output
+    assert not (folder / "x.html").exists()
+
+
+def test_without_rerun_a_page_is_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr("rigcast.cli.view.find_spec", lambda _name: None)
+    code, output = call("view", "cart.yaml", "--duration", "0.1", "--device", "cpu")
+    assert code == 0, output
+    assert "out/cart.html: 4 frames" in output
+    assert len(data_of(folder / "out" / "cart.html")["shots"]) == 4
+
+
+def screenshot(page: Path, script: str, picture: Path) -> Any:
+    """What Chromium shows of a page once a script has run in it, and the text of its console, both as they are."""
+    copy = picture.with_suffix(".html")
+    copy.write_text(page.read_text().replace("</body>", f"<script>{script}</script></body>"))
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1000,700"]
+    own = [f"--user-data-dir={picture.parent / 'profile'}", f"--screenshot={picture}", "--enable-logging=stderr"]
+    done = subprocess.run([CHROMIUM, *flags, *own, copy.as_uri()], capture_output=True, text=True, timeout=120)
+    assert picture.is_file(), done.stderr
+    assert "CONSOLE" not in done.stderr, done.stderr
+    with Image.open(picture) as image:
+        return np.asarray(image.convert("RGB")).astype(int)
+
+
+@pytest.mark.skipif(not CHROMIUM, reason="no Chromium on the path")
+def test_a_browser_shows_clouds_that_turn_and_images(frames: list[rigcast.Frame], tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    write_page(page, "cart", [shot_of(frame) for frame in frames])
+    scripts = {
+        "start": "",
+        "turned": "view.yaw += 1; draw()",
+        "later": "element('time').value = 99; show()",
+        "by id": "element('by').value = 'geom_id'; legend(); draw()",
+        "hidden": "hidden.add('top'); hidden.add('front'); draw()",
+    }
+    seen = {name: screenshot(page, code, tmp_path / f"{name}.png") for name, code in scripts.items()}
+    cloud = {name: picture[60:600, :640] for name, picture in seen.items()}
+    coloured = {name: int((np.ptp(part, axis=-1) > 60).sum()) for name, part in cloud.items()}
+    assert coloured["start"] > 1000, coloured
+    assert coloured["hidden"] == 0, coloured
+    for name in ("turned", "later", "by id"):
+        assert (cloud[name] != cloud["start"]).any(axis=-1).sum() > 300, name
+    assert (np.ptp(seen["start"][60:300, 680:980], axis=-1) > 60).mean() > 0.3, "the depth image"
+
+
+def test_a_rerun_recording_has_clouds_images_and_bodies(folder: Path) -> None:
+    chunk = pytest.importorskip("rerun.chunk")
+    code, output = call(
+        "view", folder / "cart.yaml", "--duration", "0.1", "--save", folder / "c.rrd", "--device", "cpu"
+    )
+    assert code == 0, output
+    rows: dict[str, int] = {}
+    for piece in chunk.RrdReader(folder / "c.rrd").stream():
+        if not piece.is_static and "simulation" in piece.timeline_names:
+            rows[piece.entity_path] = rows.get(piece.entity_path, 0) + piece.num_rows
+    expected = ["/sensors/top/by_range", "/sensors/top/by_ring", "/sensors/top/by_geom_id", "/sensors/front/camera"]
+    assert all(rows[path] >= 2 for path in (*expected, "/sensors/top", "/bodies/cart")), rows
+
+
+def test_without_rerun_a_recording_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "rerun", None)
+    code, output = call(
+        "view", folder / "cart.yaml", "--duration", "0.1", "--save", folder / "n.rrd", "--device", "cpu"
+    )
+    assert code == 2
+    assert "Looking at sensors in rerun needs rerun, which is not installed; pip install 'rigcast[view]'" in output
+    assert "simulated" not in output, "it is refused at once"
+    assert not (folder / "n.rrd").exists()
