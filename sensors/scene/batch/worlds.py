@@ -195,8 +195,8 @@ class Worlds:
 
     def _one_each(self, name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
         """(nworld,) numbers."""
-        values = self._per_world(name, given, dtype)
-        if values.ndim != 1:
+        values = numbers(name, given, dtype)
+        if values.shape != (self.count,):
             raise InputError(f"Worlds: {name}: got shape {values.shape}, expected ({self.count},): one per world")
         return values
 
