@@ -110,6 +110,7 @@ class FrameArrays:
         readings = self._launches.prepared(scene, fixed, rays, visible, limits)
         fields = self.fields.for_cast
         if self._are_shared or readings is not self.cast or fields != self._turned_to:
+            self.cast = None  # until it is turned whole
             readings.turn_to(self.hits, rays, self.fields.arrays(fields))
             self.cast, self._turned_to = readings, fields
             self._held.settle()
