@@ -10,6 +10,8 @@ import OpenEXR
 from numpy.typing import NDArray
 from trimesh.exchange.ply import load_ply
 
+from rigcast.dataset.storage.manifest import MANIFEST_NAME
+from rigcast.dataset.storage.shards import ENTRY_NAME
 from rigcast.export.index import read_journal
 from rigcast.export.layout import INDEX_NAME, JOURNAL_NAME
 from rigcast.sensors.errors import InputError
@@ -19,6 +21,7 @@ from rigcast.view.bag import is_bag, read_bag
 from rigcast.view.shots import VALUES, Share, Shot, arrays_of_image
 
 _READABLE = ("npz", "exr", "ply")
+_EXPECTED = "expected a folder of rigcast run, or a ROS bag"
 
 
 def read_run(folder: Path, most: int | None = None) -> Iterator[Shot]:
@@ -45,6 +48,8 @@ def read_run(folder: Path, most: int | None = None) -> Iterator[Shot]:
 
 
 def _read_index(folder: Path) -> dict[str, NDArray[Any]]:
+    if any((folder / name).is_file() for name in (MANIFEST_NAME, ENTRY_NAME)):
+        raise InputError(f"{folder}: a data set, or an episode of one, which rigcast.open_dataset reads; {_EXPECTED}")
     try:
         if (folder / JOURNAL_NAME).is_file():
             return read_journal(folder / JOURNAL_NAME, _READABLE)
@@ -53,8 +58,8 @@ def _read_index(folder: Path) -> dict[str, NDArray[Any]]:
     except OSError as error:
         reason = error.strerror or error
         below = [str(index.parent) for index in sorted(folder.glob(f"*/{INDEX_NAME}"))]
-        expected = f"expected a folder of rigcast run{f', as {listing(below)}' if below else ''}, or a ROS bag"
-        raise InputError(f"{folder / INDEX_NAME}: cannot be read: {reason}; {expected}") from None
+        there = f"; such folders are {listing(below)}" if below else ""
+        raise InputError(f"{folder / INDEX_NAME}: cannot be read: {reason}; {_EXPECTED}{there}") from None
 
 
 def _bag_in(folder: Path) -> Path:

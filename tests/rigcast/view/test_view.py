@@ -204,6 +204,14 @@ def test_what_cannot_be_shown_is_told(
     assert not (folder / "x.html").exists()
 
 
+@pytest.mark.parametrize("name", ["dataset.json", "entry.json"])
+def test_a_data_set_in_place_of_a_run_is_told_apart(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("{}")
+    np.savez(tmp_path / "frames.npz", **{"top/000000/range": np.ones(3)})
+    code, output = call("view", tmp_path, "--save", tmp_path / "x.html")
+    assert (code, "a data set, or an episode of one, which rigcast.open_dataset reads; expected" in output) == (2, True)
+
+
 def test_without_rerun_a_page_is_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     monkeypatch.setattr("rigcast.cli.view.find_spec", lambda _name: None)
