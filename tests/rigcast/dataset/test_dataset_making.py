@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -132,6 +133,17 @@ def test_a_free_body_is_moved_from_where_a_motion_has_it(path: Path) -> None:
             np.testing.assert_allclose(pose.xmat[0], np.cos(np.deg2rad(turn)), atol=1e-9, err_msg=unit.name)
             episode.step()
             episode.step()
+
+
+def test_an_entry_that_was_damaged_is_named(path: Path) -> None:
+    make(path)
+    shard = path.parent / "out/room/000001"
+    (shard / "entry.json").write_text('{"scene"')
+    with pytest.raises(InputError, match=f"^{shard}/entry.json: not as it was written: .*; without {shard} the same"):
+        make(path)
+    shutil.rmtree(shard)
+    make(path)
+    assert open_dataset(path.parent / "out").verify() == []
 
 
 def test_random_actions_stay_within_limits(path: Path) -> None:
