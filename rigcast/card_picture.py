@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rigcast.card import Card
-from rigcast.sensors.preview.colour import FAINT, GRID, PANEL, TEXT, Colour, Scale
+from rigcast.sensors.preview.colour import FAINT, GRID, TEXT, Colour, Scale
 from rigcast.sensors.preview.page import BAR_SPACE, CAPTION_HEIGHT, MARGIN, TITLE_HEIGHT, WIDTH, Page, ticks
+from rigcast.sensors.preview.panel import empty_panel
 
 _BOX = (WIDTH - 2 * MARGIN - BAR_SPACE - 40, 400)
 _FEW = 60_000  # rays that are drawn two pixels wide; all keep a margin of more than that
@@ -41,7 +42,7 @@ def _draw_rays(page: Page, card: Card, left: int, top: int) -> None:
     times = card.pattern.firing_times
     seconds = np.zeros(x.size) if times is None else times.ravel() * 1e3
     scale = Scale(0.0, float(seconds.max()) or np.nan)
-    canvas = np.tile(np.array(PANEL, dtype=np.uint8), (_BOX[1], _BOX[0], 1))
+    canvas = empty_panel(_BOX)
     side = 2 if x.size < _FEW else 1
     for down, across in np.ndindex(side, side):
         canvas[y - down, x - across] = scale.colours(seconds) if times is not None else FAINT

@@ -11,6 +11,7 @@ which is 1 for a white surface that faces it at 1 m.
 import warp as wp
 
 from rigcast.kernels.hits.arrays import HitArrays
+from rigcast.kernels.hits.out import Out
 from rigcast.kernels.launching.slices import launch_over_rays, launch_over_runs
 from rigcast.kernels.rays.arrays import RayArrays, Rays, direction_of
 from rigcast.kernels.vectors import of_ray, to_double
@@ -35,20 +36,13 @@ def returned(reflectivity: float, cosine: float, distance: float) -> float:
 
 @wp.kernel
 def intensity_of_hits(
-    first: int,
-    reflectivity: wp.array[float],
-    directions: wp.array[wp.vec3d],
-    distance: wp.array[float],
-    shape: wp.array[int],
-    normal: wp.array[wp.vec3],
-    # out:
-    intensity: wp.array[float],
+    first: int, reflectivity: wp.array[float], directions: wp.array[wp.vec3d], hits: Out, intensity: wp.array[float]
 ) -> None:
     i = first + wp.tid()
     intensity[i] = 0.0
-    if shape[i] >= 0:
-        cosine = cos_incidence(normal[i], of_ray(directions, i))
-        intensity[i] = returned(reflectivity[shape[i]], cosine, distance[i])
+    if hits.shape[i] >= 0:
+        cosine = cos_incidence(hits.normal[i], of_ray(directions, i))
+        intensity[i] = returned(reflectivity[hits.shape[i]], cosine, hits.distance[i])
 
 
 def infrared(hits: HitArrays, directions: wp.array, reflectivity: wp.array, out: wp.array | None = None) -> wp.array:
@@ -59,8 +53,7 @@ def infrared(hits: HitArrays, directions: wp.array, reflectivity: wp.array, out:
         reflectivity: float per shape, 0 to 1.
     """
     out = wp.empty(hits.distance.size, dtype=float, device=directions.device) if out is None else out
-    inputs = [reflectivity, directions, hits.distance, hits.shape, hits.normal]
-    launch_over_rays(intensity_of_hits, out.size, inputs, [out], directions.device)
+    launch_over_rays(intensity_of_hits, out.size, [reflectivity, directions, hits.out()], [out], directions.device)
     return out
 
 
@@ -70,24 +63,20 @@ def reflected_share(
     run: int,  # rays per thread
     reflectivity: wp.array[float],
     rays: RayArrays,
-    distance: wp.array[float],
-    shape: wp.array[int],
-    normal: wp.array[wp.vec3],
+    hits: Out,
     intensity: wp.array[float],
 ) -> None:
     i = (first + wp.tid()) * run
-    end = wp.min(i + run, distance.shape[0])
+    end = wp.min(i + run, intensity.shape[0])
     while i < end:
         intensity[i] = 0.0
-        if wp.isfinite(distance[i]) and shape[i] >= 0:
-            cosine = cos_incidence(normal[i], direction_of(rays, i))
-            intensity[i] = reflectivity[shape[i]] * cosine
+        if wp.isfinite(hits.distance[i]) and hits.shape[i] >= 0:
+            intensity[i] = reflectivity[hits.shape[i]] * cos_incidence(hits.normal[i], direction_of(rays, i))
         i += 1
 
 
 def intensity(hits: HitArrays, rays: Rays, reflectivity: wp.array, out: wp.array | None = None) -> wp.array:
     """(n,) rho cos(theta) of hits whose normals are in the rays' frame, 0 where there is none."""
     out = wp.empty(hits.distance.size, dtype=float, device=hits.distance.device) if out is None else out
-    inputs = [reflectivity, rays.arrays, hits.distance, hits.shape, hits.normal]
-    launch_over_runs(reflected_share, out.size, inputs, [out], out.device)
+    launch_over_runs(reflected_share, out.size, [reflectivity, rays.arrays, hits.out()], [out], out.device)
     return out

@@ -3,6 +3,7 @@
 import warp as wp
 
 from rigcast.kernels.hits.arrays import HitArrays
+from rigcast.kernels.hits.out import Out
 from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.vectors import of_ray
 
@@ -33,27 +34,31 @@ def lose_some(
     reflectivity: wp.array[float],
     textured: wp.array[wp.bool],
     directions: wp.array[wp.vec3d],
-    shape: wp.array[int],
-    normal: wp.array[wp.vec3],
-    # in and out:
-    distance: wp.array[float],
+    hits: Out,  # distance in and out
 ) -> None:
     i = first + wp.tid()
-    if shape[i] < 0 or not wp.isfinite(distance[i]):
+    shape = hits.shape[i]
+    distance = hits.distance[i]
+    if shape < 0 or not wp.isfinite(distance):
         return
     numbers = draws.numbers[i]
-    cosine = cos_incidence(normal[i], of_ray(directions, i))
+    cosine = cos_incidence(hits.normal[i], of_ray(directions, i))
     is_lost = numbers[2] < losses.dropout or cosine < losses.min_cosine
-    is_lost = is_lost or (numbers[3] < losses.untextured_dropout and not textured[shape[i]])
-    is_dark = returned(reflectivity[shape[i]], cosine, distance[i]) < losses.min_intensity
+    is_lost = is_lost or (numbers[3] < losses.untextured_dropout and not textured[shape])
+    is_dark = returned(reflectivity[shape], cosine, distance) < losses.min_intensity
     if is_lost or is_dark:
-        distance[i] = wp.nan
+        hits.distance[i] = wp.nan
 
 
 def lose(
-    hits: HitArrays, losses: Losses, source: RandomSource, directions: wp.array, tables: tuple[wp.array, wp.array]
+    hits: HitArrays,
+    losses: Losses,
+    source: RandomSource,
+    directions: wp.array,
+    reflectivity: wp.array,
+    textured: wp.array,
 ) -> None:
-    """Make the distance NaN where a pixel is lost. tables: reflectivity and whether it has a texture, per shape."""
+    """Make the distance NaN where a pixel is lost. reflectivity, textured: of each shape."""
     count, device = hits.distance.size, directions.device
-    inputs = [losses, drawn(source, DRAW_LOSS, count, device), *tables, directions, hits.shape, hits.normal]
-    launch_over_rays(lose_some, count, inputs, [hits.distance], device)
+    inputs = [losses, drawn(source, DRAW_LOSS, count, device), reflectivity, textured, directions]
+    launch_over_rays(lose_some, count, inputs, [hits.out()], device)

@@ -28,13 +28,8 @@ def mix_subrays(
     subrays: int,
     reflectivity: wp.array[float],
     directions: wp.array[wp.vec3d],
-    ray_distance: wp.array[float],
-    ray_shape: wp.array[int],
-    ray_normal: wp.array[wp.vec3],
-    # out:
-    distance: wp.array[float],
-    shape: wp.array[int],
-    normal: wp.array[wp.vec3],
+    hits: Out,
+    mixed: Out,
 ) -> None:
     i = first + wp.tid()
     light = float(0.0)
@@ -42,28 +37,29 @@ def mix_subrays(
     most = float(0.0)
     brightest = i * subrays
     for j in range(i * subrays, (i + 1) * subrays):
-        if ray_shape[j] >= 0:
-            cosine = cos_incidence(ray_normal[j], of_ray(directions, j))
-            weight = returned(wp.max(reflectivity[ray_shape[j]], BLACKEST), wp.max(cosine, BLACKEST), ray_distance[j])
+        if hits.shape[j] >= 0:
+            cosine = cos_incidence(hits.normal[j], of_ray(directions, j))
+            white = wp.max(reflectivity[hits.shape[j]], BLACKEST)
+            weight = returned(white, wp.max(cosine, BLACKEST), hits.distance[j])
             light += weight
-            light_times_range += weight * ray_distance[j]
+            light_times_range += weight * hits.distance[j]
             if weight > most:
                 most = weight
                 brightest = j
-    distance[i] = ray_distance[brightest]
+    mixed.distance[i] = hits.distance[brightest]
     if light > 0.0:
-        distance[i] = light_times_range / light
-    shape[i] = ray_shape[brightest]
-    normal[i] = ray_normal[brightest]
+        mixed.distance[i] = light_times_range / light
+    mixed.shape[i] = hits.shape[brightest]
+    mixed.normal[i] = hits.normal[brightest]
 
 
-def mix(rays: HitArrays, directions: wp.array, reflectivity: wp.array, subrays: int) -> HitArrays:
+def mix(hits: HitArrays, directions: wp.array, reflectivity: wp.array, subrays: int) -> HitArrays:
     """One reading per pixel from its sub-rays, which follow each other; shape and normal are the brightest one's."""
     device = directions.device
-    out = HitArrays.empty(rays.distance.size // subrays, device)
-    inputs = [subrays, reflectivity, directions, rays.distance, rays.shape, rays.normal]
-    launch_over_rays(mix_subrays, out.distance.size, inputs, [out.distance, out.shape, out.normal], device)
-    return out
+    mixed = HitArrays.empty(hits.distance.size // subrays, device)
+    inputs = [subrays, reflectivity, directions, hits.out()]
+    launch_over_rays(mix_subrays, mixed.distance.size, inputs, [mixed.out()], device)
+    return mixed
 
 
 @wp.kernel

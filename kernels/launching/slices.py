@@ -2,9 +2,10 @@
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
-from typing import Any
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any, NoReturn
 
 import warp as wp
 
@@ -137,27 +138,71 @@ def _call_each(begun: Sequence[Sequence[Callable[[], None]]], thread: int, first
 def thread_count() -> int:
     """CPU threads to build trees and cast with: RIGCAST_THREADS, or as many as this process may use."""
     wanted = os.environ.get("RIGCAST_THREADS")
-    if wanted:
-        return int(wanted)
+    return int(wanted) if wanted else cpu_count()
+
+
+def cpu_count() -> int:
+    """CPUs that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _at_once(takers: Sequence[Callable[[], object]], threads: int) -> None:
     """Run these, each of which takes what is left until nothing is: the first here, the others in other threads, of so
     many. One that has not begun when the first is done would find nothing, and is not waited for."""
-    others = [_threads(threads).submit(taker) for taker in takers[1:]]
+    is_over: list[bool] = []
+    errors: list[BaseException] = []
+    at_work: set[int] = set()
+    done: SimpleQueue[None] = SimpleQueue()
+
+    def take(k: int) -> None:
+        at_work.add(k)
+        try:
+            if not is_over:
+                takers[k]()
+        except BaseException as error:
+            errors.append(error)
+        at_work.remove(k)
+        done.put(None)
+
+    waiting = _waiting(threads)
     try:
+        for k in range(1, len(takers)):
+            waiting.put(partial(take, k))
         takers[0]()
-    finally:  # after Ctrl-C, too, for the next launch has the same scratch
-        for other in others:
-            if not other.cancel():
-                other.result()
+    finally:
+        is_over.append(True)
+        _wait_for(at_work, done)
+    if errors:
+        raise errors[0]
+
+
+def _wait_for(at_work: set[int], done: SimpleQueue[None]) -> None:
+    """Until nobody is at work, after Ctrl-C, too: what they write to may be freed afterwards, and the next launch has
+    the same scratch."""
+    try:
+        while at_work:
+            done.get()
+    except BaseException:
+        _wait_for(at_work, done)
+        raise
 
 
 @cache
-def _threads(count: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(count, thread_name_prefix="rigcast")
+def _waiting(threads: int) -> SimpleQueue[Callable[[], None]]:
+    """What so many threads of their own run as soon as one has nothing else to do.
+
+    concurrent.futures has locks that an exception of a signal's handler can leave locked.
+    """
+    waiting: SimpleQueue[Callable[[], None]] = SimpleQueue()
+    for k in range(threads):
+        Thread(target=_run, args=(waiting,), name=f"rigcast_{k}", daemon=True).start()
+    return waiting
+
+
+def _run(waiting: SimpleQueue[Callable[[], None]]) -> NoReturn:
+    while True:
+        waiting.get()()
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_threads.cache_clear)  # threads stay with the parent
+    os.register_at_fork(after_in_child=_waiting.cache_clear)  # threads stay with the parent

@@ -12,13 +12,14 @@ from rich.console import Console
 from rich.table import Table
 
 from rigcast.bench.casters import CASTERS, Caster, load_casters
+from rigcast.bench.casting import origins, outputs, patterns
 from rigcast.bench.charts import draw_results, draw_scaling, draw_worlds
 from rigcast.bench.figure import Figure, Spread
-from rigcast.bench.of_casting import origins, outputs, patterns
-from rigcast.bench.of_rest import memory, small, start, trees, update
+from rigcast.bench.preparing import memory, start, trees
 from rigcast.bench.race import Result, race
 from rigcast.bench.record import Record
 from rigcast.bench.scaling import Series, scaling
+from rigcast.bench.stepping import small, update
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
 from rigcast.bench.worlds.crowd import G1_HEAD, crowd
 from rigcast.bench.worlds.measure import Batch, OnDevice, measure_worlds

@@ -79,7 +79,7 @@ def _part(shard: str | None) -> tuple[int, int]:
     if shard is None:
         return 1, 1
     numbers = shard.split("/")
-    if len(numbers) != 2 or not all(number.isdecimal() for number in numbers):
+    if len(numbers) != 2 or not all(number.isdecimal() for number in numbers) or int(numbers[1]) == 0:
         raise InputError(f"--shard: got {shard!r}, expected I/N, such as 1/8")
     i, n = map(int, numbers)
     if not 1 <= i <= n:

@@ -38,7 +38,7 @@ def presets(
         _show(Card.of(name), console, picture)
     if json_file is not None:
         shown = preset_names() if name is None else (name,)
-        write_json(json_file, json.dumps([_entry(each) for each in shown], indent=1) + "\n")
+        write_json(json_file, json.dumps([_entry(each) for each in shown], indent=1, allow_nan=False) + "\n")
 
 
 def _show(card: Card, console: Console, picture: Path | None) -> None:
@@ -53,7 +53,7 @@ def _entry(name: str) -> dict[str, Any]:
     """A preset with all that it takes over from what it extends."""
     preset = load_preset(name)
     given = {key for each in preset.lineage() for key in each.sensor}
-    sensor = sensor_of_preset(name).model_dump(mode="json", include=given)
+    sensor = json.loads(sensor_of_preset(name).model_dump_json(include=given))  # in which infinity is null
     return {
         "name": preset.name,
         "type": preset.type,

@@ -50,7 +50,7 @@ def make_writable(folder: Path) -> None:
         raise InputError(f"{folder}: the output folder cannot be written: {reason}") from error
 
 
-def require_room(folder: Path, size: int) -> None:
+def require_disk_space(folder: Path, size: int) -> None:
     """Raise OSError(ENOSPC) where less than `size` bytes are free.
 
     Asked before each frame, with what closing the files will take, so that a full disk finds them complete.

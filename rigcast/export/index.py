@@ -74,6 +74,12 @@ class FrameIndex:
         self._path.unlink(missing_ok=True)
 
 
+def read_journal(path: Path, formats: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """The frames of a run that is under way or was killed, as columns of frames.npz. Raises OSError."""
+    with path.open(encoding="utf-8") as journal:
+        return _frame_table((line for line in journal if line.endswith("\n")), formats)  # the last may be half of one
+
+
 def _frame_table(journal: Iterable[str], formats: Sequence[str]) -> dict[str, NDArray[Any]]:
     """The frame columns of frames.npz from the lines of a journal."""
     rows = [json.loads(line) for line in journal]

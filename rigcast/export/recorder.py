@@ -3,13 +3,14 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count, groupby
 from pathlib import Path
 from types import NoneType, TracebackType
 
 import mujoco
 
-from rigcast.export.files import make_writable, replacing, require_room, uninterrupted
+from rigcast.export.files import make_writable, replacing, require_disk_space, uninterrupted
 from rigcast.export.formats import FORMATS, choose_formats
 from rigcast.export.frames.exr import write_exr
 from rigcast.export.frames.writers import file_writers
@@ -25,7 +26,7 @@ from rigcast.export.layout import (
     refuse_names,
 )
 from rigcast.export.options import Export
-from rigcast.export.run_files import RunFiles
+from rigcast.export.run_files import RunFiles, begin_run_file
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.preview.draw import draw_preview
 from rigcast.sensors.rig.frame import CameraFrame, Frame, as_frames
@@ -110,7 +111,8 @@ class Recorder:
             make_writable(path)
         clear_earlier_run(self.folder, self.outputs)
         whole_runs = [name for name in used if FORMATS[name].holds == "run"]
-        self._runs = RunFiles(self.folder, whole_runs, model, sensors, ids, options)
+        begin = partial(begin_run_file, model=model, sensors=sensors, ids=ids, options=options)
+        self._runs = RunFiles(self.folder, whole_runs, begin)
         self.run_files = self._runs.paths
         self._groups = 0
         with replacing(self.folder / IDS_NAME) as temporary:
@@ -169,7 +171,7 @@ class Recorder:
             raise InputError(f"Recorder: finished, expected a new one for more frames; {self._saved()}")
         frames = as_frames("Recorder: frames", frames, self.outputs)
         with self._saying_what_is_saved(), uninterrupted():
-            self._require_room(frames)
+            self._require_disk_space(frames)
             written: list[Path] = []
             try:
                 numbers = self._numbers(frames)
@@ -230,11 +232,11 @@ class Recorder:
         output.frames += 1
         output.latest = frame
 
-    def _require_room(self, frames: Sequence[Frame]) -> None:
+    def _require_disk_space(self, frames: Sequence[Frame]) -> None:
         """Stop while there is still room to complete what was begun."""
         size = _PER_RAY * sum(frame.range.size for frame in frames)
         formats = max(len(output.formats) for output in self.outputs.values())
-        require_room(self.folder, _ROOM + _ROOM_PER_FRAME * self.frames + 2 * formats * size)
+        require_disk_space(self.folder, _ROOM + _ROOM_PER_FRAME * self.frames + 2 * formats * size)
 
     @contextmanager
     def _saying_what_is_saved(self) -> Iterator[None]:

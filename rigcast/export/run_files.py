@@ -1,6 +1,6 @@
 """What holds a whole run: a Zarr store, ROS 2 bags. Each grows frame by frame in a folder of its own."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -27,25 +27,16 @@ class RunFile(Protocol):
 class RunFiles:
     """The recordings of a run, of these formats; each gets its name in the run's folder when it is complete.
 
-    paths: where they are then.
+    begin: begins one of a format in a folder to be made. paths: where they are when complete.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        formats: Sequence[str],
-        model: mujoco.MjModel,
-        sensors: Sequence[SensorSpec],
-        ids: IdTable,
-        options: Export,
-    ) -> None:
+    def __init__(self, folder: Path, formats: Sequence[str], begin: Callable[[str, Path], RunFile]) -> None:
         self.paths = [folder / FORMATS[name].suffixes[0] for name in formats]
         self._unfinished = folder / UNFINISHED_NAME
         if formats:
             self._unfinished.mkdir()
         self._open = {
-            path: _open_run_file(name, self._unfinished / path.name, model, sensors, ids, options)
-            for name, path in zip(formats, self.paths, strict=True)
+            path: begin(name, self._unfinished / path.name) for name, path in zip(formats, self.paths, strict=True)
         }
 
     def step(self, data: mujoco.MjData | None, frames: Sequence[Frame]) -> None:
@@ -69,10 +60,10 @@ class RunFiles:
         return None
 
 
-def _open_run_file(
+def begin_run_file(
     name: str, folder: Path, model: mujoco.MjModel, sensors: Sequence[SensorSpec], ids: IdTable, options: Export
 ) -> RunFile:
-    """A new recording in `folder`, of format "zarr", "mcap" or "sqlite3"."""
+    """A recording in `folder`, to be made, of format "zarr", "mcap" or "sqlite3"."""
     if name == "zarr":
         from rigcast.export.zarr_store import ZarrStore
 

@@ -36,6 +36,10 @@ def read_assignments(overrides: Sequence[str]) -> tuple[dict[str, str], list[Ass
     if wrong:
         expected = "expected KEY=VALUE, such as sensors.top.rate_hz=5"
         raise InputError("\n".join(f"{SOURCE}: got {line!r}, {expected}" for line in wrong))
+    late = [line for line, (key, _, _) in zip(lines, parts, strict=True) if re.match(r"extends\b", key)]
+    if late:
+        told = "values are set when files lie on each other already, expected a file that extends others"
+        raise InputError("\n".join(f"{SOURCE}: got {line!r}: {told}" for line in late))
     text = "\n".join(lines)
     assignments = []
     for number, (key, _, value) in enumerate(parts):

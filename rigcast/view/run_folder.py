@@ -4,13 +4,17 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 from trimesh.exchange.ply import load_ply
 
-from rigcast.export.layout import INDEX_NAME
+from rigcast.dataset.storage.manifest import MANIFEST_NAME
+from rigcast.dataset.storage.shards import ENTRY_NAME
+from rigcast.export.index import read_journal
+from rigcast.export.layout import INDEX_NAME, JOURNAL_NAME
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import listing
 from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
@@ -18,10 +22,14 @@ from rigcast.view.bag import is_bag, read_bag
 from rigcast.view.shots import VALUES, Share, Shot, arrays_of_image
 
 _READABLE = ("npz", "exr", "ply")
+_UNREADABLE = (OSError, ValueError, EOFError, BadZipFile)
+_EXPECTED = "expected a folder of rigcast run, or a ROS bag"
 
 
 def read_run(folder: Path, most: int | None = None) -> Iterator[Shot]:
     """The readings that were written as npz, exr or ply, else those in a bag, in the order of their times.
+
+    Of a run that is under way or was killed, too: those that are written.
 
     most: no more than that, the same share of every sensor's. One is read at a time.
 
@@ -42,14 +50,22 @@ def read_run(folder: Path, most: int | None = None) -> Iterator[Shot]:
 
 
 def _read_index(folder: Path) -> dict[str, NDArray[Any]]:
+    if any((folder / name).is_file() for name in (MANIFEST_NAME, ENTRY_NAME)):
+        raise InputError(f"{folder}: a data set, or an episode of one, which rigcast.open_dataset reads; {_EXPECTED}")
     try:
-        with np.load(folder / INDEX_NAME) as archive:
-            return {name: archive[name] for name in archive.files}
-    except OSError as error:
-        reason = error.strerror or error
+        if (folder / JOURNAL_NAME).is_file():
+            return read_journal(folder / JOURNAL_NAME, _READABLE)
+        return _arrays(folder / INDEX_NAME)
+    except _UNREADABLE as error:
+        reason = getattr(error, "strerror", None) or error
         below = [str(index.parent) for index in sorted(folder.glob(f"*/{INDEX_NAME}"))]
-        expected = f"expected a folder of rigcast run{f', as {listing(below)}' if below else ''}, or a ROS bag"
-        raise InputError(f"{folder / INDEX_NAME}: cannot be read: {reason}; {expected}") from None
+        there = f"; such folders are {listing(below)}" if below else ""
+        raise InputError(f"{folder / INDEX_NAME}: cannot be read: {reason}; {_EXPECTED}{there}") from None
+
+
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+    with path.open("rb") as file, np.load(file) as archive:  # numpy leaves open what it opened and cannot read
+        return {name: archive[name] for name in archive.files}
 
 
 def _bag_in(folder: Path) -> Path:
@@ -62,10 +78,9 @@ def _bag_in(folder: Path) -> Path:
 def _read(path: Path) -> dict[str, Any]:
     try:
         if path.suffix == ".npz":
-            with np.load(path) as archive:
-                return {name: archive[name] for name in archive.files}
+            return _arrays(path)
         return _read_exr(path) if path.suffix == ".exr" else _read_ply(path)
-    except (OSError, RuntimeError, ValueError) as error:
+    except (*_UNREADABLE, RuntimeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
 
 

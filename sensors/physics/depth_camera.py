@@ -58,7 +58,7 @@ class _Look:
         losses.min_intensity = spec.min_intensity
         if losses.dropout or losses.untextured_dropout or losses.min_cosine or losses.min_intensity:
             looks = self.scene.looks()
-            lose(hits, losses, self.source, self.rays.directions, (looks.reflectivity, looks.textured))
+            lose(hits, losses, self.source, self.rays.directions, looks.reflectivity, looks.textured)
 
 
 class DepthPhysics:

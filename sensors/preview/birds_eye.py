@@ -9,6 +9,7 @@ from PIL import Image, ImageDraw
 
 from rigcast.sensors.preview.colour import BACKGROUND, GRID, PANEL, TEXT, Rgb, Scale
 from rigcast.sensors.preview.page import font, ticks
+from rigcast.sensors.preview.panel import draw_squares, empty_panel
 
 MAP_HEIGHT = 640
 _MARGIN = 24  # between the points and the edge of the map, pixels
@@ -43,8 +44,8 @@ class _View:
 def draw_map(points: NDArray[np.float32], scale: Scale, size: tuple[int, int]) -> Image.Image:
     """Draw points (n, 3) [m] in the sensor's frame, x up and y to the left, coloured by height z."""
     view = _View.around(points, size)
-    canvas = np.tile(np.array(PANEL, dtype=np.uint8), (size[1], size[0], 1))
-    _splat(canvas, points, scale, view)
+    canvas = empty_panel(size)
+    _draw_points(canvas, points, scale, view)
     image = Image.fromarray(canvas)
     draw = ImageDraw.Draw(image)
     _draw_rings(draw, view)
@@ -53,18 +54,12 @@ def draw_map(points: NDArray[np.float32], scale: Scale, size: tuple[int, int]) -
     return image
 
 
-def _splat(canvas: Rgb, points: NDArray[np.float32], scale: Scale, view: _View) -> None:
+def _draw_points(canvas: Rgb, points: NDArray[np.float32], scale: Scale, view: _View) -> None:
     """Draw each point as a small square, the higher ones over the lower."""
     points = points[np.argsort(points[:, 2], kind="stable")]
-    colours = scale.colours(points[:, 2])
-    height, width = canvas.shape[:2]
     row = np.round(view.origin[1] - view.pixels * points[:, 0]).astype(np.int64)
     column = np.round(view.origin[0] - view.pixels * points[:, 1]).astype(np.int64)
-    side = 2 if len(points) > 10_000 else 3
-    for dy in range(side):
-        for dx in range(side):
-            inside = (row + dy >= 0) & (row + dy < height) & (column + dx >= 0) & (column + dx < width)
-            canvas[row[inside] + dy, column[inside] + dx] = colours[inside]
+    draw_squares(canvas, row, column, scale.colours(points[:, 2]), 2 if len(points) > 10_000 else 3)
 
 
 def _draw_rings(draw: ImageDraw.ImageDraw, view: _View) -> None:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rigcast.sensors.preview.birds_eye import MAP_HEIGHT, draw_map
-from rigcast.sensors.preview.colour import FAINT, PANEL, Scale
+from rigcast.sensors.preview.colour import FAINT, Scale
 from rigcast.sensors.preview.page import (
     BAR_SPACE,
     CAPTION_HEIGHT,
@@ -16,6 +16,7 @@ from rigcast.sensors.preview.page import (
     Page,
     seconds,
 )
+from rigcast.sensors.preview.panel import draw_squares, empty_panel
 from rigcast.sensors.rig.frame import LidarFrame
 from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
 
@@ -69,9 +70,8 @@ def _range_scatter(page: Page, top: int, height: int, distance: NDArray[np.float
     (west, east), (high, low) = ((float(angle.max()), float(angle.min())) for angle in (azimuth, elevation))
     x = np.rint((_WIDTH - 2) * (west - azimuth) / max(west - east, 1e-9)).astype(np.intp)
     y = np.rint((height - 2) * (high - elevation) / max(high - low, 1e-9)).astype(np.intp)
-    canvas = np.tile(np.array(PANEL, dtype=np.uint8), (height, _WIDTH, 1))
-    for down, across in np.ndindex(2, 2):
-        canvas[y + down, x + across] = scale.colours(distance)
+    canvas = empty_panel((_WIDTH, height))
+    draw_squares(canvas, y, x, scale.colours(distance), 2)
     page.picture(MARGIN, top, canvas, (_WIDTH, height))
     caption = f"range; azimuth {west:.1f}° to {east:.1f}°, elevation {low:.1f}° to {high:.1f}°"
     page.text(MARGIN, top - 8, caption, size=16, colour=FAINT, anchor="ls")

@@ -138,7 +138,7 @@ class Frame:
             raise InputError(f"Frame.world: sensor {self.sensor!r}: no world {k}, expected 0 to {count - 1}")
         return replace(self, **self._of_world(int(k)))
 
-    def require_room(self, sensor: str, shape: tuple[int, ...], device: wp.Device) -> None:
+    def require_fit(self, sensor: str, shape: tuple[int, ...], device: wp.Device) -> None:
         """Raise InputError unless the arrays have room for another reading of this sensor, of this shape."""
         what = f"Rig.sense: out: sensor {sensor!r}: got a frame of"
         if self.sensor != sensor:
@@ -212,7 +212,7 @@ class Frame:
         return self._values(f"{owner}_id", partial(ids.look_up, owner, self._arrays.hits.shape))
 
     def _values(self, name: str, work_out: Callable[[wp.array | None], wp.array]) -> wp.array:
-        return self._arrays.field(name, work_out, self._arrays.in_shape)
+        return self._arrays.fields.get(name, work_out, self._arrays.in_shape)
 
     def _of_rays(self, name: str, work_out: Callable[..., wp.array]) -> wp.array:
         return self._values(name, partial(work_out, self._arrays.hits.distance, self._arrays.rays))

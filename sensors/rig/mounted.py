@@ -16,9 +16,9 @@ from rigcast.kernels.hits.arrays import BYTES_PER_HIT
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.physics.physics import Physics
-from rigcast.sensors.scene.batch.attached import Attached
 from rigcast.sensors.scene.batch.per_world import PerWorld
-from rigcast.sensors.scene.batch.standing import Standing
+from rigcast.sensors.scene.batch.posed_worlds import PosedWorlds
+from rigcast.sensors.scene.batch.world_mounts import WorldMounts
 from rigcast.sensors.scene.batch.worlds import Worlds
 from rigcast.sensors.scene.rays.placed import in_pose
 from rigcast.sensors.scene.stage import Stage
@@ -72,7 +72,7 @@ class Mounted:
     batches: Iterator[int]
     pool: Pool
     filter: Filter | PerWorld[Filter]
-    attached: Attached
+    mount_in_worlds: WorldMounts
 
     @staticmethod
     def on(scene: Stage, spec: Sensor) -> "Mounted":
@@ -89,7 +89,7 @@ class Mounted:
             count(),
             Pool(),
             spec.filter,
-            Attached.by([mount], scene.device),
+            WorldMounts.by([mount], scene.device),
         )
 
     def at(self, time: float) -> "Mounted":
@@ -111,7 +111,7 @@ class Mounted:
         return poses * BYTES_PER_FRAME + visible + hits + errors
 
     @property
-    def bytes_per_standing_world(self) -> int:
+    def bytes_per_posed_world(self) -> int:
         """The most that errors take in each of the worlds that are read at one time."""
         return 0 if self.physics is None else self.physics.bytes_per_ray * math.prod(self.pattern.shape)
 
@@ -151,9 +151,9 @@ class Mounted:
         pattern = self.at(time).pattern.in_worlds(worlds.count)
         return replace(self, pattern=pattern, filter=worlds.filter_of(self.spec))
 
-    def aim_in_worlds(self, worlds: Standing, arrays: FrameArrays) -> Rays:
+    def aim_in_worlds(self, worlds: PosedWorlds, arrays: FrameArrays) -> Rays:
         """Its rays, where it is in these worlds."""
-        at = worlds.attached(self.spec, self.attached)
+        at = worlds.mounts_of(self.spec, self.mount_in_worlds)
         arrays.frames.place(0, worlds.carriers(at), at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
         return arrays.aim_in_worlds(self.pattern.rays)
 

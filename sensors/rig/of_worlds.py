@@ -10,15 +10,15 @@ from rigcast.kernels.effects.random import random_source
 from rigcast.kernels.hits.arrays import BYTES_PER_HIT
 from rigcast.sensors.captured import is_captured
 from rigcast.sensors.physics.physics import Brightness
-from rigcast.sensors.scene.batch.standing import Standing
+from rigcast.sensors.scene.batch.posed_worlds import PosedWorlds
 from rigcast.sensors.scene.batch.worlds import Worlds
 from rigcast.sensors.scene.stage import Stage
 
 from .arrays.frame_arrays import FrameArrays
+from .capacity import require_countable, require_memory, require_out
 from .frame import Frame
 from .mounted import Aim, Mounted
 from .reading import Asked, frame_of, read
-from .room import require_countable, require_room, require_room_in
 
 BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA = 2**24, 2**28
 """What poses, trees and errors may take of the worlds that are read at one time, if that is enough for one. A GPU needs
@@ -31,23 +31,23 @@ def sense_worlds(
     """A frame of each of these sensors in all worlds, by name. Raises InputError where there is no room."""
     shapes = {m.spec.name: (worlds.count, *m.pattern.frame_shape) for m in mounted}
     if out is not None:
-        require_room_in(out, shapes, scene.device)
+        require_out(out, shapes, scene.device)
     parts = _parts(scene, mounted, worlds, out)
     scene.take_worlds(worlds)
     readings = [ReadingOfWorlds(m, worlds, m.next_arrays(shapes[m.spec.name], out), seed) for m in mounted]
     for part in parts:
-        read_worlds(readings, scene.stand(worlds, part))
+        read_worlds(readings, scene.pose_worlds(worlds, part))
     return {m.spec.name: reading.frame() for m, reading in zip(mounted, readings, strict=True)}
 
 
 def _parts(scene: Stage, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None) -> list[slice]:
     """Which worlds are read at one time. Raises InputError where all of them have no room."""
     require_countable(worlds.count, {m.spec.name: math.prod(m.pattern.frame_shape) for m in mounted})
-    standing = scene.bytes_per_standing_world(worlds)
-    standing += max((m.bytes_per_standing_world for m in mounted), default=0)
-    parts = worlds.parts((BYTES_AT_ONCE_ON_CUDA if scene.device.is_cuda else BYTES_AT_ONCE) // standing)
+    each = scene.bytes_per_posed_world(worlds)
+    each += max((m.bytes_per_posed_world for m in mounted), default=0)
+    parts = worlds.parts((BYTES_AT_ONCE_ON_CUDA if scene.device.is_cuda else BYTES_AT_ONCE) // each)
     needs = {"scene": scene.bytes_per_world(worlds), **{m.spec.name: m.bytes_per_world(worlds) for m in mounted}}
-    require_room(worlds.count, needs, standing * parts[0].stop, scene.device, _bytes_to_use(mounted, out))
+    require_memory(worlds.count, needs, each * parts[0].stop, scene.device, _bytes_to_use(mounted, out))
     return parts
 
 
@@ -72,39 +72,37 @@ class ReadingOfWorlds:
         """The sensor with its next pattern, and the number of the reading; what is refused before has none."""
         return self._mounted.next_of_worlds(self._worlds), next(self._mounted.frames)
 
-    def ask(self, standing: Standing) -> Asked:
-        """For a reading in those worlds that stand in the scene now. To read a world again changes nothing."""
-        arrays, (fired, number) = self._arrays.of_worlds(standing.part), self._fired
-        rays = fired.aim_in_worlds(standing, arrays)
+    def ask(self, posed: PosedWorlds) -> Asked:
+        """For a reading in those worlds in which the scene stands now. To read a world again changes nothing."""
+        arrays, (fired, number) = self._arrays.of_worlds(posed.part), self._fired
+        rays = fired.aim_in_worlds(posed, arrays)
         name, of_each = fired.spec.name, math.prod(fired.pattern.shape)
-        return Asked(fired, rays, arrays, partial(random_source, self._seed, name, number, standing.ids, of_each))
+        return Asked(fired, rays, arrays, partial(random_source, self._seed, name, number, posed.ids, of_each))
 
-    def take(self, standing: Standing, brightness: Brightness | None, *used: object) -> None:
+    def take(self, posed: PosedWorlds, brightness: Brightness | None, *used: object) -> None:
         """What was read in these worlds, and what a graph that repeats it is to hold."""
         if brightness is not None:
-            self._brightness.append((standing.part, brightness))
+            self._brightness.append((posed.part, brightness))
         fired = self._fired[0]
         if is_captured(fired.scene.device):
-            self._arrays.keep(fired, standing, fired.visible(), *used, *fired.scene.on_device)
+            self._arrays.keep(fired, posed, fired.visible(), *used, *fired.scene.on_device)
 
     def frame(self) -> Frame:
         """The frame of all worlds, when they have been read."""
         fired, arrays, device = self._fired[0], self._arrays, self._arrays.range.device
-        time, pose = (
-            arrays.field("time", partial(self._worlds.times, device)),
-            arrays.field("pose", arrays.frames.poses),
-        )
+        time = arrays.fields.get("time", partial(self._worlds.times, device))
+        pose = arrays.fields.get("pose", arrays.frames.poses)
         aim = Aim(time, pose, arrays.aim_in_worlds(fired.pattern.rays), arrays)
         brightness = partial(_joined, self._brightness, arrays.range.size, device) if self._brightness else None
         return frame_of(fired, aim, brightness)
 
 
-def read_worlds(readings: Sequence[ReadingOfWorlds], standing: Standing) -> None:
-    """Read in those worlds that stand in the scene now."""
-    asked = [reading.ask(standing) for reading in readings]
+def read_worlds(readings: Sequence[ReadingOfWorlds], posed: PosedWorlds) -> None:
+    """Read in those worlds in which the scene stands now."""
+    asked = [reading.ask(posed) for reading in readings]
     brightness, used = read(asked)
     for reading, each, bright in zip(readings, asked, brightness, strict=True):
-        reading.take(standing, bright, each, used)
+        reading.take(posed, bright, each, used)
 
 
 def _joined(parts: Sequence[tuple[slice, Brightness]], count: int, device: wp.Device, out: wp.array | None) -> wp.array:

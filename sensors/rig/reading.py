@@ -74,6 +74,6 @@ def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame
         frame = CameraFrame(*common, pattern.intrinsics, pattern.lens, spec.depth_scale, bright)
     else:
         frame = Frame(*common)
-    for field in arrays.asked:
+    for field in arrays.fields.asked:
         getattr(frame, field)  # which is worked out into the array that it had
     return frame

@@ -13,6 +13,7 @@ from rigcast.sensors.names import expected_one_of, require_different
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
 from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
+from rigcast.sensors.scene.same_model import PLACES, SHAPES, require_same_model
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.enclosed import enclosed
@@ -22,11 +23,11 @@ from rigcast.sensors.specs.prop import Prop, as_props
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.surface import Surface
 
+from .capacity import require_out
 from .frame import Frame
 from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import sense_worlds
 from .reading import read_frames
-from .room import require_room_in
 from .timing.schedule import Schedule
 from .under_way import UnderWay
 
@@ -146,13 +147,13 @@ class Rig:
         holds any more, or makes new ones.
 
         Raises:
-            InputError: no sensor of this name, data of another model, an MJCF camera whose optics were edited since a
-                sensor took them, no room in `out`, or more than memory holds.
+            InputError: no sensor of this name, data of another model or of an edited copy of it, an MJCF camera whose
+                optics were edited since a sensor took them, no room in `out`, or more than memory holds.
         """
         mounted = self._select(names)
         if isinstance(data, mujoco.MjData):
             if out is not None:
-                require_room_in(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
+                require_out(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
             self._look(data)
             frames = self._frames([(data.time, m) for m in mounted], out)
             return {m.spec.name: frame for m, frame in zip(mounted, frames, strict=True)}
@@ -259,6 +260,7 @@ class Rig:
             raise InputError(
                 "Rig: data belongs to another model than the rig; one that was compiled anew needs a new Rig"
             )
+        require_same_model("Rig: data", data.model, self.model, SHAPES + PLACES)
         self._require_same_optics()
 
     def _require_same_optics(self) -> None:

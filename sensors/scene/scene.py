@@ -26,6 +26,7 @@ from .hits import Hits
 from .parts.model_geometry import refuse_unsupported
 from .rays.given import take_rays
 from .rays.placed import in_world, in_worlds, world_frame
+from .same_model import SHAPES, require_same_model
 from .stage import Stage
 
 Cull = Literal["none", "back", "front"]
@@ -81,14 +82,14 @@ class Scene(Stage):
         update and `cast`, and meshes when `refresh` says so. Poses of geoms in their bodies need `mj_kinematics` too.
 
         Raises:
-            InputError: `data` belongs to another model, a size or an elevation that is not finite, or a geom that
-                has got another type, mesh or height field. Where the model is at fault, casting is refused until
-                an update has taken it.
+            InputError: `data` belongs to another model, or to a copy with other shapes or colours, a size or an
+                elevation that is not finite, or a geom that has got another type, mesh or height field. Where the
+                model is at fault, casting is refused until an update has taken it.
         """
         if is_batch(data):
             worlds = as_worlds(data)
             self.take_worlds(worlds)
-            self.stand(worlds, worlds.all)
+            self.pose_worlds(worlds, worlds.all)
             return
         require_type("Scene.update: data", data, mujoco.MjData)
         if data.signature != self.model.signature:
@@ -96,6 +97,7 @@ class Scene(Stage):
                 f"Scene.update: data belongs to another model: got signature {data.signature:#x} with "
                 f"{len(data.geom_xpos)} geoms, expected {self.model.signature:#x} with {self.model.ngeom}"
             )
+        require_same_model("Scene.update: data", data.model, self.model, SHAPES)
         self.take(data)
 
     def refresh(self, name: str) -> None:

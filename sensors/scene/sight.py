@@ -44,8 +44,8 @@ class Sight:
         now = b"".join(self._now)
         if now != self._read:
             require_as_before("Scene: colours, groups or materials of the model are others", self._device)
-            self._read, self._looks = now, None
             self.forget_visible()
+            self._read, self._looks = now, None
 
     def forget_visible(self) -> None:
         """Other geoms are present."""

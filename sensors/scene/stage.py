@@ -22,10 +22,10 @@ from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
 
-from .batch.attached import Attached
 from .batch.differences import Differences
 from .batch.per_world import PerWorld
-from .batch.standing import Standing
+from .batch.posed_worlds import PosedWorlds
+from .batch.world_mounts import WorldMounts
 from .batch.worlds import Worlds
 from .freed_memory import give_back_freed_memory
 from .hits import Hits
@@ -76,8 +76,9 @@ class Stage:
         self._sight = Sight(model, self._parts, table, self.device)
         self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
         self._stale = "no poses yet"  # why nothing can be cast at, if so
+        self._is_whole = True  # whether the world is not half changed
         self._worlds: int | None = None  # how many there are, if it is a batch of them
-        self._attached_props = [Attached.by([mount], device) for mount in self._props.mounts]  # in many worlds
+        self._prop_mounts = [WorldMounts.by([mount], device) for mount in self._props.mounts]  # in many worlds
         self._gathered: dict[str, Gathered] = {}  # where poses of several MjData are copied together
         self._part: slice | None = None  # which of the worlds stand, if not all
         self._differences = _NO_DIFFERENCES
@@ -92,15 +93,23 @@ class Stage:
         give_back_freed_memory()  # what building takes meanwhile is more than the trees
         return world
 
+    def _begin_change(self) -> None:
+        """Of the world. One that failed, out of memory or by Ctrl-C, may have left half of it: it is made anew."""
+        if not self._is_whole:
+            self._world, self._differences = self._make_world(), _NO_DIFFERENCES
+            self._sight.forget_visible()
+        self._is_whole = False
+
     def take(self, data: mujoco.MjData) -> None:
         """Take everything as it stands in `data`: what `Scene.update` does with one world."""
         self._stale = _UNDER_WAY
+        self._begin_change()
         snapshots = self._snapshots(data)
         if self._in_place is None:
             self._world.update(*joined_poses(snapshots))
         else:
             self._world.update(self._in_place.position, self._in_place.rotation)
-        self._stale, self._worlds, self._part = "", None, None
+        self._stale, self._worlds, self._part, self._is_whole = "", None, None, True
 
     def read(self, data: mujoco.MjData) -> ShapePoses:
         """Where everything stands in `data`, for a `sweep`.
@@ -108,12 +117,14 @@ class Stage:
         Rays are still cast at what was there before, until the next `update` or `sweep`.
         """
         taken = [array.numpy() for array in (self._geoms.poses.position, self._geoms.poses.rotation)]
-        standing = [values.copy() for values in taken]  # those that rays may be cast at in place
+        in_place = [values.copy() for values in taken]  # those that rays may be cast at in place
+        self._begin_change()
         try:
             poses = joined_poses(self._snapshots(data))
+            self._is_whole = True
             return ShapePoses(poses.position.copy(), poses.rotation.copy())
         finally:
-            for values, before in zip(taken, standing, strict=True):
+            for values, before in zip(taken, in_place, strict=True):
                 values[...] = before
 
     def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
@@ -148,7 +159,9 @@ class Stage:
         Until the next `update`, rays are cast at what stands there at their `span` and `fraction`. Sizes, flexes and
         skins are those of the last `read`.
         """
+        self._begin_change()
         self._world.sweep(np.array([each.position for each in poses]), np.array([each.rotation for each in poses]))
+        self._is_whole = True
 
     def take_worlds(self, worlds: Worlds) -> None:
         """Take what many worlds say besides poses, and what has changed in the model.
@@ -162,7 +175,9 @@ class Stage:
         deforming = [part.owner for part in self._parts if part.owner in ("flex", "skin")]
         if deforming:
             raise InputError(f"Scene: many worlds of a model with a {deforming[0]}, expected a model without one")
+        self._begin_change()
         self._take_differences(worlds)
+        self._is_whole = True
 
     def _take_differences(self, worlds: Worlds) -> None:
         """Take what has changed in the model, and the sizes and meshes in which worlds differ."""
@@ -184,18 +199,20 @@ class Stage:
         self._differences = differences
         self._sight.forget_visible()
 
-    def stand(self, worlds: Worlds, part: slice) -> Standing:
+    def pose_worlds(self, worlds: Worlds, part: slice) -> PosedWorlds:
         """Take some of the worlds that were taken, or all, as they stand. `cast` needs all."""
-        standing = Standing(worlds, part, self.model, self.device, self._gathered)
-        position, rotation = standing.geoms
+        posed = PosedWorlds(worlds, part, self.model, self.device, self._gathered)
+        position, rotation = posed.geoms
         if isinstance(position, np.ndarray):
             self._warn_of_lost(position, rotation, part.start)
         self._part = None if part == worlds.all else part
-        position, rotation = standing.shapes(self._attached_props)
+        position, rotation = posed.shapes(self._prop_mounts)
+        self._begin_change()
         self._world.update(position, rotation, self._part)
+        self._is_whole = True
         self._stale = "" if self._part is None else "only some of many worlds stand in it"
         self._worlds = worlds.count
-        return standing
+        return posed
 
     def _warn_of_lost(
         self, position: NDArray[np.floating[Any]], rotation: NDArray[np.floating[Any]], first: int
@@ -209,7 +226,7 @@ class Stage:
         """What each of many worlds takes, beside what is read in it: sizes and meshes of its own."""
         return self.body_of_shape.size * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
 
-    def bytes_per_standing_world(self, worlds: Worlds) -> int:
+    def bytes_per_posed_world(self, worlds: Worlds) -> int:
         """What each of those that stand at one time takes: its poses, and the tree over its shapes."""
         geoms, props = self.model.ngeom, len(self._props.ids)
         copied = geoms * worlds.bytes_per_pose

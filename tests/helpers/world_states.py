@@ -123,6 +123,14 @@ def states(model: mujoco.MjModel, count: int, seed: int = 0) -> list[mujoco.MjDa
     return datas
 
 
+def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    """The same state, in data of a copy of its model."""
+    same = mujoco.MjData(model)
+    same.qpos[:], same.time = data.qpos, data.time
+    mujoco.mj_forward(model, same)
+    return same
+
+
 def arrays_of(datas: list[mujoco.MjData], names: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
     """The fields of a batch by MuJoCo's names."""
     names = names or (
@@ -160,7 +168,8 @@ def alone(
     device: str = "cpu",
 ) -> dict[str, Frame]:
     """What a new rig reads in one world by itself, with the random numbers of a world of a batch."""
-    frames = rig_of(model, *names, props=props, device=device).sense(Worlds([data], ids=[world]))
+    worlds = Worlds([state_of(model, data)], ids=[world])
+    frames = rig_of(model, *names, props=props, device=device).sense(worlds)
     return {name: frame.world(0) for name, frame in frames.items()}
 
 

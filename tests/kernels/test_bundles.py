@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from made_rays import DOWN, raster
 from made_worlds import (
     Doubles,
     Hits,
@@ -28,13 +29,7 @@ from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.world import World
 
-DOWN = np.array([0.0, 0.0, -1.0])
 ABOVE = np.array([0.0, 0.0, 3.0])
-
-
-def raster(columns: int, rows: int, spacing: float, height: float = 0.0) -> Doubles:
-    x, y = np.meshgrid(np.arange(columns) - (columns - 1) / 2, np.arange(rows) - (rows - 1) / 2)
-    return np.stack([spacing * x, spacing * y, np.full_like(x, height)], axis=-1).reshape(-1, 3)
 
 
 def scattered(count: int, spread: float) -> Doubles:

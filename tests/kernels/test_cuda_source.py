@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import test_several_casts
+import several_casts
 import warp as wp
 import watertight
 from cuda_source import CudaSource
@@ -93,8 +93,8 @@ def test_it_hits_what_packets_hit(begin_cuda: Callable[[], None]) -> None:
 
 def test_sensors_read_at_once_what_each_reads_alone(begin_cuda: Callable[[], None]) -> None:
     begin_cuda()
-    alone = [replace(rays, packets=None) for rays in test_several_casts.rays_of_sensors()]
-    test_several_casts.check_at_once(random_plan(test_several_casts.SEED).world(), alone)
+    alone = [replace(rays, packets=None) for rays in several_casts.rays_of_sensors()]
+    several_casts.check_at_once(random_plan(several_casts.SEED).world(), alone)
 
 
 def test_casts_by_turns_with_others_are_prepared_once(
@@ -103,7 +103,7 @@ def test_casts_by_turns_with_others_are_prepared_once(
     begin_cuda()
     world, prepared = random_plan(3).world(), list[int]()
     rays = [rays_of((0, 0, k), np.eye(3)) for k in range(3)]
-    (a, _a), (b, _b), (c, _c) = test_several_casts.prepared(world, rays)
+    (a, _a), (b, _b), (c, _c) = several_casts.prepared(world, rays)
     prepare = threads_cast._prepare
 
     def counting(casts: Sequence[InThreads]) -> list[Callable[[], None]]:

@@ -1,46 +1,22 @@
 """What a cast writes beside its hits is what is worked out of them afterwards, bit for bit."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import warp as wp
-from made_worlds import Doubles, random_plan, random_rotations, rays_of
-from test_bundles import DOWN, raster
-from test_packets import PATTERNS
+from made_rays import RAYS
+from made_worlds import random_plan, random_rotations
 
 from rigcast.kernels import cast as casting
 from rigcast.kernels.cast import cast, launch, prepare_readings
 from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.hits.out import FIELD_NAMES
-from rigcast.kernels.packing.bundling import sort_into_bundles
-from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.reading import look_up, points, z_depth
 from rigcast.kernels.shapes.triangle import CULL_NONE
 
 SEED = 2
-START = np.array([0.1, -0.2, 0.3])
-
-
-def packed(directions: Doubles) -> Rays:
-    return replace(rays_of(START, directions), packets=sort_into_packets(directions))
-
-
-def bundled() -> Rays:
-    origins = raster(30, 20, 0.1)
-    bundles = sort_into_bundles(origins, np.zeros(len(origins), np.int32))
-    return replace(rays_of(origins, DOWN), packets=bundles)
-
-
-RAYS: dict[str, Callable[[], Rays]] = {
-    "packets of rows": lambda: packed(PATTERNS["rows far apart"]),
-    "packets of squares": lambda: packed(PATTERNS["camera of odd size"]),
-    "packets without rows": lambda: packed(PATTERNS["all around"]),
-    "bundles": bundled,
-    "alone": lambda: rays_of(START, PATTERNS["all around"]),
-}
 
 
 def in_two_poses(rays: Rays, rng: np.random.Generator) -> Rays:

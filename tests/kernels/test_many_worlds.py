@@ -5,47 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
-from made_worlds import Doubles, Hits, Plan, assert_same, random_plan, random_rotations, unit
+from made_worlds import Doubles, Hits, Plan, assert_same, random_plan, unit
 from numpy.typing import ArrayLike
+from scattered_worlds import BEAMS, WORLDS, scattered, sensor, sensor_poses
 
 from rigcast.kernels.cast import cast
 from rigcast.kernels.geometry import Shapes
 from rigcast.kernels.launching import slices
-from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
 
-WORLDS = 7
-BEAMS = 500
-DIRECTIONS = unit(np.random.default_rng(0).normal(size=(BEAMS, 3)))
 CAST = pytest.mark.parametrize("packets", [False, True], ids=["alone", "in packets"])
-
-
-def scattered(plan: Plan, seed: int, worlds: int = WORLDS) -> tuple[Doubles, Doubles]:
-    """Poses of the plan's shapes, elsewhere in each world: (worlds, n, 3) and (worlds, n, 9)."""
-    rng = np.random.default_rng(seed)
-    position, _ = plan.poses()
-    moved = position + rng.normal(scale=0.5, size=(worlds, *position.shape))
-    return moved, random_rotations(rng, moved[..., 0].size).reshape(worlds, -1, 9)
-
-
-def sensor_poses(seed: int, worlds: int = WORLDS) -> tuple[Doubles, Doubles]:
-    rng = np.random.default_rng(seed)
-    return rng.uniform(-3, 3, (worlds, 3)), random_rotations(rng, worlds)
-
-
-def sensor(position: Doubles, rotation: Doubles, packets: bool) -> Rays:
-    """The beams, from a sensor in each world: position (worlds, 3), rotation (worlds, 3, 3)."""
-    return Rays(
-        wp.array(DIRECTIONS, dtype=wp.vec3d, device="cpu"),
-        wp.zeros(1, dtype=wp.vec3d, device="cpu"),
-        wp.array(position, dtype=wp.vec3d, device="cpu"),
-        wp.array(rotation, dtype=wp.mat33d, device="cpu"),
-        packets=sort_into_packets(DIRECTIONS) if packets else None,
-        worlds=len(position),
-    )
 
 
 def cast_all(world: World, rays: Rays, visible: ArrayLike = True) -> list[Hits]:

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
-from made_worlds import Doubles, Hits, Plan, assert_same, cube, random_plan, random_rotations, unit
+from made_worlds import Hits, Plan, assert_same, cube, random_plan, random_rotations, unit
+from moving_worlds import FIRINGS, Poses, fired, moving, rotation_about
 from numpy.typing import NDArray
 from trimesh import transformations
 
@@ -16,29 +17,7 @@ from rigcast.kernels.shapes.solids import BOX, CAPSULE, PLANE, SPHERE
 from rigcast.kernels.shapes.triangle import CULL_NONE
 from rigcast.kernels.world import World
 
-FIRINGS = 24
-BEAMS = 960
 CAST = pytest.mark.parametrize("packets", [False, True], ids=["alone", "in packets"])
-Poses = tuple[Doubles, Doubles]
-
-
-def rotation_about(axis: Doubles, angle: Doubles) -> Doubles:
-    """(n, 3, 3) about axes (n, 3) by angles (n,) [rad]."""
-    turned = [transformations.rotation_matrix(a, x)[:3, :3] for x, a in zip(axis, angle, strict=True)]
-    return np.array(turned)
-
-
-def moving(plan: Plan, seed: int, instants: int, step: float = 0.4, angle: float = 2.0) -> Poses:
-    """Poses (instants, n, 3) and (instants, n, 3, 3): every third shape rests, others go and turn by up to an angle."""
-    rng = np.random.default_rng(seed)
-    position, rotation = (np.array(a) for a in plan.poses())
-    positions, rotations = [position], [rotation.reshape(-1, 3, 3)]
-    for _ in range(instants - 1):
-        goes = (np.arange(len(position)) % 3 > 0)[:, None]
-        positions.append(positions[-1] + goes * rng.normal(scale=step, size=position.shape))
-        angles = rng.uniform(0, angle, len(position)) * goes[:, 0]
-        rotations.append(rotation_about(rng.normal(size=position.shape), angles) @ rotations[-1])
-    return np.array(positions), np.array(rotations)
 
 
 def between(poses: Poses, span: int, fraction: float) -> Poses:
@@ -48,28 +27,6 @@ def between(poses: Poses, span: int, fraction: float) -> Poses:
     turned = [transformations.quaternion_slerp(*pair, fraction) for pair in quaternions]
     rotation = np.array([transformations.quaternion_matrix(q)[:3, :3] for q in turned]).reshape(-1, 9)
     return (1 - fraction) * position[span] + fraction * position[span + 1], rotation
-
-
-def fired(seed: int, spans: int, packets: bool, worlds: int = 1) -> Rays:
-    """Beams in firings, in spans and at fractions at random, from a sensor that is elsewhere at each."""
-    rng = np.random.default_rng(seed)
-    directions = unit(rng.normal(size=(BEAMS, 3)))
-    firing = np.sort(rng.integers(0, FIRINGS, BEAMS)).astype(np.int32)
-    count = worlds * FIRINGS
-    span = rng.integers(0, spans, count) + spans * np.repeat(np.arange(worlds), FIRINGS)
-    fraction = rng.random(count)
-    fraction[:3] = 0, 1, 0.5
-    return Rays(
-        wp.array(directions, dtype=wp.vec3d, device="cpu"),
-        wp.zeros(1, dtype=wp.vec3d, device="cpu"),
-        wp.array(rng.uniform(-2, 2, (count, 3)), dtype=wp.vec3d, device="cpu"),
-        wp.array(random_rotations(rng, count), dtype=wp.mat33d, device="cpu"),
-        packets=sort_into_packets(directions, firing) if packets else None,
-        worlds=worlds,
-        firing=wp.array(firing, dtype=int, device="cpu"),
-        span=wp.array(span, dtype=int, device="cpu"),
-        fraction=wp.array(fraction, dtype=wp.float64, device="cpu"),
-    )
 
 
 def all_hits(world: World, rays: Rays) -> Hits:

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from made_rays import PATTERNS, axes, camera, lidar, sphere
 from made_worlds import (
+    Doubles,
     Hits,
     Mesh,
     Plan,
@@ -22,7 +24,7 @@ from made_worlds import (
     turned,
     unit,
 )
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigcast.kernels.cast import cast
 from rigcast.kernels.launching import slices
@@ -31,49 +33,6 @@ from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE, GRAZING
 from rigcast.kernels.world import World
-
-Doubles = NDArray[np.float64]
-
-
-def lidar(beams: int, columns: int, elevation_deg: float = 25.0) -> Doubles:
-    azimuth = np.arange(columns) * 2 * np.pi / columns
-    elevation = np.radians(np.linspace(-elevation_deg, elevation_deg, beams))[:, None]
-    xyz = (np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation))
-    return np.stack(np.broadcast_arrays(*xyz), axis=-1).reshape(-1, 3)
-
-
-def camera(width: int, height: int, half_angle_deg: float = 30.0) -> Doubles:
-    x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
-    scale = np.tan(np.radians(half_angle_deg))
-    return unit(np.stack([np.ones_like(x), scale * x, scale * y], axis=-1).reshape(-1, 3))
-
-
-def sphere(count: int, seed: int = 0) -> Doubles:
-    return unit(np.random.default_rng(seed).normal(size=(count, 3)))
-
-
-def axes(count: int) -> Doubles:
-    """Rays along axes, and within 1e-7 of them."""
-    rng = np.random.default_rng(0)
-    return unit(np.vstack([np.eye(3), -np.eye(3)])[rng.integers(0, 6, count)] + rng.choice([0, 1e-7], (count, 3)))
-
-
-PATTERNS: dict[str, Doubles] = {
-    "64 beams": lidar(64, 128),
-    "16 beams, far apart": lidar(16, 100, 15.0),
-    "rows far apart": lidar(16, 600, 15.0),
-    "rows that end within a run": lidar(9, 500, 8.0),
-    "up to the poles": lidar(30, 60, 90.0),
-    "one ring": lidar(1, 360, 0.0),
-    "camera": camera(64, 48),
-    "wide camera": camera(40, 30, 80.0),
-    "camera of odd size": camera(37, 23),
-    "all around": sphere(3000),
-    "along axes": axes(1000),
-    "few": sphere(5),
-    "one": sphere(1),
-    "none": np.empty((0, 3)),
-}
 
 
 def in_packets_and_alone(

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from made_rays import PATTERNS
 from made_worlds import Doubles, Hits, assert_same, random_plan, random_rotations, rays_of
-from test_packets import PATTERNS
 
 from rigcast.kernels import cast as casting
 from rigcast.kernels.cast import cast

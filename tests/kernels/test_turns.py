@@ -2,8 +2,10 @@
 
 # mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+import os
+import signal
+from collections.abc import Callable, Sequence
+from queue import SimpleQueue
 from threading import Event
 from time import sleep
 from typing import Any
@@ -54,13 +56,11 @@ def test_all_is_taken_once_however_often_it_is_launched(
 
 def test_a_thread_that_has_not_begun_when_all_is_taken_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIGCAST_THREADS", "2")
-    busy, is_over = ThreadPoolExecutor(1), Event()
-    monkeypatch.setattr(slices, "_threads", lambda _: busy)
-    busy.submit(is_over.wait)
+    waiting: SimpleQueue[Callable[[], None]] = SimpleQueue()
+    monkeypatch.setattr(slices, "_waiting", lambda _: waiting)
     counted = Counted(1000)
     counted.launch()
-    is_over.set()
-    busy.shutdown()
+    waiting.get()()  # too late
     np.testing.assert_array_equal(counted.times.numpy(), 1)
     np.testing.assert_array_equal(counted.by.numpy(), 0)
 
@@ -80,3 +80,33 @@ def test_an_interrupted_launch_waits_for_its_other_threads() -> None:
     with pytest.raises(KeyboardInterrupt):
         slices._at_once([interrupted, other], 2)
     assert done == ["other"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("presses", [1, 3])
+def test_ctrl_c_while_it_waits_for_its_other_threads_does_not_end_that(presses: int) -> None:
+    """The arrays that they wrote to were freed meanwhile, which ended the process."""
+    begun, done = Event(), list[str]()
+
+    def other() -> None:
+        begun.set()
+        sleep(0.05)  # by now the first thread waits for this one
+        for _ in range(presses):
+            os.kill(os.getpid(), signal.SIGINT)
+            sleep(0.05)
+        done.append("other")
+
+    with pytest.raises(KeyboardInterrupt):
+        slices._at_once([begun.wait, other], 2)
+    assert done == ["other"]
+
+
+def test_what_another_thread_raises_is_raised() -> None:
+    begun = Event()
+
+    def failing() -> None:
+        begun.set()
+        raise ValueError("of a thread")
+
+    with pytest.raises(ValueError, match="of a thread"):
+        slices._at_once([begun.wait, failing], 2)

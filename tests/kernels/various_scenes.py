@@ -18,8 +18,8 @@ from made_worlds import (
     turned,
     unit,
 )
-from test_many_worlds import scattered, sensor, sensor_poses
-from test_moving_worlds import fired, moving
+from moving_worlds import fired, moving
+from scattered_worlds import scattered, sensor, sensor_poses
 
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes import solids

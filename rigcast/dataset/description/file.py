@@ -75,7 +75,7 @@ class Episodes(Spec):
 
 
 class PoseRange(Spec):
-    """How far a body may stand from where the model, or the rig's keyframe, puts it."""
+    """How far a body may stand from where the model, the rig's keyframe or a recorded motion puts it."""
 
     pos: tuple[float, float, float] = Field(
         default=(0.0, 0.0, 0.0), description="at most so far to either side along x, y, z of its parent [m]"

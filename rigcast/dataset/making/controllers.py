@@ -1,6 +1,6 @@
 """What takes an episode from one step to the next: physics under some controller, or a recorded motion."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import mujoco
 import numpy as np
@@ -13,17 +13,21 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.timing.schedule import uniform
 from rigcast.simulation import divergence
 
+from .randomise import of_free_bodies, place_bodies
+
 Step = Callable[[], None]
 
 
-def stepper(config: DatasetConfig, model: mujoco.MjModel, data: mujoco.MjData, seed: int) -> Step:
-    """What takes `data` one timestep further.
+def stepper(
+    config: DatasetConfig, model: mujoco.MjModel, data: mujoco.MjData, seed: int, poses: Mapping[str, list[float]]
+) -> Step:
+    """What takes `data` one timestep further. poses: by how much bodies were moved, as `draw_poses` has it.
 
     Raises InputError, here or when it is called, where a motion is of another model or the simulation diverges.
     """
     controller = config.file.episodes.controller
     if isinstance(controller, RecordedMotion):
-        return _playback(config, controller, model, data)
+        return _playback(config, controller, model, data, of_free_bodies(model, poses))
     if isinstance(controller, RandomActions):
         return _physics(model, data, _random_actions(controller, model, seed))
     if isinstance(controller, UserController):
@@ -72,12 +76,20 @@ def _random_actions(actions: RandomActions, model: mujoco.MjModel, seed: int) ->
     return control
 
 
-def _playback(config: DatasetConfig, motion: RecordedMotion, model: mujoco.MjModel, data: mujoco.MjData) -> Step:
+def _playback(
+    config: DatasetConfig,
+    motion: RecordedMotion,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    moved: Mapping[str, list[float]],
+) -> Step:
+    """moved: by how much free bodies are away from where the recording has them."""
     rows = read_motion(config.folder / motion.file)
     if rows.shape[1] != model.nq:
         raise InputError(f"{motion.file}: got rows of {rows.shape[1]} numbers, expected nq = {model.nq} of the model")
     began = data.time
     data.qpos[:] = rows[0]
+    place_bodies(model, data, moved)
 
     def step() -> None:
         data.time += model.opt.timestep
@@ -88,5 +100,6 @@ def _playback(config: DatasetConfig, motion: RecordedMotion, model: mujoco.MjMod
         mujoco.mj_differentiatePos(model, velocity, 1.0, rows[row], rows[row + 1])
         data.qpos[:] = rows[row]
         mujoco.mj_integratePos(model, data.qpos, velocity, at - row)
+        place_bodies(model, data, moved)
 
     return step

@@ -16,6 +16,7 @@ from threading import Thread
 from typing import Any, Protocol
 
 from rigcast.dataset.description.config import Unit
+from rigcast.kernels.launching.slices import cpu_count
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.threads import set_threads
@@ -192,8 +193,3 @@ def _require_answer(address: str) -> None:
 def _with_one_thread(make: Make, unit: Unit) -> Result:
     set_threads(1)
     return make(unit)
-
-
-def cpu_count() -> int:
-    """CPUs that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

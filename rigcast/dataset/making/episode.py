@@ -116,7 +116,8 @@ def open_episode(config: DatasetConfig, unit: Unit, device: str | None) -> Episo
         "poses": poses,
     }
     steps = max(1, round(file.episodes.duration / float(model.opt.timestep)))
-    return Episode(rig, data, steps, stepper(config, model, data, unit.seed), rig_config.classes, about)
+    step = stepper(config, model, data, unit.seed, poses)
+    return Episode(rig, data, steps, step, rig_config.classes, about)
 
 
 def _simulate(episode: Episode, shard: Shard, spent: Spent) -> None:

@@ -38,6 +38,16 @@ def place_bodies(model: mujoco.MjModel, data: mujoco.MjData, offsets: Mapping[st
         mujoco.mju_mulQuat(quat, turn, quat.copy())
 
 
+def of_free_bodies(model: mujoco.MjModel, offsets: Mapping[str, list[float]]) -> dict[str, list[float]]:
+    """Those of bodies with a free joint, whose poses are in `qpos`."""
+    return {name: offset for name, offset in offsets.items() if _is_free(model, model.body(name).id)}
+
+
+def _is_free(model: mujoco.MjModel, body: int) -> bool:
+    joint = model.body_jntadr[body]
+    return bool(joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
+
+
 def _offset(name: str, limits: PoseRange, seed: int) -> list[float]:
     most = (*limits.pos, *limits.euler_deg)
     return [limit * (2 * uniform((seed, f"pose {name}"), 0, k) - 1) for k, limit in enumerate(most)]
@@ -50,8 +60,7 @@ def _pose_of(
     mocap = model.body_mocapid[body]
     if mocap >= 0:
         return data.mocap_pos[mocap], data.mocap_quat[mocap]
-    joint = model.body_jntadr[body]
-    if joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
-        address = model.jnt_qposadr[joint]
+    if _is_free(model, body):
+        address = model.jnt_qposadr[model.body_jntadr[body]]
         return data.qpos[address : address + 3], data.qpos[address + 3 : address + 7]
     return model.body_pos[body], model.body_quat[body]

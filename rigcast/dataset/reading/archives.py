@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rigcast.dataset.storage.manifest import shard_name
 from rigcast.dataset.storage.shards import FRAMES_NAME
 from rigcast.dataset.storage.stores import Store
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 
 
@@ -22,7 +23,7 @@ class Archive(Protocol):
         """One array. Raises KeyError where the frame has none of that name."""
 
     def names(self, sensor: str, number: int) -> Iterable[str]:
-        """Those that a frame has."""
+        """Those that a frame has, in the order of the alphabet."""
 
 
 class _NpzArchive:
@@ -36,7 +37,7 @@ class _NpzArchive:
 
     def names(self, sensor: str, number: int) -> Iterable[str]:
         prefix = f"{sensor}/{number:06d}/"
-        return [name.removeprefix(prefix) for name in self._file.files if name.startswith(prefix)]
+        return sorted(name.removeprefix(prefix) for name in self._file.files if name.startswith(prefix))
 
 
 class _ZarrParts(Mapping[str, Any]):
@@ -72,10 +73,15 @@ class _ZarrArchive:
 
     def names(self, sensor: str, _number: int) -> Iterable[str]:
         group = self._root[sensor]
-        return [*group.array_keys(), *(name for name in group.attrs if name not in ("type", "spec"))]
+        return sorted([*group.array_keys(), *(name for name in group.attrs if name not in ("type", "spec"))])
 
 
 def archive_of(store: Store, entry: Mapping[str, Any]) -> Archive:
+    """Raises InputError for a file that was damaged, or a library that is not installed; OSError as the store does."""
     kinds: dict[str, Callable[[Store, str], Archive]] = {"npz": _NpzArchive, "zarr": _ZarrArchive}
     (form,) = [name for name, file in FRAMES_NAME.items() if file in entry["files"]]
-    return kinds[form](store, f"{shard_name(entry)}/{FRAMES_NAME[form]}")
+    name = f"{shard_name(entry)}/{FRAMES_NAME[form]}"
+    try:
+        return kinds[form](store, name)
+    except (zipfile.BadZipFile, EOFError) as error:
+        raise InputError(f"{store.where(name)}: cannot be read: {error}; verify() names all such files") from None

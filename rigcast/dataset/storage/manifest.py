@@ -130,7 +130,11 @@ def _collected(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -
 def _entries(paths: Iterator[Path]) -> Iterator[dict[str, Any]]:
     for path in paths:
         if path.is_file():
-            yield json.loads(path.read_text(encoding="utf-8"))
+            try:
+                yield json.loads(path.read_text(encoding="utf-8"))
+            except ValueError as error:
+                mended = f"without {path.parent} the same command makes it anew"
+                raise InputError(f"{path}: not as it was written: {error}; {mended}") from None
 
 
 def _is_preview(name: str) -> bool:

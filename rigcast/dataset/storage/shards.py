@@ -29,7 +29,7 @@ import numpy as np
 
 from rigcast.dataset.description.file import Output
 from rigcast.export.fields import FIELD_NAMES, camera_fields, fields_of
-from rigcast.export.files import require_room
+from rigcast.export.files import require_disk_space
 from rigcast.export.frames.exr import write_exr
 from rigcast.export.ids import Classes, IdTable
 from rigcast.export.zarr_store import ZarrStore
@@ -71,7 +71,7 @@ class Shard:
 
     def write(self, frame: Frame) -> None:
         """Append a frame. Raises OSError where it cannot be written."""
-        require_room(self._folder, _ROOM + _PER_RAY * int(frame.range.size))
+        require_disk_space(self._folder, _ROOM + _PER_RAY * int(frame.range.size))
         statistics = self._statistics[frame.sensor]
         if self._output.exr and isinstance(frame, CameraFrame):
             path = self._folder / "exr" / frame.sensor / f"{len(statistics.times):06d}.exr"

@@ -1,6 +1,5 @@
-"""The arrays of a frame: what its rays hit, and what is worked out of that for who asks."""
+"""The arrays of a frame: its rays, what they hit, and the launches that read into them."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
@@ -11,9 +10,8 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.cast import Readings
 from rigcast.kernels.hits.arrays import HIT_NAMES, HitArrays
-from rigcast.kernels.hits.out import FIELD_NAMES
 from rigcast.kernels.host.held import Held
-from rigcast.kernels.host.shown import shown
+from rigcast.kernels.host.views import view_as
 from rigcast.kernels.poses.mounts import Frames
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.scene.rays.placed import in_pose
@@ -21,18 +19,18 @@ from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.mount import BoundMount
 
 from .launches import Launches
+from .lazy_fields import LazyFields
 
 _MOST_AXES = 4  # of a Warp array
 _SCALARS = {wp.vec3: wp.float32, wp.vec3d: wp.float64}
-_BY_CAST, _NO_FIELDS = frozenset(FIELD_NAMES), frozenset[str]()
 
 
 class FrameArrays:
     """The arrays of one frame of this shape, which a later reading writes over when nobody holds them any more.
 
     hits: of the present reading, one entry per ray. range, shape_hit: (...), normal: (..., 3): the same as a frame
-    shows them. is_part: whether they are part of the arrays of many worlds. asked: the fields that the frame of the
-    present reading works out at once. cast: that of the last reading without errors.
+    shows them. fields: what else a frame says. is_part: whether they are part of the arrays of many worlds. cast: that
+    of the last reading without errors.
 
     shared: launches for the first reading, which are turned to these arrays after others. Once arrays are written over
     they have launches of their own, which need not be turned each time. None: from the first reading on.
@@ -45,8 +43,8 @@ class FrameArrays:
         self.range = self.in_shape(hits.distance)
         self.shape_hit = self.in_shape(hits.shape)
         self.normal = self.in_shape(hits.normal)
-        self.asked: set[str] = set()
         self._held = Held(hits.distance, hits.shape, hits.normal, self.range, self.shape_hit, self.normal)
+        self.fields = LazyFields(self._held)
         self._used: list[object] = []
         self._launches, self._are_shared = shared or Launches(), shared is not None
         self._rays = rays
@@ -54,12 +52,7 @@ class FrameArrays:
         self._fixed: Rays | None = None
         self._aimed: Rays | None = None
         self.cast: Readings | None = None
-        self._turned_to = _NO_FIELDS  # which fields it writes
-        # fields by their names, as they are worked out and as a frame shows them:
-        self._worked_out: dict[str, wp.array] = {}
-        self._shown: dict[str, wp.array] = {}
-        # those asked of the present reading, of the one before, and written by the present one's cast:
-        self._current, self._before, self._written = set[str](), set[str](), _NO_FIELDS
+        self._turned_to = frozenset[str]()  # which fields it writes
 
     @property
     def rays(self) -> Rays:
@@ -73,22 +66,16 @@ class FrameArrays:
         return not self._held.by_others
 
     def start(self) -> None:
-        """Begin another reading, of which nothing has been asked for yet.
-
-        What was asked of the last one the cast writes as far as it can, in less time than it takes later.
-        """
-        self._before, self._current, self._written, self.asked = self._current, set(), _NO_FIELDS, set()
+        """Begin another reading, of which nothing has been asked for yet."""
+        self.fields.start()
         if self._are_shared:
             self._launches, self._are_shared, self._aimed = Launches(), False, None
 
     def start_again(self) -> None:
-        """Begin another reading for who holds what was asked of the last one, all of which its frame works out anew.
-
-        Of one that failed, what its frame was to work out.
-        """
-        unanswered = self.asked - self._current
+        """Begin another reading for who holds what was asked of the last one."""
+        unanswered = self.fields.unanswered
         self.start()
-        self.asked = self._before | unanswered
+        self.fields.ask_again(unanswered)
 
     def aim(
         self, fixed: Rays, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData
@@ -121,12 +108,13 @@ class FrameArrays:
         """A reading without errors, of what is between these limits [m], to be launched before anything else."""
         fixed = self._fixed if rays is self._aimed else rays
         readings = self._launches.prepared(scene, fixed, rays, visible, limits)
-        fields = _BY_CAST & self._before
+        fields = self.fields.for_cast
         if self._are_shared or readings is not self.cast or fields != self._turned_to:
-            readings.turn_to(self.hits, rays, {name: self._worked_out[name] for name in fields})
+            self.cast = None  # until it is turned whole
+            readings.turn_to(self.hits, rays, self.fields.arrays(fields))
             self.cast, self._turned_to = readings, fields
             self._held.settle()
-        self._rays, self._written = rays, fields
+        self._rays, self.fields.written = rays, fields
         return readings
 
     def take(self, hits: HitArrays, rays: Rays) -> None:
@@ -140,30 +128,6 @@ class FrameArrays:
         """What a reading has used, for a graph that repeats it for as long as its frame is there."""
         self._used += used
 
-    def field(
-        self,
-        name: str,
-        work_out: Callable[[wp.array | None], wp.array],
-        show: Callable[[wp.array], wp.array] = lambda array: array,
-    ) -> wp.array:
-        """What is worked out of a reading, once, into the array of an earlier one, or of None a new one; as `show`
-        gives it."""
-        if name not in self._current:
-            if name not in self._written:
-                self._work_out(name, work_out, show)
-            self._current.add(name)
-            self._held.settle()
-        return self._shown[name]
-
-    def _work_out(
-        self, name: str, work_out: Callable[[wp.array | None], wp.array], show: Callable[[wp.array], wp.array]
-    ) -> None:
-        known = self._worked_out.get(name)
-        array = work_out(known)
-        if array is not known:
-            self._worked_out[name], self._shown[name] = array, show(array)
-            self._held.add(array, self._shown[name])
-
     def in_shape(self, array: wp.array) -> wp.array:
         """One entry per ray in the frame's shape, without a copy: scalars (...), vectors (..., 3).
 
@@ -171,8 +135,8 @@ class FrameArrays:
         """
         scalar = _SCALARS.get(array.dtype)
         if scalar is None or len(self.shape) == _MOST_AXES:
-            return shown(array, array.dtype, self.shape)
-        return shown(array, scalar, (*self.shape, 3))
+            return view_as(array, array.dtype, self.shape)
+        return view_as(array, scalar, (*self.shape, 3))
 
     def of_worlds(self, part: slice) -> "FrameArrays":
         """For a reading of some of many worlds, in the same memory; themselves, of all."""

@@ -6,7 +6,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import Readings
-from rigcast.kernels.host.taking import PlacedFrame
+from rigcast.kernels.host.poses import PlacedFrame
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.mount import BoundMount

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.scene.same_model import SHAPES, require_same_model
 
 from .arrays import is_float32
 
@@ -87,6 +88,8 @@ class _ListOfData:
         is_other = self._found.signatures != model.signature
         if is_other.any():
             raise InputError(f"Worlds: batch[{np.argmax(is_other)}] belongs to another model than the rig")
+        for k in self._found.models:
+            require_same_model(f"Worlds: batch[{k}]", self._datas[k].model, model, SHAPES)
 
 
 class _Found:
@@ -98,6 +101,8 @@ class _Found:
                 raise InputError(f"Worlds: batch[{k}]: got {type(data).__name__}, expected MjData")
         self._datas = [weakref.ref(data) for data in datas]
         self.signatures = np.array([data.signature for data in datas], np.uint64)
+        self.models = {id(data.model): k for k, data in enumerate(datas)}.values()
+        """Worlds that have each of the models that there are."""
         self.rows: dict[str, Rows] = {}
 
     def is_of(self, datas: Sequence[Any]) -> bool:
@@ -140,6 +145,7 @@ class _MujocoBatch:
             raise InputError("Worlds: batch: got one with models of its own (set_models), expected worlds of one model")
         if self._batch.model.signature != model.signature:
             raise InputError("Worlds: batch belongs to another model than the rig")
+        require_same_model("Worlds: batch", self._batch.model, model, SHAPES)
 
 
 class _Arrays:

@@ -16,10 +16,10 @@ from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 from .arrays import numbers, require_array
-from .attached import Attached
 from .differences import Differences
 from .per_world import PerWorld, Value
 from .sources import Batch, is_mujoco_batch, is_on_device, source_of
+from .world_mounts import WorldMounts
 
 
 class Worlds:
@@ -89,7 +89,7 @@ class Worlds:
         self.ids = np.arange(self.count, dtype=np.uint32) if ids is None else self._checked_ids(ids)
         self._active = active
         self._fits: mujoco.MjModel | None = None  # against which filters, mounts and differences were checked
-        self._attached: dict[str, tuple[SensorSpec, Attached]] = {}
+        self._bound: dict[str, tuple[SensorSpec, WorldMounts]] = {}
 
     def require_model(self, model: mujoco.MjModel) -> None:
         """Raise InputError if these are not worlds of this model."""
@@ -100,7 +100,7 @@ class Worlds:
         for option, given in (("filters", self.filters), ("mounts", self.mounts)):
             for sensor, values in given.items():
                 values.check(f"Worlds: {option}: {sensor!r}", model)
-        self._fits, self._attached = model, {}
+        self._fits, self._bound = model, {}
 
     def require_sensors(self, names: Collection[str]) -> None:
         """Raise InputError where filters or mounts are given for a sensor of another name."""
@@ -147,18 +147,18 @@ class Worlds:
         """What a sensor may see: as these worlds say, or else as it says itself."""
         return self.filters.get(spec.name, spec.filter)
 
-    def attached(self, spec: SensorSpec, model: mujoco.MjModel, device: wp.Device) -> Attached | None:
+    def mounts_of(self, spec: SensorSpec, model: mujoco.MjModel, device: wp.Device) -> WorldMounts | None:
         """Where a sensor is mounted in each world, None where it is as the sensor says."""
         mounts = self.mounts.get(spec.name)
         if mounts is None:
             return None
-        known, attached = self._attached.get(spec.name, (None, None))
-        if attached is None or known is not spec or attached.on.which.device != device:
+        known, bound = self._bound.get(spec.name, (None, None))
+        if bound is None or known is not spec or bound.on.which.device != device:
             require_as_before(f"Worlds: mounts: {spec.name!r}: got those of a new Worlds", device)
-            bound = [mount.bind(model).turned(spec.frame_rotation) for mount in mounts.values]
-            attached = Attached.by([bound[k] for k in mounts.of_world], device)
-            self._attached[spec.name] = spec, attached
-        return attached
+            each = [mount.bind(model).turned(spec.frame_rotation) for mount in mounts.values]
+            bound = WorldMounts.by([each[k] for k in mounts.of_world], device)
+            self._bound[spec.name] = spec, bound
+        return bound
 
     def active(self, device: wp.Device, part: slice) -> wp.array:
         """(n,) bool on the device, which of some of the worlds are sensed; empty if all are."""
@@ -195,8 +195,8 @@ class Worlds:
 
     def _one_each(self, name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
         """(nworld,) numbers."""
-        values = self._per_world(name, given, dtype)
-        if values.ndim != 1:
+        values = numbers(name, given, dtype)
+        if values.shape != (self.count,):
             raise InputError(f"Worlds: {name}: got shape {values.shape}, expected ({self.count},): one per world")
         return values
 

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.kernels.geometry import FARTHEST, Shapes, TriangleTree
-from rigcast.kernels.host.taking import TakenPoses
+from rigcast.kernels.host.poses import TakenPoses
 from rigcast.kernels.host.watching import Watched
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of, model_names

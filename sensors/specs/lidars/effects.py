@@ -41,7 +41,7 @@ class Detection(Spec):
     proportion to sqrt(1 / P) that is `accuracy` at `accuracy_range` on a target of `accuracy_reflectivity`.
     """
 
-    range: float = Field(gt=0, description="range at which a target is just detected [m]")
+    range: float = Field(ge=1e-3, le=1e6, description="range at which a target is just detected [m]")
     reflectivity: float = Field(default=0.1, gt=0, le=1, description="reflectivity of that target")
     accuracy: float | None = Field(
         default=None, gt=0, description="standard deviation of the range at accuracy_range [m]; null: none by power"

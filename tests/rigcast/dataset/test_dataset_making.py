@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from rigcast.dataset.storage.manifest import write_manifest
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 
-from .small_datasets import contents, controlled_by, edited, make
+from .small_datasets import MODULE_NAME, contents, controlled_by, edited, make
 
 
 class Backwards:
@@ -113,6 +114,38 @@ def test_a_recorded_motion_is_played_back(path: Path) -> None:
     np.testing.assert_allclose(list(poses.values()), list(expected.values()), atol=1e-9)
 
 
+def test_a_free_body_is_moved_from_where_a_motion_has_it(path: Path) -> None:
+    model = open_rig(path.parent / "rig.yaml")[1]
+    rows = np.tile(mujoco.MjData(model).qpos, (3, 1))
+    ball = slice(*(model.jnt_qposadr[model.body("ball").jntadr[0]] + [0, 3]))
+    rows[:, ball] += [[0, 0, 0], [1, 0, 0], [1, 2, 0]]
+    np.save(path.parent / "walk.npy", rows)
+    controlled_by(path, "type: recorded, file: walk.npy, rate_hz: 20")
+    edited(path, "ball: {euler_deg: [9, 9, 9]}", "ball: {pos: [3, 3, 0], euler_deg: [0, 0, 90]}")
+    config = read_dataset(path)
+    for unit in config.units():
+        episode = open_episode(config, unit, "cpu")
+        x, y, _, _, _, turn = episode.about["poses"]["ball"]
+        for share in (0.0, 0.4, 0.8):  # two steps of 10 ms are 0.4 rows
+            pose = episode.data.body("ball")
+            mujoco.mj_kinematics(episode.rig.model, episode.data)
+            np.testing.assert_allclose(pose.xpos, [1 + share + x, y, 3], atol=1e-9, err_msg=unit.name)
+            np.testing.assert_allclose(pose.xmat[0], np.cos(np.deg2rad(turn)), atol=1e-9, err_msg=unit.name)
+            episode.step()
+            episode.step()
+
+
+def test_an_entry_that_was_damaged_is_named(path: Path) -> None:
+    make(path)
+    shard = path.parent / "out/room/000001"
+    (shard / "entry.json").write_text('{"scene"')
+    with pytest.raises(InputError, match=f"^{shard}/entry.json: not as it was written: .*; without {shard} the same"):
+        make(path)
+    shutil.rmtree(shard)
+    make(path)
+    assert open_dataset(path.parent / "out").verify() == []
+
+
 def test_random_actions_stay_within_limits(path: Path) -> None:
     config = read_dataset(controlled_by(path, "type: random, hold: 0.05"))
     episode = open_episode(config, config.units()[0], "cpu")
@@ -128,7 +161,6 @@ def test_random_actions_stay_within_limits(path: Path) -> None:
 FAILURES = {
     "worldbdy": ("room.xml", "<worldbody>", "<worldbdy>"),
     "the simulation diverged at t = 0": ("room.xml", 'damping="1"', 'stiffness="-1e9" springref="1"'),
-    "no body 'tabel' that can be moved, expected one of table": ("set.yaml", "poses: {table", "poses: {tabel"),
     "OSError: no weights": ("set.yaml", ":push", ":broken"),
     "no body 'cart' in the model": ("room.xml", 'body name="cart"', 'body name="carts"'),
 }
@@ -143,6 +175,13 @@ def test_an_episode_that_fails_is_listed_with_its_reason(path: Path, reason: str
     assert done.manifest["missing"] == 0
     assert all(reason in failure["reason"] for failure in done.manifest["failed"]), done.manifest["failed"]
     assert json.loads((path.parent / "out/dataset.json").read_text()) == done.manifest
+
+
+def test_a_body_to_be_moved_that_a_function_does_not_make_fails_its_episodes(path: Path) -> None:
+    edited(path.parent / f"{MODULE_NAME}.py", "read_text()\n", "read_text().replace('table', 'desk')\n")
+    failed = make(path).manifest["failed"]
+    assert [failure["scene"] for failure in failed] == ["made", "made"]
+    assert all("no body 'table' that can be moved, expected one of desk" in failure["reason"] for failure in failed)
 
 
 def test_one_scene_that_fails_does_not_keep_others_from_being_made(path: Path, whole: dict[str, bytes]) -> None:
@@ -176,12 +215,12 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
 ) -> None:
     frames_before_full: Iterator[int] = iter(range(10))
 
-    def require_room(_folder: Path, _size: int) -> None:
+    def require_disk_space(_folder: Path, _size: int) -> None:
         if next(frames_before_full, None) is None:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patched:
-        patched.setattr(shards, "require_room", require_room)
+        patched.setattr(shards, "require_disk_space", require_disk_space)
         with pytest.raises(InputError, match="No space left on device; episodes that are finished stay"):
             make(path)
     manifest = json.loads((path.parent / "out/dataset.json").read_text())

@@ -134,7 +134,7 @@ WORKED_OUT = ("points", "depth", "body_id")
 
 def by_cast(rig: Rig, name: str) -> set[str]:
     """What the cast of a sensor's last reading wrote beside hits."""
-    return set(rig._mounted[name].pool._last[-1]._written)
+    return set(rig._mounted[name].pool._last[-1].fields.written)
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
@@ -246,7 +246,7 @@ def test_held_frames_do_not_keep_later_ones_from_being_used_again(monkeypatch: p
 def test_arrays_for_as_many_worlds_as_before_count_as_free(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(MODEL, SENSORS[:1], "cpu")
     rig.sense(worlds(0.1))
-    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 5_000)
+    monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", lambda _: 5_000)
     rig.sense(worlds(0.2))
     with pytest.raises(InputError, match="2 worlds need"):
         Rig(MODEL, SENSORS[:1], "cpu").sense(worlds(0.2))

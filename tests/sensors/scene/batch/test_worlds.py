@@ -297,8 +297,9 @@ def test_props_move_with_their_bodies(robot: mujoco.MjModel, datas: list[mujoco.
             assert_same(frames[name].world(world), frame, f"world {world}")
 
 
-def test_edits_of_the_model_are_seen_in_all_worlds(datas: list[mujoco.MjData]) -> None:
+def test_edits_of_the_model_are_seen_in_all_worlds() -> None:
     robot = model()
+    datas = states(robot, COUNT)
     rig = rig_of(robot, "scan")
     rig.sense(datas)
     robot.hfield_data[:] = 1 - robot.hfield_data

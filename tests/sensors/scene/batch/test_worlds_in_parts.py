@@ -27,20 +27,20 @@ def datas(robot: mujoco.MjModel) -> list[mujoco.MjData]:
 def make_room(monkeypatch: pytest.MonkeyPatch, rig: Rig, batch: Any, at_a_time: int) -> None:
     """For so many worlds at a time."""
     worlds = batch if isinstance(batch, Worlds) else Worlds(batch)
-    standing = max(m.bytes_per_standing_world for m in rig._mounted.values())
-    room = at_a_time * (rig.scene.bytes_per_standing_world(worlds) + standing)
+    errors = max(m.bytes_per_posed_world for m in rig._mounted.values())
+    room = at_a_time * (rig.scene.bytes_per_posed_world(worlds) + errors)
     monkeypatch.setattr("rigcast.sensors.rig.of_worlds.BYTES_AT_ONCE", room)
 
 
 def parts_of(rig: Rig) -> list[tuple[int, int]]:
     """Which worlds stand one after the other from now on."""
-    parts, stand = [], rig.scene.stand
+    parts, pose_worlds = [], rig.scene.pose_worlds
 
     def noted(worlds: Worlds, part: slice) -> Any:
         parts.append((part.start, part.stop))
-        return stand(worlds, part)
+        return pose_worlds(worlds, part)
 
-    rig.scene.stand = noted  # type: ignore[method-assign]
+    rig.scene.pose_worlds = noted  # type: ignore[method-assign]
     return parts
 
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import warp as wp
-from world_states import SENSORS, alone, arrays_of, assert_same, model, rig_of, states
+from world_states import SENSORS, alone, arrays_of, assert_same, model, rig_of, state_of, states
 
 from rigcast import Filter, InputError, Mount, Rig, Scene, Worlds
 
@@ -97,7 +97,8 @@ def test_geoms_may_be_there_in_some_worlds_only(robot: mujoco.MjModel, datas: li
 def with_own(robot: mujoco.MjModel, data: mujoco.MjData, world: int, name: str, **own: Any) -> Any:
     """What a sensor reads alone, with a mount or a filter of its own."""
     sensor = SENSORS[name].model_copy(update=own)
-    return Rig(robot, [sensor], "cpu", seed=5).sense(Worlds([data], ids=[world]))[name].world(0)
+    worlds = Worlds([state_of(robot, data)], ids=[world])
+    return Rig(robot, [sensor], "cpu", seed=5).sense(worlds)[name].world(0)
 
 
 FILTERS = [
@@ -190,8 +191,9 @@ def test_a_mujoco_batch_brings_its_meshes(robot: mujoco.MjModel, datas: list[muj
 
 
 OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
-    "too few active": ({"active": [True] * 3}, r"active: got shape \(3,\), expected \(4, \.\.\.\): one per world"),
+    "too few active": ({"active": [True] * 3}, r"active: got shape \(3,\), expected \(4,\): one per world"),
     "numbers for active": ({"active": [0.5] * 4}, "active: got an array of float64, expected bool"),
+    "one id for all": ({"ids": [7]}, r"ids: got shape \(1,\), expected \(4,\): one per world"),
     "negative ids": ({"ids": [0, 1, -2, 3]}, "ids: world 2: got -2, expected whole numbers from 0 to 2"),
     "sizes of other geoms": (
         {"geom_size": np.ones((4, 2, 3))},

@@ -178,6 +178,11 @@ def test_what_is_no_override_is_refused(folder: Path, override: str) -> None:
     assert message == f"--set: got {override!r}, expected KEY=VALUE, such as sensors.top.rate_hz=5"
 
 
+def test_files_are_not_extended_by_an_override(folder: Path) -> None:
+    message = error_of(folder / "base" / "base.yaml", "extends=other.yaml")
+    assert message.startswith("--set: got 'extends=other.yaml': values are set when files lie on each other already")
+
+
 @pytest.mark.parametrize("overrides", ["seed=3", {"seed": 3}])
 def test_overrides_that_are_no_list_are_refused(folder: Path, overrides: Any) -> None:
     with pytest.raises(InputError, match=r"^overrides: got .*seed.*, expected a list such as \['sensors\.top"):

@@ -11,7 +11,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from rigcast import InputError
-from rigcast.bench import of_casting, of_rest, workloads
+from rigcast.bench import casting, preparing, stepping, workloads
 from rigcast.bench.casters import CASTERS, Floats, load_casters
 from rigcast.bench.casters.tessellation import merged_triangles
 from rigcast.bench.charts import draw_results
@@ -175,7 +175,7 @@ def test_parts_that_are_not_known_are_refused() -> None:
     assert "no part 'warehose', did you mean 'warehouse'" in done.output or "warehouse" in done.output
 
 
-@pytest.mark.parametrize("measure", [of_casting.outputs, of_rest.small])
+@pytest.mark.parametrize("measure", [casting.outputs, stepping.small])
 def test_figures_are_positive_and_have_keys(measure: object) -> None:
     assert callable(measure)
     figures = list(measure(1))
@@ -185,16 +185,16 @@ def test_figures_are_positive_and_have_keys(measure: object) -> None:
 
 
 def test_trees_and_memory_are_measured_small(monkeypatch: pytest.MonkeyPatch) -> None:
-    measure = of_rest._child
+    measure = preparing._child
 
     def only_height_field(module: str, kind: str, *rest: str, **environment: str) -> dict[str, float]:
         """That of a mesh is measured by test_no_growth."""
         return measure(module, kind, *rest, **environment) if kind == "hfield" else {"bytes_per_triangle": 1.0}
 
-    monkeypatch.setattr(of_rest, "_child", only_height_field)
-    for figure in of_rest.trees(1, triangles=5000):
+    monkeypatch.setattr(preparing, "_child", only_height_field)
+    for figure in preparing.trees(1, triangles=5000):
         assert figure.value.median > 0
-    of_memory = list(of_rest.memory(1, triangles=5000))
+    of_memory = list(preparing.memory(1, triangles=5000))
     assert [figure.key for figure in of_memory] in (
         ["memory_built", "memory_read", "memory_hfield"],
         [],

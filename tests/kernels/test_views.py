@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from rigcast.kernels.host.shown import shown
+from rigcast.kernels.host.views import view_as
 from rigcast.kernels.reading import look_up_entries
 
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)]
@@ -25,7 +25,7 @@ TYPES = {  # of an array of 6, as which type it is shown, in which shape
 def test_memory_is_shared(what: str, device: str) -> None:
     dtype, shown_as, shape = TYPES[what]
     array = wp.zeros(6, dtype=dtype, device=device)
-    same = shown(array, shown_as, shape)
+    same = view_as(array, shown_as, shape)
     array.fill_(7)
     assert isinstance(same, wp.array)
     assert (same.ptr, same.dtype, same.shape, same.device) == (array.ptr, shown_as, shape, array.device)
@@ -37,7 +37,7 @@ def test_memory_is_shared(what: str, device: str) -> None:
 @pytest.mark.parametrize("device", DEVICES)
 def test_memory_stays_for_as_long_as_anybody_sees_it(device: str) -> None:
     def seen() -> Any:
-        return shown(wp.full(1000, 7.0, dtype=float, device=device), wp.float32, (10, 100)).numpy()
+        return view_as(wp.full(1000, 7.0, dtype=float, device=device), wp.float32, (10, 100)).numpy()
 
     values = seen()
     gc.collect()
@@ -47,9 +47,9 @@ def test_memory_stays_for_as_long_as_anybody_sees_it(device: str) -> None:
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_kernels_take_it(device: str) -> None:
-    given, taken = (shown(wp.zeros(4, dtype=int, device=device), wp.int32, (4,)) for _ in range(2))
+    given, taken = (view_as(wp.zeros(4, dtype=int, device=device), wp.int32, (4,)) for _ in range(2))
     wp.copy(given, wp.array([2, 0, -1, 1], dtype=int, device=device))
-    table = shown(wp.array([10, 20, 30], dtype=int, device=device), wp.int32, (3,))
+    table = view_as(wp.array([10, 20, 30], dtype=int, device=device), wp.int32, (3,))
     wp.launch(look_up_entries, 4, inputs=[0, 1, table, given], outputs=[taken], device=device)
     assert taken.numpy().tolist() == [30, 10, -1, 20]
     assert np.from_dlpack(taken.to("cpu")).tolist() == taken.list()
@@ -65,7 +65,7 @@ def copy_any(given: wp.array2d[Any], taken: wp.array2d[Any]) -> None:
 @pytest.mark.parametrize("device", DEVICES)
 def test_generic_kernels_and_maps_take_it(device: str) -> None:
     """Warp 1.12 refused arrays that were not of its own class."""
-    given, taken = (shown(wp.full(6, value, dtype=float, device=device), wp.float32, (2, 3)) for value in (4.0, 0.0))
+    given, taken = (view_as(wp.full(6, value, dtype=float, device=device), wp.float32, (2, 3)) for value in (4.0, 0.0))
     wp.launch(copy_any, (2, 3), inputs=[given], outputs=[taken], device=device)
     assert (taken.numpy() == 4.0).all()
     assert (wp.map(wp.sqrt, given).numpy() == 2.0).all()
@@ -73,4 +73,4 @@ def test_generic_kernels_and_maps_take_it(device: str) -> None:
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_it_may_be_empty(device: str) -> None:
-    assert shown(wp.zeros(0, dtype=wp.vec3, device=device), wp.float32, (0, 4, 3)).numpy().shape == (0, 4, 3)
+    assert view_as(wp.zeros(0, dtype=wp.vec3, device=device), wp.float32, (0, 4, 3)).numpy().shape == (0, 4, 3)

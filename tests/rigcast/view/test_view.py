@@ -161,6 +161,19 @@ def test_a_run_is_read_back(folder: Path, frames: list[rigcast.Frame], formats: 
         assert (shot.depth is None) == (expected.depth is None)
 
 
+def test_a_run_that_was_killed_is_read_back(folder: Path, frames: list[rigcast.Frame], tmp_path: Path) -> None:
+    rig = rigcast.load_rig(folder / "cart.yaml", device="cpu")
+    with rigcast.Recorder(tmp_path / "run", rig.model, rig.sensors, ["npz"]) as recorder:
+        for frame in frames[:3]:
+            recorder.write(frame)
+        killed = shutil.copytree(tmp_path / "run", tmp_path / "killed")
+    with (killed / "frames.jsonl").open("a") as journal:
+        journal.write('{"sensor": "top", "fra')
+    shots = list(read_run(killed))
+    assert [(shot.sensor, shot.time) for shot in shots] == [(frame.sensor, frame.time) for frame in frames[:3]]
+    assert call("view", killed, "--save", tmp_path / "page.html")[0] == 0
+
+
 @pytest.mark.parametrize("formats", ["npz", "ply"])
 def test_a_run_that_hit_nothing_is_read_back(folder: Path, formats: str) -> None:
     out = folder / "nothing" / formats
@@ -189,6 +202,24 @@ def test_what_cannot_be_shown_is_told(
     assert code == 2
     assert message in output
     assert not (folder / "x.html").exists()
+
+
+@pytest.mark.parametrize("kept", [0, 100])
+@pytest.mark.parametrize("name", ["frames.npz", "top/000000.npz"])
+def test_a_file_that_is_cut_off_is_named(folder: Path, tmp_path: Path, name: str, kept: int) -> None:
+    out = tmp_path / "out"
+    assert call("run", folder / "cart.yaml", "--duration", "0.06", "--out", out, "--format", "npz")[0] == 0
+    (out / name).write_bytes((out / name).read_bytes()[:kept])
+    code, output = call("view", out, "--save", tmp_path / "x.html")
+    assert (code, f"{out / name}: cannot be read: " in output) == (2, True), output
+
+
+@pytest.mark.parametrize("name", ["dataset.json", "entry.json"])
+def test_a_data_set_in_place_of_a_run_is_told_apart(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("{}")
+    np.savez(tmp_path / "frames.npz", np.ones(3))
+    code, output = call("view", tmp_path, "--save", tmp_path / "x.html")
+    assert (code, "a data set, or an episode of one, which rigcast.open_dataset reads; expected" in output) == (2, True)
 
 
 def test_without_rerun_a_page_is_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

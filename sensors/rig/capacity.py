@@ -25,7 +25,7 @@ def require_countable(worlds: int, rays: Mapping[str, int]) -> None:
             )
 
 
-def require_room_in(out: Mapping[str, Frame], shapes: Mapping[str, tuple[int, ...]], device: wp.Device) -> None:
+def require_out(out: Mapping[str, Frame], shapes: Mapping[str, tuple[int, ...]], device: wp.Device) -> None:
     """Raise InputError unless `out` has a frame of each of these sensors, of these shapes."""
     require_type("Rig.sense: out", out, Mapping)
     for name, shape in shapes.items():
@@ -34,10 +34,10 @@ def require_room_in(out: Mapping[str, Frame], shapes: Mapping[str, tuple[int, ..
                 f"Rig.sense: out: no frame of sensor {name!r}, expected a frame of each sensor that is read"
             )
         require_type(f"Rig.sense: out: sensor {name!r}", out[name], Frame)
-        out[name].require_room(name, shape, device)
+        out[name].require_fit(name, shape, device)
 
 
-def require_room(worlds: int, needs: Mapping[str, int], meanwhile: int, device: wp.Device, kept: int) -> None:
+def require_memory(worlds: int, needs: Mapping[str, int], meanwhile: int, device: wp.Device, kept: int) -> None:
     """Raise InputError where so many worlds do not fit; each needs these bytes for what they are named after.
 
     meanwhile: bytes that all of them need together. kept: bytes of earlier frames, which are written over.

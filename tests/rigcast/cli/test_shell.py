@@ -16,7 +16,7 @@ from rigcast.rig_file import open_rig
 from rigcast.rig_file.starter import starter_rig
 from rigcast.schema import dataset_schema, rig_schema
 
-CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 EXAMPLES = sorted([*CONFIGS.glob("*.yaml"), *(CONFIGS.parent / "examples").rglob("*.yaml")])
 
 
@@ -47,7 +47,7 @@ def test_a_wrong_value_is_shown_with_a_caret() -> None:
 def test_json_on_standard_output_stands_alone(arguments: list[Any]) -> None:
     code, output = call(*arguments, "--json", "-")
     assert code == 0
-    assert json.loads(output)
+    assert json.loads(output, parse_constant=pytest.fail), "Infinity and NaN are Python's, and no JSON"
 
 
 def test_validate_tells_programs_all_about_a_rig(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ class HostArray(wp.array):  # type: ignore[misc]
         return np.asarray(self)
 
 
-def shown(array: wp.array, dtype: Any, shape: tuple[int, ...]) -> wp.array:
+def view_as(array: wp.array, dtype: Any, shape: tuple[int, ...]) -> wp.array:
     """An array without gaps as one of this type and shape, without a copy."""
     if array.device.is_cuda or array.size == 0 or not CAN_BE_ANY:
         return array.view(dtype).reshape(shape)

@@ -126,7 +126,7 @@ def test_what_a_world_is_said_to_take_is_no_less_than_it_takes(name: str) -> Non
     batch = Worlds(datas)
     own = rig._mounted[name]
     said = rig.scene.bytes_per_world(batch) + own.bytes_per_world(batch)
-    said += rig.scene.bytes_per_standing_world(batch) + own.bytes_per_standing_world
+    said += rig.scene.bytes_per_posed_world(batch) + own.bytes_per_posed_world
     assert 0 < (taken[22] - taken[2]) / 20 <= said
 
 
@@ -135,7 +135,7 @@ def test_more_worlds_than_memory_holds_are_refused_before_anything_is_allocated(
 ) -> None:
     robot = model()
     rig, datas = rig_of(robot, "lidar", "flight"), states(robot, 3)
-    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 50_000)
+    monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", lambda _: 50_000)
     before = allocated()
     expected = (
         r"3 worlds need [\d.]+ kB, [\d.]+ kB each \(lidar 2\.11 kB, flight [\d.]+ kB\) and [\d.]+ kB to work them out "
@@ -150,7 +150,7 @@ def test_frames_that_are_written_over_need_no_room(monkeypatch: pytest.MonkeyPat
     rig, datas = rig_of(model(), "lidar"), states(model(), 1) * 20
     monkeypatch.setattr("rigcast.sensors.rig.of_worlds.BYTES_AT_ONCE", 7_000)
     frames = rig.sense(datas)
-    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 20_000)
+    monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", lambda _: 20_000)
     with pytest.raises(InputError, match="20 worlds need"):
         rig.sense(datas)
     assert rig.sense(datas, out=frames)["lidar"].range.ptr == frames["lidar"].range.ptr
@@ -159,7 +159,7 @@ def test_frames_that_are_written_over_need_no_room(monkeypatch: pytest.MonkeyPat
 def test_worlds_that_fit_in_parts_are_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = model()
     rig, datas = rig_of(robot, "lidar"), states(robot, 1) * 20
-    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: 50_000)
+    monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", lambda _: 50_000)
     with pytest.raises(
         InputError, match=r"20 worlds need [\d.]+ kB, 2\.11 kB each \(lidar 2\.11 kB\) and [\d.]+ kB to work"
     ):
@@ -184,6 +184,6 @@ def test_more_rays_than_kernels_count_are_refused() -> None:
 def test_memory_that_was_freed_on_a_gpu_counts_as_free(monkeypatch: pytest.MonkeyPatch) -> None:
     """It does once the device has nothing left to do."""
     free = iter([0, 10**9])
-    monkeypatch.setattr("rigcast.sensors.rig.room.free_memory", lambda _: next(free))
+    monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", lambda _: next(free))
     robot = model()
     assert Rig(robot, [SENSORS["lidar"]], "cuda:0").sense(states(robot, 3))["lidar"].range.shape[0] == 3

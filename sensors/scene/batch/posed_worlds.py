@@ -1,4 +1,4 @@
-"""Some of many worlds, or all, as they stand at one reading."""
+"""Some of many worlds, or all, with their poses at one reading."""
 
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
@@ -17,8 +17,8 @@ from rigcast.sensors.specs.mount import CARRIERS
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 from .arrays import poses, require_array, require_no_gaps
-from .attached import Attached
 from .sources import Rows
+from .world_mounts import WorldMounts
 from .worlds import Worlds
 
 _POSES = {"geom": ("geom_xpos", "geom_xmat", "ngeom")} | {
@@ -31,8 +31,10 @@ _DEVICE_TYPES: dict[str, tuple[tuple[int, ...], tuple[type, type]]] = {
 }
 
 
-class Standing:
-    """Poses are asked for once; of carriers on the host only what is used is copied.
+class PosedWorlds:
+    """Some of many worlds, or all, with their poses at one reading.
+
+    Poses are asked for once; of carriers on the host only what is used is copied.
 
     part: which of the worlds. gathered: where poses of several MjData are copied together, the same for every reading.
     """
@@ -59,10 +61,10 @@ class Standing:
         """(n,) uint32, of which the worlds draw their random numbers."""
         return _uploaded_ids(self._worlds.ids.tobytes(), self.device.alias)[self.part]
 
-    def attached(self, spec: SensorSpec, own: Attached) -> Attached:
+    def mounts_of(self, spec: SensorSpec, own: WorldMounts) -> WorldMounts:
         """Where a sensor is mounted: as the worlds say, or else as it says itself."""
-        attached = self._worlds.attached(spec, self._model, self.device)
-        return own if attached is None else attached.of_worlds(self.part)
+        mounts = self._worlds.mounts_of(spec, self._model, self.device)
+        return own if mounts is None else mounts.of_worlds(self.part)
 
     @cached_property
     def geoms(self) -> Sequence[NDArray[np.floating[Any]] | wp.array]:
@@ -73,7 +75,7 @@ class Standing:
                 require_no_gaps(name, value)
         return values
 
-    def shapes(self, props: Sequence[Attached]) -> Sequence[NDArray[np.floating[Any]] | wp.array]:
+    def shapes(self, props: Sequence[WorldMounts]) -> Sequence[NDArray[np.floating[Any]] | wp.array]:
         """The positions and rotations of all geoms, then of these props."""
         if not props:
             return self.geoms
@@ -84,14 +86,14 @@ class Standing:
             frames.place(first + k, self.carriers(prop), prop.on)
         return frames.position, frames.rotation
 
-    def carriers(self, attached: Attached) -> Carriers:
+    def carriers(self, mounts: WorldMounts) -> Carriers:
         """The poses of what carries this: of all of its kind (n, m), or of this alone (n, 1)."""
-        key = attached.kind, attached.which.tobytes()
+        key = mounts.kind, mounts.which.tobytes()
         if key not in self._carriers:
             self._carriers[key] = (
                 origin(self.device)
-                if attached.kind == "world"
-                else self._uploaded(*self._values(attached.kind, attached.which))
+                if mounts.kind == "world"
+                else self._uploaded(*self._values(mounts.kind, mounts.which))
             )
         return self._carriers[key]
 

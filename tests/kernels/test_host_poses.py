@@ -6,7 +6,7 @@ import warp as wp
 from made_worlds import random_rotations
 
 from rigcast.kernels.geometry import FARTHEST
-from rigcast.kernels.host.taking import PlacedFrame, TakenPoses
+from rigcast.kernels.host.poses import PlacedFrame, TakenPoses
 from rigcast.sensors.specs.height_scan import yaw_only
 from rigcast.sensors.specs.mount import placed
 

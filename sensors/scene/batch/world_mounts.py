@@ -12,22 +12,22 @@ from rigcast.sensors.specs.mount import BoundMount, Parent
 
 
 @dataclass(frozen=True, eq=False)
-class Attached:
+class WorldMounts:
     """A sensor or a prop on carriers of one kind: on `which`, (1,) for all worlds or (nworld,), and where on it."""
 
     kind: Parent
     which: NDArray[np.int32]
     on: Attachment
 
-    def of_worlds(self, part: slice) -> "Attached":
+    def of_worlds(self, part: slice) -> "WorldMounts":
         """In some of the worlds."""
         if self.which.size == 1:
             return self
-        return Attached(self.kind, self.which[part], self.on.of_worlds(part))
+        return WorldMounts(self.kind, self.which[part], self.on.of_worlds(part))
 
     @staticmethod
-    def by(mounts: Sequence[BoundMount], device: wp.Device) -> "Attached":
+    def by(mounts: Sequence[BoundMount], device: wp.Device) -> "WorldMounts":
         """By one mount, or by one in each world, all on things of one kind."""
         which = np.array([mount.id for mount in mounts], np.int32)
         offsets = np.array([mount.offset for mount in mounts])
-        return Attached(mounts[0].parent, which, Attachment.of(which, offsets, device))
+        return WorldMounts(mounts[0].parent, which, Attachment.of(which, offsets, device))

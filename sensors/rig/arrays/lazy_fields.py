@@ -1,0 +1,67 @@
+"""Fields of a frame that are worked out of its hits when they are asked for, once, into arrays of earlier readings."""
+
+from collections.abc import Callable
+
+import warp as wp
+
+from rigcast.kernels.hits.out import FIELD_NAMES
+from rigcast.kernels.host.held import Held
+
+WorkOut = Callable[[wp.array | None], wp.array]
+Show = Callable[[wp.array], wp.array]
+
+_BY_CAST, _NONE = frozenset(FIELD_NAMES), frozenset[str]()
+
+
+class LazyFields:
+    """Those of one frame, by their names.
+
+    held: the frame's arrays, those of fields among them. asked: what the frame of the present reading works out at
+    once. for_cast: of what was asked of the last reading, what the present one's cast can write, in less time than it
+    takes later. written: what it does write.
+    """
+
+    def __init__(self, held: Held) -> None:
+        self.asked: set[str] = set()
+        self.for_cast, self.written = _NONE, _NONE
+        self._held = held
+        # as they are worked out, and as a frame shows them:
+        self._worked_out: dict[str, wp.array] = {}
+        self._shown: dict[str, wp.array] = {}
+        # those asked of the present reading, and of the one before:
+        self._current, self._before = set[str](), set[str]()
+
+    def start(self) -> None:
+        """Begin another reading, of which nothing has been asked for yet."""
+        self._before, self._current, self.written, self.asked = self._current, set(), _NONE, set()
+        self.for_cast = _BY_CAST & self._before
+
+    @property
+    def unanswered(self) -> set[str]:
+        """Of a reading that failed, what its frame was to work out."""
+        return self.asked - self._current
+
+    def ask_again(self, unanswered: set[str]) -> None:
+        """For who holds what was asked of the last reading: its frame works all of it out anew."""
+        self.asked = self._before | unanswered
+
+    def arrays(self, names: frozenset[str]) -> dict[str, wp.array]:
+        """Where these were written before."""
+        return {name: self._worked_out[name] for name in names}
+
+    def get(self, name: str, work_out: WorkOut, show: Show = lambda array: array) -> wp.array:
+        """A field, worked out into the array that it had, or of None into a new one; as `show` gives it."""
+        if name not in self._current:
+            if name not in self.written:
+                self._work_out(name, work_out, show)
+            self._current.add(name)
+            self._held.settle()
+        return self._shown[name]
+
+    def _work_out(self, name: str, work_out: WorkOut, show: Show) -> None:
+        """A function of its own: what it refers to is not held when references are counted."""
+        known = self._worked_out.get(name)
+        array = work_out(known)
+        if array is not known:
+            self._worked_out[name], self._shown[name] = array, show(array)
+            self._held.add(array, self._shown[name])

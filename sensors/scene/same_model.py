@@ -1,0 +1,30 @@
+"""Whether data of a copy of a model can be looked at with that model: rays are cast on one of them only."""
+
+import mujoco
+import numpy as np
+
+from rigcast.sensors.errors import InputError
+
+SHAPES = (
+    *("geom_type", "geom_dataid", "geom_size", "geom_group", "geom_contype", "geom_conaffinity", "geom_matid"),
+    *("geom_rgba", "mat_rgba", "mat_reflectance", "hfield_size", "hfield_data"),
+)
+"""What rays see of a model that is in no MjData, but for vertices of meshes, flexes and skins, which are many."""
+
+PLACES = (
+    *("qpos0", "jnt_pos", "jnt_axis", "body_pos", "body_quat", "geom_pos", "geom_quat"),
+    *("site_pos", "site_quat", "cam_pos", "cam_quat"),
+)
+"""What poses follow from, with an MjData."""
+
+
+def require_same_model(what: str, other: mujoco.MjModel, model: mujoco.MjModel, fields: tuple[str, ...]) -> None:
+    """Raise InputError where a copy of the model, of which `what` is, has been edited in one of these fields."""
+    if other is model:
+        return
+    for name in fields:
+        if not np.array_equal(getattr(other, name), getattr(model, name)):
+            raise InputError(
+                f"{what} is of a copy of the model that has another {name}; expected the model of the rig or scene to "
+                "have it too, as rays are cast on that one"
+            )
