@@ -138,20 +138,22 @@ class World:
     def _overwrite_tree(self, index: int) -> None:
         place, g = self._places[index], self.geometry
         tree = moved_tree(self.trees[index], place)
-        patches = patches_of(moved_tree(tree, TreePlace(0, 0, 0, 0)).plots, tree.sides)
-        nodes = {place.node: tree.nodes}
-        if self._first_plot is not None:
-            nodes[place.node] = lead_to_nodes(tree.nodes, self._first_plot)
-            nodes[self._first_plot + place.plot] = nodes_of(patches, PATCHES * place.plot)
-        for at, own in nodes.items():
-            wp.copy(g.nodes, self._on_device(own), dest_offset=at)
+        nodes = tree.nodes if self._first_plot is None else lead_to_nodes(tree.nodes, self._first_plot)
+        wp.copy(g.nodes, self._on_device(nodes), dest_offset=place.node)
         wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=self.device), dest_offset=place.block)
         if self.device.is_cpu:
             wp.copy(g.plots, wp.array(tree.plots, dtype=Plot, device="cpu"), dest_offset=place.plot)
             wp.copy(g.sides, wp.array(tree.sides, dtype=float, device="cpu"), dest_offset=place.side)
-        else:
-            patches_at = PATCHES * place.plot
-            wp.copy(g.patches, wp.array(patches, dtype=Patch, device=self.device), dest_offset=patches_at)
+        if self._first_plot is not None:
+            self._overwrite_plots(tree, place.plot, self._first_plot + place.plot)
+
+    def _overwrite_plots(self, tree: TriangleTree, first: int, first_node: int) -> None:
+        """Those of a tree as nodes and, on CUDA, as patches."""
+        g, first_patch = self.geometry, PATCHES * first
+        patches = patches_of(moved_tree(tree, TreePlace(0, 0, 0, 0)).plots, tree.sides)
+        wp.copy(g.nodes, self._on_device(nodes_of(patches, first_patch)), dest_offset=first_node)
+        if not self.device.is_cpu:
+            wp.copy(g.patches, wp.array(patches, dtype=Patch, device=self.device), dest_offset=first_patch)
 
     def _take_trees(self) -> None:
         """Say which tree each shape has; closed forms have any."""
