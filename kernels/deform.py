@@ -65,7 +65,7 @@ class DeformingTree:
             face = int(np.argmax(((corners < 0) | (corners >= len(start))).any(axis=1)))
             raise ValueError(f"face {face}: got vertices {corners[face].tolist()}, expected 0 to {len(start) - 1}")
         self._faces = corners.astype(np.int32)
-        self._faces_on_cpu = wp.array(self._faces, dtype=wp.vec3i, device="cpu")
+        self._faces_on_cpu = wp.array(self._faces, dtype=wp.vec3i, device="cpu")  # a copy, as they are wound by now
         self._build(_checked(start))
 
     @property
@@ -73,13 +73,17 @@ class DeformingTree:
         """As it is now. Its arrays are overwritten by the next move."""
         return TriangleTree(self._nodes.numpy(), self._blocks.numpy(), *whole_box(*self._boxes), dropped=0)
 
-    def move(self, vertices: npt.ArrayLike) -> TriangleTree:
+    def move(self, vertices: npt.ArrayLike, is_turned: npt.NDArray[np.bool_] | None = None) -> TriangleTree:
         """Take other places (n, 3) [m] of the vertices, up to FARTHEST in size; return the tree as it is now.
+
+        is_turned: (m,) which faces are clockwise by now, seen from outside; None: none.
 
         Raises:
             ValueError: a vertex that is not finite or too large.
         """
         moved = _checked(np.asarray(vertices, np.float32))
+        if is_turned is not None:
+            self._faces_on_cpu.numpy()[...] = np.where(is_turned[:, None], self._faces[:, ::-1], self._faces)
         self._refit(moved)
         if self._area > REBUILD_RATIO * self._built_area:
             self._build(moved)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rigcast.dataset.storage.manifest import shard_name
 from rigcast.dataset.storage.shards import FRAMES_NAME
 from rigcast.dataset.storage.stores import Store
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 
 
@@ -76,6 +77,11 @@ class _ZarrArchive:
 
 
 def archive_of(store: Store, entry: Mapping[str, Any]) -> Archive:
+    """Raises InputError for a file that was damaged, or a library that is not installed; OSError as the store does."""
     kinds: dict[str, Callable[[Store, str], Archive]] = {"npz": _NpzArchive, "zarr": _ZarrArchive}
     (form,) = [name for name, file in FRAMES_NAME.items() if file in entry["files"]]
-    return kinds[form](store, f"{shard_name(entry)}/{FRAMES_NAME[form]}")
+    name = f"{shard_name(entry)}/{FRAMES_NAME[form]}"
+    try:
+        return kinds[form](store, name)
+    except (zipfile.BadZipFile, EOFError) as error:
+        raise InputError(f"{store.where(name)}: cannot be read: {error}; verify() names all such files") from None

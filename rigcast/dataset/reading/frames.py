@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+from zipfile import BadZipFile
 
 from numpy.typing import NDArray
 
@@ -50,6 +51,8 @@ class StoredFrame(Mapping[str, NDArray[Any]]):
             return self._archive.read(self.sensor, self._number, name)
         except KeyError:
             raise KeyError(f"{self!r} has no {name!r}, {expected_one_of(name, list(self))}") from None
+        except BadZipFile as error:
+            raise InputError(f"{self!r}: {name}: cannot be read: {error}; verify() names the file") from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._archive.names(self.sensor, self._number))

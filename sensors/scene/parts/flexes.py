@@ -38,7 +38,8 @@ class Flexes:
         self._ends = model.flex_edge.reshape(-1, 2) + model.flex_vertadr[self._flex_of_edge, None]
         self._with_surface = np.flatnonzero(model.flex_dim > 1).tolist()
         self._kinds = np.where(model.flex_dim == 2, solids.SHEET, solids.TRIANGLES)[self._with_surface].tolist()
-        faces = (_faces(model, flex) for flex in self._with_surface)
+        self._elements = [_elements(model, flex) for flex in self._with_surface]
+        faces = map(_faces, self._elements)
         self._surfaces = flat_surfaces(model.flex_vertnum[self._with_surface], faces)
         self.trees = [surface.tree for surface in self._surfaces]
         self.shapes = self._shapes(np.zeros(len(self._ends)))
@@ -72,8 +73,8 @@ class Flexes:
         corners = [self._vertices(vertices, flex) for flex in self._with_surface]
         # relative to their mean, float32 is exact enough wherever the flex is
         centers = np.array([c.mean(axis=0) for c in corners]).reshape(-1, 3)
-        moved = zip(self._surfaces, corners, centers, strict=True)
-        trees = {k: surface.move(c - center) for k, (surface, c, center) in enumerate(moved)}
+        moved = zip(self._surfaces, corners, centers, self._elements, strict=True)
+        trees = {k: surface.move(c - center, _is_turned(c, own)) for k, (surface, c, center, own) in enumerate(moved)}
         self.trees = list(trees.values())
         position = np.concatenate([0.5 * (start + end), centers])
         rotation = np.concatenate([rotation, np.tile(np.eye(3).reshape(9), (len(trees), 1))])
@@ -90,14 +91,26 @@ class Flexes:
         return of_all[first : first + self.model.flex_vertnum[flex]]
 
 
-def _faces(model: mujoco.MjModel, flex: int) -> NDArray[np.int32]:
-    """(n, 3) triangles of a 2D or 3D flex; those of a 3D one counter-clockwise seen from outside their element."""
+def _elements(model: mujoco.MjModel, flex: int) -> NDArray[np.int32]:
+    """(n, dim + 1) those that rays hit: all of a 2D flex, and those of a 3D one in layer 0."""
     dim, first, count = model.flex_dim[flex], model.flex_elemdataadr[flex], model.flex_elemnum[flex]
     elements = model.flex_elem[first : first + (dim + 1) * count].reshape(count, dim + 1)
-    if dim == 2:
-        return elements
     layer = model.flex_elemlayer[model.flex_elemadr[flex] :][:count]
-    return np.asarray(elements[layer == 0][:, _OUTWARD_SIDES].reshape(-1, 3))
+    return elements if dim == 2 else elements[layer == 0]
+
+
+def _faces(elements: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(n, 3) triangles of a 2D or 3D flex; those of a 3D one counter-clockwise seen from outside their element."""
+    return elements if elements.shape[1] == 3 else np.asarray(elements[:, _OUTWARD_SIDES].reshape(-1, 3))
+
+
+def _is_turned(vertices: NDArray[np.float64], elements: NDArray[np.int32]) -> NDArray[np.bool_] | None:
+    """(n,) which faces of a 3D flex are of elements that are inside out by now; None of a 2D one."""
+    if elements.shape[1] == 3:
+        return None
+    a, b, c, last = (vertices[corner] for corner in elements.T)
+    is_inside_out = np.einsum("ij,ij->i", np.cross(b - a, c - a), last - a) > 0
+    return np.repeat(is_inside_out, len(_OUTWARD_SIDES))
 
 
 def _bodies(model: mujoco.MjModel, flex: int) -> NDArray[np.int32]:

@@ -3,6 +3,7 @@
 import pickle
 import shutil
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +123,33 @@ def test_a_file_that_is_not_as_it_was_written_is_found(
     assert message in fault
     with pytest.raises(InputError, match=message):
         rigcast.open_dataset(tmp_path / "copy", verify=True)
+
+
+@pytest.mark.parametrize("form", ["npz", "zarr"])
+@pytest.mark.parametrize("kept", [0, 200])
+def test_a_file_that_is_cut_off_is_named(path: Path, form: str, kept: int) -> None:
+    path.write_text(path.read_text() + f"output: {{format: {form}}}\n")
+    make(path)
+    (file,) = (path.parent / "out/room/000001").glob("frames.*")
+    file.write_bytes(file.read_bytes()[:kept])
+    frames = rigcast.open_dataset(path.parent / "out")
+    with pytest.raises(InputError, match=rf"^{file}: cannot be read: .*; verify\(\) names all such files"):
+        [frame["range"] for frame in frames]
+
+
+@pytest.mark.parametrize("form", ["npz", "zarr"])
+def test_an_array_that_was_damaged_is_not_given_out(path: Path, form: str) -> None:
+    path.write_text(path.read_text() + f"output: {{format: {form}, fields: {{top: [range]}}}}\n")
+    make(path)
+    frames = rigcast.open_dataset(path.parent / "out").of("top")
+    (file,) = (path.parent / "out/room/000001").glob("frames.*")
+    with zipfile.ZipFile(file) as archive:
+        (part, *_) = [info for info in archive.infolist() if "top" in info.filename and "range" in info.filename]
+    held = bytearray(file.read_bytes())
+    held[part.header_offset + 30 + len(part.filename) + part.file_size - 1] ^= 1
+    file.write_bytes(held)
+    with pytest.raises(InputError, match=r"in episode 1 of 'room'>: range: cannot be read: Bad CRC-32"):
+        [frame["range"] for frame in frames]
 
 
 def test_a_scene_whose_meshes_changed_meanwhile_is_found(path: Path) -> None:

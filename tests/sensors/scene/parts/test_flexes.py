@@ -7,6 +7,8 @@ import pytest
 from small_scenes import assert_missed
 
 from rigcast import DepthCamera, Filter, Mount, Rig, Scene
+from rigcast.oracle import Verdict, compare
+from rigcast.oracle.deformable import CAN_JUDGE
 
 GRID = """<flexcomp name="{}" type="grid" count="{}" spacing="1 1 1" pos="{}" dim="{}" radius="0.1" mass="1" {}>
 <edge equality="true"/>{}</flexcomp>"""
@@ -103,6 +105,24 @@ def test_a_pinned_flex_is_static_and_a_transparent_one_is_not_hit() -> None:
     scene.update(posed(scene.model))
     assert scene.cast(ABOVE["cloth"], DOWN).numpy().flex_id == 0
     assert_missed(scene.cast(ABOVE["cloth"], DOWN, filter=Filter(static=False)).numpy())
+
+
+@pytest.mark.skipif(not CAN_JUDGE, reason="this MuJoCo cannot say what rays hit of flexes")
+def test_normals_of_a_soft_body_that_is_inside_out_point_outward_and_so_again_when_it_is_not() -> None:
+    """They pointed inward, and `cull` left out the wrong side."""
+    model = model_of(CUBE)
+    data, scene, seed = posed(model), Scene(model), 1
+    directions = np.random.default_rng(seed).normal(size=(500, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    as_it_was = data.flexvert_xpos.copy()
+    for factor in (-1.0, 1.0):
+        data.flexvert_xpos[...] = as_it_was * (factor, 1, 1)
+        origins = data.flexvert_xpos.mean(axis=0) - 9 * directions
+        scene.update(data)
+        found = compare(model, data, origins, directions, scene.cast(origins, directions, cull="back").numpy())
+        wrong = found.where(Verdict.WRONG)
+        assert not wrong.size, f"seed {seed}, factor {factor}: rays {wrong}"
+        assert (found.got.geom_id >= 0).all(), f"seed {seed}, factor {factor}"
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e30])
