@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -28,7 +29,7 @@ class Looks:
     has_transparent: bool
     has_mirrors: bool
 
-    @property
+    @cached_property  # every frame asks for it
     def reflectivity(self) -> wp.array:
         return self.surfaces.reflectivity
 

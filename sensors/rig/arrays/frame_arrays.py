@@ -29,8 +29,9 @@ class FrameArrays:
     """The arrays of one frame of this shape, which a later reading writes over when nobody holds them any more.
 
     hits: of the present reading, one entry per ray. range, shape_hit: (...), normal: (..., 3): the same as a frame
-    shows them. fields: what else a frame says. is_part: whether they are part of the arrays of many worlds. cast: that
-    of the last reading without errors.
+    shows them. fields: what else a frame says. held: whether others hold any of them, as nobody does those of a reading
+    that failed. is_part: whether they are part of the arrays of many worlds. cast: that of the last reading without
+    errors.
 
     shared: launches for the first reading, which are turned to these arrays after others. Once arrays are written over
     they have launches of their own, which need not be turned each time. None: from the first reading on.
@@ -43,8 +44,8 @@ class FrameArrays:
         self.range = self.in_shape(hits.distance)
         self.shape_hit = self.in_shape(hits.shape)
         self.normal = self.in_shape(hits.normal)
-        self._held = Held(hits.distance, hits.shape, hits.normal, self.range, self.shape_hit, self.normal)
-        self.fields = LazyFields(self._held)
+        self.held = Held(hits.distance, hits.shape, hits.normal, self.range, self.shape_hit, self.normal)
+        self.fields = LazyFields(self.held)
         self._used: list[object] = []
         self._launches, self._are_shared = shared or Launches(), shared is not None
         self._rays = rays
@@ -59,11 +60,6 @@ class FrameArrays:
         """Of the present reading."""
         assert self._rays is not None
         return self._rays
-
-    @property
-    def is_free(self) -> bool:
-        """Whether nobody holds any of the arrays, as nobody does those of a reading that failed."""
-        return not self._held.by_others
 
     def start(self) -> None:
         """Begin another reading, of which nothing has been asked for yet."""
@@ -113,7 +109,7 @@ class FrameArrays:
             self.cast = None  # until it is turned whole
             readings.turn_to(self.hits, rays, self.fields.arrays(fields))
             self.cast, self._turned_to = readings, fields
-            self._held.settle()
+            self.held.settle()
         self._rays, self.fields.written = rays, fields
         return readings
 
@@ -122,7 +118,7 @@ class FrameArrays:
         for name in HIT_NAMES:
             wp.copy(getattr(self.hits, name), getattr(hits, name))
         self._rays = rays
-        self._held.settle()
+        self.held.settle()
 
     def keep(self, *used: object) -> None:
         """What a reading has used, for a graph that repeats it for as long as its frame is there."""

@@ -52,7 +52,7 @@ class Pool:
         return arrays
 
     def _is_free(self, k: int) -> bool:
-        return getrefcount(self._last[k]) == _ALONE and self._last[k].is_free
+        return getrefcount(self._last[k]) == _ALONE and not self._last[k].held.by_others
 
 
 _SOME = deque([object()])
