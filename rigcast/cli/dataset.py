@@ -21,7 +21,7 @@ from rigcast.dataset.storage.manifest import MANIFEST_NAME
 from rigcast.dataset.storage.stores import is_url
 from rigcast.sensors.errors import InputError
 
-_SHOWN = 20  # failed episodes that are listed on the terminal; the manifest has them all
+_SHOWN = 20  # reasons of failed episodes that are told on the terminal; the manifest has them all
 EngineName = Literal["in-process", "processes", "ray"]
 
 
@@ -122,9 +122,12 @@ def _verify(console: Console, place: str | Path) -> None:
 def _tell(console: Console, config: DatasetConfig, folder: Path, done: Done, workers: int) -> None:
     manifest = done.manifest
     console.print(_table(manifest["statistics"]))
-    for failure in manifest["failed"][:_SHOWN]:
-        where = f"{failure['scene']}, episode {failure['episode']}"
-        say(console, f"failed: {where} (seed {failure['seed']}): {failure['reason']}")
+    alike: dict[str, list[dict[str, Any]]] = {}
+    for failure in manifest["failed"]:
+        alike.setdefault(failure["reason"], []).append(failure)
+    for reason, (first, *others) in list(alike.items())[:_SHOWN]:
+        more = f" and {counted(len(others), 'other')}" if others else ""
+        say(console, f"failed: {first['scene']}, episode {first['episode']} (seed {first['seed']}){more}: {reason}")
     size = sum(file["size"] for entry in manifest["shards"] for file in entry["files"].values())
     have = f"{len(manifest['shards'])} of {len(config.units())} episodes, {decimal(size)}"
     lacking = f"{len(manifest['failed'])} failed, {manifest['missing']} not made yet"

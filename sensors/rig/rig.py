@@ -250,6 +250,9 @@ class Rig:
 
     def _work_out_poses(self, data: mujoco.MjData) -> None:
         """Those at data.time, into the private copy: mj_step has not done so yet."""
+        if self.model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
+            # else what sleeps or cannot move stays where it was when the model was another one
+            mujoco.mj_resetData(self.model, self._data)
         mujoco.mj_copyState(self.model, data, self._data, _STATE)
         for work_out in self._kinematics:
             work_out(self.model, self._data)

@@ -54,7 +54,9 @@ def test_an_episode_that_fails_is_told_with_its_reason(folder: Path) -> None:
     edited(folder / "set.yaml", ":push", ":broken")
     code, output = call("--device", "cpu")
     assert code == 1
-    assert output.count("users_functions:broken: OSError: no weights") == 4
+    assert output.count("failed: ") == 1, "four failed for one reason"
+    assert "failed: room, episode 0 (seed" in output
+    assert ") and 3 others: users_functions:broken: OSError: no weights" in output
 
 
 @pytest.mark.parametrize(

@@ -121,6 +121,23 @@ def arrays(data: mujoco.MjData) -> dict[str, np.ndarray]:
     return {name: value.copy() for name, value in values.items() if isinstance(value, np.ndarray)}
 
 
+def test_an_edited_model_whose_bodies_may_sleep_is_seen_as_it_is() -> None:
+    """What slept, and all that cannot move, stayed where it had been at the start."""
+    may_sleep = (
+        '<worldbody><body name="still" pos="1 1 0" sleep="init"><freejoint/><geom size="0.2" pos="0 0 0.3"/></body>'
+    )
+    xml = XML.replace("<worldbody>", '<option><flag sleep="enable"/></option>' + may_sleep)
+    model = mujoco.MjModel.from_xml_string(xml)
+    scan = HeightScan(name="scan", mount=Mount(site="mast"), size=(12, 2), spacing=0.25)
+    data, rig = mujoco.MjData(model), Rig(model, [scan])
+    rig.sense(data)
+    model.geom("wall").pos[0] = 2.0
+    model.geom_pos[model.body("still").geomadr[0], 2] = 0.6
+    model.site("mast").pos[2] = 2.5
+    got, expected = (each.sense(data)["scan"].range.numpy() for each in (rig, Rig(model, [scan])))
+    np.testing.assert_array_equal(got, expected)
+
+
 @pytest.mark.parametrize("call", [Rig.sense, Rig.step, Rig.rays, Rig.cast], ids=lambda call: call.__name__)
 def test_the_users_data_is_only_read(model: mujoco.MjModel, call: Callable[[Rig, mujoco.MjData], Any]) -> None:
     data = moving(model)
