@@ -91,7 +91,7 @@ class World:
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
         old, self.trees[index] = self.trees[index], tree
-        if tree_sizes(old) == tree_sizes(tree):
+        if tree_sizes(old) == tree_sizes(tree) and old.columns == tree.columns:
             self._overwrite_tree(index)
         else:
             self._join_trees()

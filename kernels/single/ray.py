@@ -10,7 +10,7 @@ from rigcast.kernels.elements import bool_at, double_vector_at, float_at, int_at
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from rigcast.kernels.inline import noinline
-from rigcast.kernels.poses.scope import Scope, pose_of
+from rigcast.kernels.poses.scope import Scope, is_somewhere, pose_of
 from rigcast.kernels.shapes.facets import normal_of_block, triangle_of_block
 from rigcast.kernels.shapes.patches import compose, is_in_plots, open_plot
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
@@ -242,6 +242,8 @@ def cast_through_field(
 ) -> Hit:
     """The ray against one visible field that is in plots."""
     pose = pose_of(g, shape, ray.scope)
+    if not is_somewhere(pose):
+        return best
     to_local = wp.transpose(pose.rotation)
     entry = ray.scope.first_shape + shape
     origin = to_local * (ray.world_origin - pose.position)
