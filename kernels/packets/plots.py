@@ -111,7 +111,8 @@ def cast_tile_through_field(g: Geometry, rays: wp.array[TileRays], shape: int, r
     to_local = wp.transpose(pose.rotation)
     at = rays[0].scope.first_shape + shape
     view = view_from(to_local * (rays[0].origin - pose.position), to_local, rays, g.reach[at])
-    packets = packets_at_box(view, rays[0].tile, g.center[at], g.half[at], reach)
+    tile = rays[0].tile
+    packets = packets_at_box(view, tile, g.center[at], g.half[at], reach)
     begin_packets(rays, packets & ~rays[0].met)
     while packets != 0:
         k = lowest_bit(packets)

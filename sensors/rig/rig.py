@@ -33,6 +33,7 @@ from .under_way import UnderWay
 
 _STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
 """What poses are worked out of."""
+_SLEEP = mujoco.mjtEnableBit.mjENBL_SLEEP.value
 _KINEMATICS = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_camlight)
 """What poses are worked out by: those of bodies by the first alone, of flexes and cameras by all."""
 
@@ -250,7 +251,7 @@ class Rig:
 
     def _work_out_poses(self, data: mujoco.MjData) -> None:
         """Those at data.time, into the private copy: mj_step has not done so yet."""
-        if self.model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
+        if self.model.opt.enableflags & _SLEEP:
             # else what sleeps or cannot move stays where it was when the model was another one
             mujoco.mj_resetData(self.model, self._data)
         mujoco.mj_copyState(self.model, data, self._data, _STATE)
