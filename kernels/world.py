@@ -91,7 +91,7 @@ class World:
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
         old, self.trees[index] = self.trees[index], tree
-        if tree_sizes(old) == tree_sizes(tree):
+        if tree_sizes(old) == tree_sizes(tree) and old.columns == tree.columns:
             self._overwrite_tree(index)
         else:
             self._join_trees()
@@ -141,6 +141,8 @@ class World:
         nodes = tree.nodes if self._first_plot is None else lead_to_nodes(tree.nodes, self._first_plot)
         wp.copy(g.nodes, self._on_device(nodes), dest_offset=place.node)
         wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=self.device), dest_offset=place.block)
+        if not len(tree.plots):
+            return
         if self.device.is_cpu:
             wp.copy(g.plots, wp.array(tree.plots, dtype=Plot, device="cpu"), dest_offset=place.plot)
             wp.copy(g.sides, wp.array(tree.sides, dtype=float, device="cpu"), dest_offset=place.side)

@@ -8,7 +8,7 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.inline import noinline
-from rigcast.kernels.poses.scope import pose_of
+from rigcast.kernels.poses.scope import is_doubled, is_somewhere, pose_of
 from rigcast.kernels.shapes.patches import is_in_plots, open_plot
 from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, WIDTH, vec8
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
@@ -106,6 +106,8 @@ cast_packet_through_field = packet_traversal("cast_packet_through_field", visit_
 def cast_tile_through_field(g: Geometry, rays: wp.array[TileRays], shape: int, reach: vec8) -> vec8:
     """A tile against one visible field; returns how far its packets still reach."""
     pose = pose_of(rays[0].geometry, shape, rays[0].scope)
+    if not is_somewhere(pose) or is_doubled(rays[0].geometry, shape, rays[0].scope):
+        return reach
     to_local = wp.transpose(pose.rotation)
     at = rays[0].scope.first_shape + shape
     view = view_from(to_local * (rays[0].origin - pose.position), to_local, rays, g.reach[at])

@@ -5,7 +5,8 @@ A position moves on a straight line, and a rotation turns about one axis at an e
     x(f) = x0 + f (x1 - x0)      R(f) = R0 exp(f [w])      exp([w]) = R0^T R1, |w| <= pi
 
 which is what slerp does with quaternions. Shapes are placed for every firing before its rays are cast, so that a ray
-always meets shapes that stand still; those that do so in all worlds and at all instants are placed once.
+always meets shapes that stand still; those that do so in all worlds and at all instants are placed once. What is
+nowhere at one end is placed nowhere.
 
 With n shapes in W worlds, m of which move, the poses for the cast are those of all shapes of each world at its first
 instant (W n,), and behind them those of the m at each firing of each world (W F m,).
@@ -17,7 +18,7 @@ from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.rays.arrays import RayArrays, Rays, fraction_of, span_of
 
-from .scope import first_instant_of, pose_at, world_of
+from .scope import first_instant_of, is_somewhere, pose_at, world_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -65,8 +66,11 @@ def place_shapes(
     f = fraction_of(rays, firing)
     entry = first_instant_of(g, span) + shape
     pose = pose_at(g, entry)
+    end = pose_at(g, entry + shapes)
     turn = g.turn[span * shapes + shape]
-    position[i] = pose.position + f * (pose_at(g, entry + shapes).position - pose.position)
+    position[i] = pose.position + f * (end.position - pose.position)
+    if not (is_somewhere(pose) and is_somewhere(end)):
+        position[i] = wp.vec3d(wp.float64(wp.nan))
     rotation[i] = pose.rotation
     if wp.length_sq(turn) > wp.float64(0.0):
         rotation[i] = pose.rotation * rotation_by(f * turn)

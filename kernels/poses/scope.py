@@ -126,6 +126,16 @@ def first_instant_of(g: Geometry, span: int) -> int:
 
 
 @wp.func
+def is_somewhere(pose: Pose) -> bool:
+    """Whether a shape can be hit there: no number is NaN, or too large."""
+    total = wp.float64(0.0)
+    for row in range(3):
+        for column in range(3):
+            total += wp.abs(pose.rotation[row, column])
+    return is_within_reach(pose.position) and total <= wp.float64(FARTHEST)
+
+
+@wp.func
 def is_within_reach(position: wp.vec3d) -> bool:
     """Whether no coordinate is beyond FARTHEST, or NaN, for what is compared with NaN is false."""
     x = wp.abs(position[0]) <= wp.float64(FARTHEST)

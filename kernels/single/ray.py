@@ -10,7 +10,7 @@ from rigcast.kernels.elements import bool_at, double_vector_at, float_at, int_at
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from rigcast.kernels.inline import noinline
-from rigcast.kernels.poses.scope import Scope, pose_of
+from rigcast.kernels.poses.scope import Scope, is_somewhere, pose_of
 from rigcast.kernels.shapes.facets import normal_of_block, triangle_of_block
 from rigcast.kernels.shapes.patches import compose, is_in_plots, open_plot
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
@@ -136,6 +136,7 @@ def visit_leaf(g: wp.array[Geometry], ray: Ray, index: int, composed: wp.array[T
 @wp.func
 def cast_through_triangles(
     g: wp.array[Geometry],
+    nodes: wp.array[Node],
     ray: Ray,
     root: int,
     stack: wp.array[int],
@@ -147,7 +148,7 @@ def cast_through_triangles(
     top = int(bottom)
     while True:
         limit = limit_of(ray, best)
-        found = next_leaf(g[0].nodes, at, ray.origin, ray.inverse, ray.margin, limit, stack, top, bottom)
+        found = next_leaf(nodes, at, ray.origin, ray.inverse, ray.margin, limit, stack, top, bottom)
         leaf = leaf_of(found)
         if leaf == NO_CHILD:
             break
@@ -185,7 +186,7 @@ def visit_shape(
         local = in_frame_of_tree(ray, origin, direction, float_at(g[0].reach, entry))
         local.shape = shape
         local.cull = wp.where(kind == SHEET, CULL_NONE, ray.cull)
-        return cast_through_triangles(g, local, int_at(g[0].root, entry), stack, top, composed, best)
+        return cast_through_triangles(g, g[0].nodes, local, int_at(g[0].root, entry), stack, top, composed, best)
     span = triage_closed_form(kind, vector_at(g[0].size, entry), to_float(origin), to_float(direction), ray.cull)
     return nearer(g, ray, best, hit_within(span[0], span[1], shape, 0))
 
@@ -222,18 +223,7 @@ def cast_through_plot(
     """The ray against the patches of plot k."""
     opened = wp.zeros(shape=1, dtype=Node)
     open_plot(g[0].plots, g[0].sides, k, opened)
-    at = int(0)
-    top = int(bottom)
-    while True:
-        limit = limit_of(ray, best)
-        found = next_leaf(opened, at, ray.origin, ray.inverse, ray.margin, limit, stack, top, bottom)
-        leaf = leaf_of(found)
-        if leaf == NO_CHILD:
-            break
-        best = visit_leaf(g, ray, -1 - leaf, composed, best)
-        top = top_of(found)
-        at = NO_CHILD
-    return best
+    return cast_through_triangles(g, opened, ray, 0, stack, bottom, composed, best)
 
 
 @wp.func
@@ -242,6 +232,8 @@ def cast_through_field(
 ) -> Hit:
     """The ray against one visible field that is in plots."""
     pose = pose_of(g, shape, ray.scope)
+    if not is_somewhere(pose):
+        return best
     to_local = wp.transpose(pose.rotation)
     entry = ray.scope.first_shape + shape
     origin = to_local * (ray.world_origin - pose.position)

@@ -13,7 +13,15 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.poses.moving import turn_between
-from rigcast.kernels.poses.scope import Pose, first_instant_of, first_of_world, is_within_reach, pose_at, world_of
+from rigcast.kernels.poses.scope import (
+    Pose,
+    first_instant_of,
+    first_of_world,
+    is_somewhere,
+    is_within_reach,
+    pose_at,
+    world_of,
+)
 from rigcast.kernels.vectors import to_float
 
 from .boxes import Box, empty_box, farthest_finite, join
@@ -29,19 +37,16 @@ def shape_box(pose: Pose, center: wp.vec3, half: wp.vec3, anchor: wp.vec3d) -> B
 
     A plane without bounds that stands along two axes is infinite along these alone: no ray that leaves it meets it.
     """
+    if not is_somewhere(pose):
+        return empty_box()
     rotation = pose.rotation
     middle = pose.position - anchor
     extent = wp.vec3d()
-    total = wp.float64(0.0)  # of all sizes, finite where they are
     for row in range(3):
         for column in range(3):
             size = wp.abs(rotation[row, column])
-            total += size
             middle[row] += rotation[row, column] * wp.float64(center[column])
             extent[row] += wp.where(size > wp.float64(0.0), size * wp.float64(half[column]), wp.float64(0.0))
-        total += wp.abs(middle[row])
-    if not (is_within_reach(pose.position) and total < wp.float64(wp.inf)):
-        return empty_box()
     box = make_box(to_float(middle - extent), to_float(middle + extent))
     # rounded outwards by more than the two roundings above
     slack = (OUTWARDS - 1.0) * farthest_finite(box)

@@ -2,20 +2,36 @@
 
 # mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
-from made_worlds import Doubles, Field, Mesh, Plan, cast_through, field, random_rotations, unit
+from made_worlds import (
+    Doubles,
+    Field,
+    Mesh,
+    Plan,
+    assert_same,
+    cast_through,
+    field,
+    random_rotations,
+    rays_of,
+    unit,
+)
 from moeller_trumbore import dot, norm
 from numpy.typing import NDArray
 
+from rigcast.kernels.cast import cast
 from rigcast.kernels.geometry import FARTHEST, Plot, TriangleTree
+from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.shapes.patches import open_plot
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.trees.height_field import build_height_field
 from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, Node
 from rigcast.kernels.trees.tree import STACK
 from rigcast.kernels.trees.unfolded import lead_to_nodes, nodes_of, patches_of
+from rigcast.kernels.world import World
 
 FIELDS = {
     f"{rows} x {columns}, up to {bumps:g} m": field(rows, columns, bumps, seed)
@@ -209,3 +225,37 @@ def test_triangles_without_area_are_never_hit() -> None:
     got = cast_through(plan.world(), origins, (0, 0, -1))
     assert ((got.face >= 0) & (got.face < 2 * 3 * 4)).all()
     assert (got.distance == 1).all()
+
+
+@pytest.mark.parametrize("packets", [False, True], ids=["alone", "in packets"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e19])
+@pytest.mark.parametrize("part", ["position", "rotation"])
+def test_a_field_that_is_nowhere_at_one_end_of_a_span_is_not_hit(part: str, bad: float, packets: bool) -> None:
+    """Large fields are met beside the tree over shapes, which leaves out what is nowhere."""
+    plan = Plan()
+    plan.add_tree(FIELDS["30 x 31, up to 0.1 m"].tree)
+    poses = [np.array([each, each]) for each in plan.poses()]
+    poses[part == "rotation"][1, 0, 0] = bad
+    world = World(plan.trees, plan.shapes, "cpu")
+    world.sweep(*poses)
+    directions = unit(np.random.default_rng(0).normal(size=(500, 3)))
+    for fraction in (0.0, 0.5, 1.0):
+        rays = replace(
+            rays_of((0, 0, 2), directions),
+            packets=sort_into_packets(directions) if packets else None,
+            fraction=wp.array([fraction], dtype=wp.float64, device="cpu"),
+        )
+        hits = cast(world.geometry, wp.array([True], dtype=wp.bool, device="cpu"), rays, np.inf, CULL_NONE)
+        np.testing.assert_array_equal(hits.distance.numpy(), np.inf, err_msg=f"at {fraction}")
+
+
+def test_a_field_of_other_cells_in_as_many_plots_has_its_own_faces() -> None:
+    before, after = field(9, 17, 0.3), field(8, 16, 0.3)
+    rng = np.random.default_rng(0)
+    origins, plan = rng.uniform((-1, -1.5, 5), (1, 1.5, 5), (1000, 3)), Plan()
+    plan.add_tree(before.tree)
+    world = plan.world()
+    world.set_tree(0, after.tree)
+    got = cast_through(world, origins, (0, 0, -1))
+    plan.trees = [after.tree]
+    assert_same(got, cast_through(plan.world(), origins, (0, 0, -1)))

@@ -90,6 +90,24 @@ def test_edited_elevations_are_seen_at_the_next_update() -> None:
         assert_differ(before, hits)
 
 
+def test_a_height_field_of_more_than_a_million_triangles_is_hit_as_mj_ray_hits_it_before_and_after_an_edit() -> None:
+    """It is cast at in code of its own, whose rays come one by one or from one place."""
+    hills = '<asset><hfield name="hills" nrow="731" ncol="727" size="3 3 0.5 0.5"/></asset>'
+    geoms = '<geom type="hfield" hfield="hills" euler="5 -3 20"/><geom size="0.3" pos="1 1 0.3"/>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{hills}<worldbody>{geoms}</worldbody></mujoco>")
+    data, scene = posed(model), Scene(model)
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        model.hfield_data[:] = rng.random(model.nhfielddata)
+        scene.update(data)
+        targets = rng.uniform((-3, -3, 0), (3, 3, 0.5), (RAYS, 3))
+        for origins in (np.array([-1.0, 0.5, 1.5]), targets + rng.normal(size=targets.shape)):
+            hits = scene.cast(origins, targets - origins).numpy()
+            wrong = oracle.compare(model, data, origins, targets - origins, hits).where(Verdict.WRONG)
+            assert not wrong.size, f"seed {seed}: {wrong.size} wrong of {RAYS} rays, first {wrong[0]}"
+            assert (hits.geom_id == 0).mean() > 0.5
+
+
 def test_a_height_field_may_grow_and_shrink() -> None:
     model = one_of("hfield")
     data, scene = posed(model), Scene(model)
