@@ -10,6 +10,7 @@ is from +inf to -inf.
 """
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -214,5 +215,10 @@ def empty_nodes(count: int) -> npt.NDArray[np.void]:
 
 def struct_zeros(struct: Any, count: int) -> npt.NDArray[np.void]:
     """(count,) of a Warp struct, all fields 0, as numpy has it."""
-    dtype: np.dtype[np.void] = struct.numpy_dtype()
-    return np.zeros(count, dtype=dtype)
+    return np.zeros(count, dtype=_dtype(struct))
+
+
+@cache
+def _dtype(struct: Any) -> "np.dtype[np.void]":
+    """Made once: numpy parses the types of all fields."""
+    return np.dtype(struct.numpy_dtype())

@@ -32,8 +32,9 @@ def nodes_of(patches: npt.NDArray[np.void], first_patch: int = 0) -> npt.NDArray
     nodes = empty_nodes(len(patches) // PATCHES)
     is_there = np.isfinite(patches["x"][:, 1]) & np.isfinite(patches["y"][:, 1])
     for axis in "xyz":
-        values = patches[axis].reshape(len(patches), 9 if axis == "z" else 3)
-        low, high = np.fmin.reduce(values, axis=1), np.fmax.reduce(values, axis=1)
+        # NumPy is slow to reduce a few numbers at a time
+        values = np.ascontiguousarray(patches[axis].reshape(len(patches), 9 if axis == "z" else 3).T)
+        low, high = np.fmin.reduce(values), np.fmax.reduce(values)
         center = np.float32(0.5) * low + np.float32(0.5) * high
         half = np.maximum(high - center, center - low) * np.float32(OUTWARDS)
         nodes[f"center_{axis}"] = np.where(is_there, center, 0).reshape(-1, PATCHES)
