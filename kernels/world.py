@@ -18,7 +18,6 @@ from .geometry import (
     Patch,
     Plot,
     Shapes,
-    TreePlace,
     TriangleBlock,
     TriangleTree,
     join_triangle_trees,
@@ -111,15 +110,16 @@ class World:
         plots = _on_cache_lines(plots)
         g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
         self._first_plot: int | None = None  # of nodes that are plots
-        if not self.device.is_cpu or len(plots) <= MOST_STORED:
-            self._first_plot = len(nodes)
-            nodes = np.concatenate([lead_to_nodes(nodes, len(nodes)), nodes_of(patches_of(plots, sides))])
-        g.nodes = self._on_device(nodes)
         if self.device.is_cpu:
             g.plots = wp.array(plots, dtype=Plot, device=self.device, copy=False)
             g.sides = wp.array(sides, dtype=float, device=self.device, copy=False)
-        else:
-            g.patches = wp.array(patches_of(plots, sides), dtype=Patch, device=self.device)
+        if not self.device.is_cpu or len(plots) <= MOST_STORED:
+            self._first_plot = len(nodes)
+            patches = patches_of(plots, sides)
+            nodes = np.concatenate([lead_to_nodes(nodes, len(nodes)), nodes_of(patches)])
+            if not self.device.is_cpu:
+                g.patches = wp.array(patches, dtype=Patch, device=self.device)
+        g.nodes = self._on_device(nodes)
         # the triangles of all trees are held once
         self.trees = [
             replace(
@@ -152,7 +152,7 @@ class World:
     def _overwrite_plots(self, tree: TriangleTree, first: int, first_node: int) -> None:
         """Those of a tree as nodes and, on CUDA, as patches."""
         g, first_patch = self.geometry, PATCHES * first
-        patches = patches_of(moved_tree(tree, TreePlace(0, 0, 0, 0)).plots, tree.sides)
+        patches = patches_of(tree.plots, tree.sides, tree.first_side)
         wp.copy(g.nodes, self._on_device(nodes_of(patches, first_patch)), dest_offset=first_node)
         if not self.device.is_cpu:
             wp.copy(g.patches, wp.array(patches, dtype=Patch, device=self.device), dest_offset=first_patch)

@@ -1,5 +1,8 @@
 """Single triangles of blocks and patches, each by its number: leaf * WIDTH + lane."""
 
+from collections.abc import Callable
+from typing import Any
+
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
@@ -144,20 +147,32 @@ def corner_of(g: wp.array[Geometry], k: int, row: int, column: int) -> wp.vec3:
     return wp.vec3(x_of(g, k, column), y_of(g, k, row), z_of(g, k, row, column))
 
 
-@wp.func
-def triangle_of_patch(g: wp.array[Geometry], number: int) -> Triangle:
-    """See rigcast.kernels.shapes.patches."""
-    k = number / WIDTH
-    row = number / 2 % 2
-    column = number % 2
-    triangle = Triangle()
-    triangle.a = corner_of(g, k, row, column)
-    triangle.b = corner_of(g, k, row, column + 1)
-    triangle.c = corner_of(g, k, row + 1, column + 1)
-    if number % WIDTH >= WIDTH / 2:
-        triangle.b = triangle.c
-        triangle.c = corner_of(g, k, row + 1, column)
-    return triangle
+def triangle_of_patches(name: str, kept: Any, corner: Callable[..., Any]) -> Any:
+    """A Warp function that makes a triangle of a patch by its number, see rigcast.kernels.shapes.patches.
+
+    Args:
+        kept: the type of what patches are kept in.
+        corner: (kept, patch, row, column) -> vec3.
+    """
+
+    def triangle_of(patches: kept, number: int) -> Triangle:
+        k = number / WIDTH
+        row = number / 2 % 2
+        column = number % 2
+        triangle = Triangle()
+        triangle.a = corner(patches, k, row, column)
+        triangle.b = corner(patches, k, row, column + 1)
+        triangle.c = corner(patches, k, row + 1, column + 1)
+        if number % WIDTH >= WIDTH / 2:
+            triangle.b = triangle.c
+            triangle.c = corner(patches, k, row + 1, column)
+        return triangle
+
+    triangle_of.__name__ = triangle_of.__qualname__ = name
+    return wp.func(triangle_of)
+
+
+triangle_of_patch = triangle_of_patches("triangle_of_patch", wp.array[Geometry], corner_of)
 
 
 @wp.func

@@ -4,6 +4,9 @@ Boxes and edges are judged by products that may be fused, where a CPU can: what 
 and the hits do not.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import warp as wp
 
 from rigcast.kernels.elements import bool_at, double_vector_at, float_at, int_at, vector_at
@@ -117,7 +120,15 @@ def meet_triangle(blocks: wp.array[TriangleBlock], at: int, ray: Ray, number: in
 
 
 @wp.func
-def visit_leaf(g: wp.array[Geometry], ray: Ray, index: int, composed: wp.array[TriangleBlock], best: Hit) -> Hit:
+def visit_leaf(
+    g: wp.array[Geometry],
+    ray: Ray,
+    index: int,
+    stack: wp.array[int],  # noqa: ARG001
+    top: int,  # noqa: ARG001
+    composed: wp.array[TriangleBlock],
+    best: Hit,
+) -> Hit:
     """The ray against the triangles of one block or patch."""
     blocks = g[0].blocks
     k = int(index)
@@ -133,29 +144,41 @@ def visit_leaf(g: wp.array[Geometry], ray: Ray, index: int, composed: wp.array[T
     return best
 
 
-@wp.func
-def cast_through_triangles(
-    g: wp.array[Geometry],
-    nodes: wp.array[Node],
-    ray: Ray,
-    root: int,
-    stack: wp.array[int],
-    bottom: int,
-    composed: wp.array[TriangleBlock],
-    best: Hit,
-) -> Hit:
-    at = int(root)
-    top = int(bottom)
-    while True:
-        limit = limit_of(ray, best)
-        found = next_leaf(nodes, at, ray.origin, ray.inverse, ray.margin, limit, stack, top, bottom)
-        leaf = leaf_of(found)
-        if leaf == NO_CHILD:
-            break
-        best = visit_leaf(g, ray, -1 - leaf, composed, best)
-        top = top_of(found)
-        at = NO_CHILD
-    return best
+def ray_traversal(name: str, visit: Callable[..., Any]) -> Any:
+    """A Warp function that takes a ray through a tree, leaf by leaf, and returns the first hit there.
+
+    Args:
+        visit: (g, ray, leaf, stack, entries that it has, composed, best) -> the first hit so far.
+    """
+
+    def traverse(
+        g: wp.array[Geometry],
+        nodes: wp.array[Node],
+        ray: Ray,
+        root: int,
+        stack: wp.array[int],
+        bottom: int,
+        composed: wp.array[TriangleBlock],
+        best: Hit,
+    ) -> Hit:
+        at = int(root)
+        top = int(bottom)
+        while True:
+            limit = limit_of(ray, best)
+            found = next_leaf(nodes, at, ray.origin, ray.inverse, ray.margin, limit, stack, top, bottom)
+            leaf = leaf_of(found)
+            if leaf == NO_CHILD:
+                break
+            top = top_of(found)
+            best = visit(g, ray, -1 - leaf, stack, top, composed, best)
+            at = NO_CHILD
+        return best
+
+    traverse.__name__ = traverse.__qualname__ = name
+    return wp.func(traverse)
+
+
+cast_through_triangles = ray_traversal("cast_through_triangles", visit_leaf)
 
 
 @wp.func
@@ -191,39 +214,28 @@ def visit_shape(
     return nearer(g, ray, best, hit_within(span[0], span[1], shape, 0))
 
 
-@wp.func
-def cast_through_shapes(
-    g: wp.array[Geometry], ray: Ray, root: int, stack: wp.array[int], composed: wp.array[TriangleBlock]
-) -> Hit:
-    best = no_hit()
-    at = int(root)
-    top = int(0)
-    while True:
-        limit = limit_of(ray, best)
-        found = next_leaf(g[0].top, at, ray.origin, ray.inverse, ray.margin, limit, stack, top, 0)
-        leaf = leaf_of(found)
-        if leaf == NO_CHILD:
-            break
-        top = top_of(found)
-        best = visit_shape(g, ray, -1 - leaf, stack, top, composed, best)
-        at = NO_CHILD
-    return best
+cast_through_shapes = ray_traversal("cast_through_shapes", visit_shape)
 
 
 @wp.func
-def cast_through_plot(
+def visit_leaf_of_field(
     g: wp.array[Geometry],
     ray: Ray,
-    k: int,
+    index: int,
     stack: wp.array[int],
-    bottom: int,
+    top: int,
     composed: wp.array[TriangleBlock],
     best: Hit,
 ) -> Hit:
-    """The ray against the patches of plot k."""
-    opened = wp.zeros(shape=1, dtype=Node)
-    open_plot(g[0].plots, g[0].sides, k, opened)
-    return cast_through_triangles(g, opened, ray, 0, stack, bottom, composed, best)
+    """The ray against the patches of a plot, or a block of the triangles beside and below the surface."""
+    if index >= FIRST_PLOT:
+        opened = wp.zeros(shape=1, dtype=Node)
+        open_plot(g[0].plots, g[0].sides, index - FIRST_PLOT, opened)
+        return cast_through_triangles(g, opened, ray, 0, stack, top, composed, best)
+    return visit_leaf(g, ray, index, stack, top, composed, best)
+
+
+cast_through_leaves_of_field = ray_traversal("cast_through_leaves_of_field", visit_leaf_of_field)
 
 
 @wp.func
@@ -239,21 +251,7 @@ def cast_through_field(
     origin = to_local * (ray.world_origin - pose.position)
     local = in_frame_of_tree(ray, origin, to_local * ray.world_direction, float_at(g[0].reach, entry))
     local.shape = shape
-    at = int_at(g[0].root, entry)
-    top = int(0)
-    while True:
-        limit = limit_of(local, best)
-        found = next_leaf(g[0].nodes, at, local.origin, local.inverse, local.margin, limit, stack, top, 0)
-        leaf = leaf_of(found)
-        if leaf == NO_CHILD:
-            break
-        top = top_of(found)
-        if -1 - leaf >= FIRST_PLOT:
-            best = cast_through_plot(g, local, -1 - leaf - FIRST_PLOT, stack, top, composed, best)
-        else:
-            best = visit_leaf(g, local, -1 - leaf, composed, best)
-        at = NO_CHILD
-    return best
+    return cast_through_leaves_of_field(g, g[0].nodes, local, int_at(g[0].root, entry), stack, 0, composed, best)
 
 
 @noinline
@@ -287,7 +285,7 @@ def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int], compo
     span = world.scope.span
     origin = world.origin - double_vector_at(g[0].anchor, span)
     ray = in_frame_of_tree(ray, origin, world.direction, float_at(g[0].top_reach, span))
-    best = cast_through_shapes(g, ray, span * g[0].top_count, stack, composed)
+    best = cast_through_shapes(g, g[0].top, ray, span * g[0].top_count, stack, 0, composed, no_hit())
     if g[0].fields.shape[0] > 0:
         best = cast_through_fields(g, ray, stack, composed, best)
     return best

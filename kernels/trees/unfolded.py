@@ -16,12 +16,14 @@ def lead_to_nodes(nodes: npt.NDArray[np.void], first: int) -> npt.NDArray[np.voi
     return led
 
 
-def patches_of(plots: npt.NDArray[np.void], sides: npt.NDArray[np.float32]) -> npt.NDArray[np.void]:
-    """(PATCHES n,) of Patch of n plots; those that are not there have x or y of NaN."""
+def patches_of(
+    plots: npt.NDArray[np.void], sides: npt.NDArray[np.float32], first_side: int = 0
+) -> npt.NDArray[np.void]:
+    """(PATCHES n,) of Patch of n plots, which call sides[0] first_side; those that are not there have x or y of NaN."""
     patches = struct_zeros(Patch, PATCHES * len(plots))
     grid = patches.reshape(-1, 2, 4)
-    grid["x"] = _threes(sides[plots["x"][:, None] + np.arange(9)], 1)[:, None]
-    grid["y"] = _threes(sides[plots["y"][:, None] + np.arange(5)], 1)[:, :, None]
+    grid["x"] = _threes(sides[plots["x"][:, None] - first_side + np.arange(9)], 1)[:, None]
+    grid["y"] = _threes(sides[plots["y"][:, None] - first_side + np.arange(5)], 1)[:, :, None]
     grid["z"] = _threes(_threes(plots["z"], 1), 2)
     grid["face"] = plots["face"][:, None, None]
     return patches

@@ -15,6 +15,7 @@ from rigcast.kernels.shapes.facets import (
     Triangle,
     normal_of_block,
     triangle_of_block,
+    triangle_of_patches,
 )
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
@@ -92,27 +93,15 @@ def consider(held: wp.array2d[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
         decide(held, ray, hit)
 
 
-@wp.func
-def triangle_in(patches: wp.array[Patch], number: int) -> Triangle:
-    """As rigcast.kernels.shapes.facets has it, without a detour to the patches."""
-    k = number / WIDTH
-    row = number / 2 % 2
-    column = number % 2
-    triangle = Triangle()
-    triangle.a = corner_in(patches, k, row, column)
-    triangle.b = corner_in(patches, k, row, column + 1)
-    triangle.c = corner_in(patches, k, row + 1, column + 1)
-    if number % WIDTH >= WIDTH / 2:
-        triangle.b = triangle.c
-        triangle.c = corner_in(patches, k, row + 1, column)
-    return triangle
-
-
 @wp.func_native(
     on_cuda("const auto& own = patches.data[k]; return {own.x[column], own.y[row], own.z.data[row][column]};")
 )
 def corner_in(patches: wp.array[Patch], k: int, row: int, column: int) -> wp.vec3:
     """A corner of a patch."""
+
+
+triangle_in = triangle_of_patches("triangle_in", wp.array[Patch], corner_in)
+"""Without a detour through the geometry to the patches."""
 
 
 @wp.func
