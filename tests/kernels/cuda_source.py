@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from warp._src import build
 from warp._src.types import launch_bounds_t
 
-# Warp's own functions as on the CPU, ours with their branches for CUDA, in blocks of one thread
+# Warp's own functions as on the CPU, ours with their branches for CUDA, in blocks and warps of one thread
 _BEFORE = """
 #include <algorithm>
 #include <cmath>
@@ -30,10 +30,14 @@ _BEFORE = """
 #define __ffs __builtin_ffs
 #define __fdividef(x, y) ((x) / (y))
 #define __ldg(address) (*(address))
+#define __shared__ static
 using std::max, std::min;
 int __float_as_int(float x) { int bits; std::memcpy(&bits, &x, sizeof(bits)); return bits; }
+float rsqrtf(float x) { return 1 / std::sqrt(x); }
+int __shfl_sync(unsigned, int value, int) { return value; }
 int atomicAdd(int* sum, int value) { *sum += value; return *sum - value; }
 struct { unsigned x, y, z; } blockIdx, threadIdx, gridDim = {1, 1, 1}, blockDim = {1, 1, 1};
+const int warpSize = 1;
 extern "C" int _wp_isfinite(double x) { return __builtin_isfinite(x); }
 extern "C" int _wp_isnan(double x) { return __builtin_isnan(x); }
 

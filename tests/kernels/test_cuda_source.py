@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
 from rigcast.kernels.single.threads import cast as threads_cast
 from rigcast.kernels.single.threads.cast import InThreads, cast_rays
+from rigcast.kernels.single.threads.several import cast_rays_of_several
 from rigcast.kernels.trees.fit import Fit
 from rigcast.kernels.trees.nodes import Node, by_ends
 from rigcast.kernels.trees.top_level import Refit, refit
@@ -34,16 +36,16 @@ pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="no g++ to c
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> CudaSource:
-    return CudaSource(cast_rays, tmp_path_factory.mktemp("cuda_source"))
+def source_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[wp.Kernel], CudaSource]:
+    return cache(lambda kernel: CudaSource(kernel, tmp_path_factory.mktemp(kernel.key)))
 
 
 @pytest.fixture
-def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+def begin_cuda(source_of: Callable[[wp.Kernel], CudaSource], monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     """From when this is called, single rays are cast by CUDA's source, in threads one after the other: the first of
     them takes all rays, and the others see that none are left."""
 
-    def launch(geometry: Geometry, inputs: Sequence[Any]) -> None:
+    def launch(source: CudaSource, geometry: Geometry, inputs: Sequence[Any]) -> None:
         trees = geometry.nodes, geometry.top
         nodes, top = (a.numpy() for a in trees)
         nodes = np.concatenate([lead_to_nodes(nodes, len(nodes)), nodes_of(geometry.patches.numpy())])
@@ -52,13 +54,14 @@ def begin_cuda(source: CudaSource, monkeypatch: pytest.MonkeyPatch) -> Callable[
         geometry.nodes, geometry.top = trees
 
     def record(kernel: wp.Kernel, count: int, inputs: Sequence[Any], *others: Any) -> Callable[[], None]:
-        geometry = inputs[0] if kernel is cast_rays else inputs[1]
+        is_cast = kernel in {cast_rays, cast_rays_of_several}
+        geometry = inputs[0 if is_cast else 1]
         geometry.patches = wp.array(
             patches_of(geometry.plots.numpy(), geometry.sides.numpy()), dtype=Patch, device="cpu"
         )
-        if kernel is not cast_rays:
+        if not is_cast:
             return recorded(kernel, count, inputs, *others)
-        return lambda: launch(geometry, inputs)
+        return lambda: launch(source_of(kernel), geometry, inputs)
 
     def begin() -> None:
         monkeypatch.setattr(cast, "_in_turns", cast._in_threads)

@@ -1,6 +1,6 @@
 """Rays cast in threads of CUDA, as many as it runs at once, each of which takes one ray after the other.
 
-One launch casts the rays of several sensors: a thread that finds none left of one goes on to the next.
+One launch casts the rays of one sensor, or of several: a warp that finds none left of one goes on to the next.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,19 +9,22 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits.out import write_miss
-from rigcast.kernels.inline import noinline
 from rigcast.kernels.launching.recorded import recorded
-from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.rays.arrays import firing_of
 from rigcast.kernels.single.cast import Job, is_castable, ray_number, read_ray, world_ray, write_hit
 
+from .native import on_cuda
 from .ray import Frame, Ray, cast_ray
-from .walk import ENTRIES, address_of_stack
+from .walk import ENTRIES, address_of_stack, address_of_visible
 
 BLOCK = 128
 """Threads of a block."""
-BLOCKS = 5
-"""Of a multiprocessor: 20 warps, for each of whose threads there are 96 registers."""
+BLOCKS = 4
+"""Of a multiprocessor: 16 warps, for each of whose threads there are 128 registers."""
+RAY_DOUBLES = wp.types.type_size_in_bytes(Ray) // 8 | 1
+"""From one thread's ray to the next one's, in 8 bytes; FRAME_FLOATS is it between their frames, in 4. They are odd, so
+that threads which read the same of theirs do not read from one bank."""
+FRAME_FLOATS = 2 * wp.types.type_size_in_bytes(Frame) // 4 | 1
 MOST = 8
 """Sets of others with which launches of a cast are kept: one sensor's frames may be held for longer than another's."""
 
@@ -46,7 +49,7 @@ def hold(
     count: int,
     held: wp.array2d[Geometry],
     shares: wp.array2d[Share],
-    taken: wp.array2d[int],
+    taken: wp.array[int],
 ) -> None:
     """What a sensor casts at and its share, where functions need not copy them; and none of its rays is taken."""
     g.visible = job.visible
@@ -56,53 +59,83 @@ def hold(
     share.which = which
     share.count = count
     shares[sensor, 0] = share
-    taken[sensor, 0] = 0
+    taken[sensor] = 0
 
 
-@noinline
-def take_ray(held: wp.array2d[Geometry], shares: wp.array2d[Share], ray: wp.array[Ray], k: int) -> bool:
-    """Ray k of its sensor's share, and whether it can be cast."""
-    sensor = ray[0].sensor
-    ray[0].number = ray_number(k, shares[sensor, 0].job.rays, shares[sensor, 0].which)
-    firing = firing_of(shares[sensor, 0].job.rays, ray[0].number)
-    ray[0].world = world_ray(held[sensor], shares[sensor, 0].job, ray[0].number, firing)
-    return is_castable(ray[0].world)
+@wp.func_native(on_cuda("return threadIdx.x % warpSize;"))
+def lane() -> int:  # type: ignore[empty-body]
+    """The number of a thread in its warp."""
 
 
-@noinline
-def write_ray(held: wp.array2d[Geometry], shares: wp.array2d[Share], ray: wp.array[Ray], is_cast: bool) -> None:
-    """What it hits, or that it could not be cast."""
-    sensor = ray[0].sensor
-    i = ray[0].number
-    if is_cast:
-        write_hit(held[sensor], shares[sensor, 0].job.out, i, ray[0].best, ray[0].world)
-    else:
-        write_miss(shares[sensor, 0].job.out, i, wp.nan)
-    read_ray(shares[sensor, 0].job, i, firing_of(shares[sensor, 0].job.rays, i))
+@wp.func_native(
+    on_cuda("""
+    int first = 0;
+    if (threadIdx.x % warpSize == 0) first = atomicAdd(&taken.data[sensor], warpSize);
+    return __shfl_sync(~0u, first, 0);
+""")
+)
+def turn_of_warp(taken: wp.array[int], sensor: int) -> int:  # type: ignore[empty-body]
+    """The first of as many rays of this sensor as a warp has threads, which no other warp takes.
+
+    All threads of the warp call it: they go on together, and with neighbours, that go much the same way.
+    """
+
+
+@wp.func_native(
+    on_cuda(f"""
+    __shared__ double rays[{BLOCK}][{RAY_DOUBLES}];
+    return reinterpret_cast<wp::uint64>(rays[threadIdx.x]);
+""")
+)
+def place_of_ray() -> wp.uint64:
+    """Where in the memory of its block a thread has its ray."""
+
+
+@wp.func_native(
+    on_cuda(f"""
+    __shared__ float frames[{BLOCK}][{FRAME_FLOATS}];
+    return reinterpret_cast<wp::uint64>(frames[threadIdx.x]);
+""")
+)
+def place_of_frames() -> wp.uint64:
+    """Where in the memory of its block a thread has a ray's frames."""
 
 
 @wp.func
-def cast_turns(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Share], taken: wp.array2d[int]) -> None:
-    """Rays that no other thread takes, of one sensor after the other."""
+def cast_share(
+    sensor: int, g: Geometry, held: wp.array[Geometry], job: Job, which: wp.array[int], count: int, taken: wp.array[int]
+) -> None:
+    """Rays of one sensor that no other warp takes. A function, for Warp compiles the body of a kernel twice."""
     entries = wp.zeros(shape=ENTRIES, dtype=wp.uint64)
     stack = address_of_stack(entries)
-    ray = wp.zeros(shape=1, dtype=Ray)
-    frames = wp.zeros(shape=2, dtype=Frame)
-    while ray[0].sensor < shares.shape[0]:
-        k = turn_of(taken[ray[0].sensor])
-        if k < shares[ray[0].sensor, 0].count:
-            is_cast = take_ray(held, shares, ray, k)
-            if is_cast:
+    ray = wp.array(ptr=place_of_ray(), shape=(1,), dtype=Ray)
+    frames = wp.array(ptr=place_of_frames(), shape=(2,), dtype=Frame)
+    first = turn_of_warp(taken, sensor)
+    while first < count:
+        k = first + lane()
+        if k < count:
+            ray[0].number = ray_number(k, job.rays, which)
+            ray[0].world = world_ray(held, job, ray[0].number, firing_of(job.rays, ray[0].number))
+            ray[0].visible = address_of_visible(job.visible, ray[0].world.scope.first_visible)
+            if is_castable(ray[0].world):
                 cast_ray(g, held, ray, frames, stack)
-            write_ray(held, shares, ray, is_cast)
-        else:
-            ray[0].sensor += 1
+                write_hit(held, job.out, ray[0].number, ray[0].best, ray[0].world)
+            else:
+                write_miss(job.out, ray[0].number, wp.nan)
+            read_ray(job, ray[0].number, firing_of(job.rays, ray[0].number))
+        first = turn_of_warp(taken, sensor)
 
 
 @wp.kernel(launch_bounds=(BLOCK, BLOCKS))
-def cast_rays(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Share], taken: wp.array2d[int]) -> None:
-    """The rays of all shares, in the geometry but for what is visible, which is held for each sensor, (sensors, 1)."""
-    cast_turns(g, held, shares, taken)
+def cast_rays(
+    g: Geometry, held: wp.array2d[Geometry], job: Job, which: wp.array[int], count: int, taken: wp.array[int]
+) -> None:
+    """A sensor's rays: the first `count` of those that `which` names, or of all if it is empty.
+
+    As many threads as fill warps. Arguments of a kernel are read as fast as what is in registers, so one sensor, which
+    most rigs have, does not go the way of several.
+    """
+    cast_share(0, g, held[0], job, which, count, taken)
 
 
 class InThreads:
@@ -132,11 +165,17 @@ def _prepare(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
     device = casts[0].which.device
     held = wp.empty((len(casts), 1), dtype=Geometry, device=device)
     shares = wp.empty((len(casts), 1), dtype=Share, device=device)
-    taken = wp.empty((len(casts), 1), dtype=int, device=device)
-    threads = min(sum(each.count for each in casts), BLOCK * BLOCKS * device.sm_count)
+    taken = wp.empty(len(casts), dtype=int, device=device)
     launches = []
     for k, each in enumerate(casts):
         inputs = [k, each.geometry, each.job, each.which, each.count, held, shares, taken]
         launches.append(recorded(hold, 1, inputs, [], device, BLOCK))  # as Warp compiles for one size of blocks
-    launches.append(recorded(cast_rays, threads, [casts[0].geometry, held, shares, taken], [], device, BLOCK))
+    first = casts[0]
+    kernel, inputs = cast_rays, [first.geometry, held, first.job, first.which, first.count, taken]
+    if len(casts) > 1:
+        from .several import cast_rays_of_several  # here, as one sensor does not wait until it is compiled
+
+        kernel, inputs = cast_rays_of_several, [first.geometry, held, shares, taken]
+    blocks = min(-(-sum(each.count for each in casts) // BLOCK), BLOCKS * device.sm_count)
+    launches.append(recorded(kernel, BLOCK * blocks, inputs, [], device, BLOCK))
     return launches

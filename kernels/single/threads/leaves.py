@@ -11,7 +11,8 @@ rigcast.kernels.shapes.triangle): it is off by 1.5u m a metre, up to where it me
 at most. Altogether these are less than 10u m (|P| + |O|). If coordinates are off by e, the difference of an edge is off
 by e times the sum of its four coordinates and 2e^2 more; its own three roundings, of products with coordinates up to
 2m (|P| + |O|), are less than 4u m (|P| + |O|) times that sum. So a difference counts as 0 within what comes of
-e = 16u m (|P| + |O|), which is 2m times what boxes are widened by, and of the coordinates of all three corners.
+e = 16u m (|P| + |O|), which is 2m times what boxes are widened by, and of the coordinates of all three corners. What
+is off 0 by more has its sign for sure, and so have, where all three are, the edges in exact arithmetic.
 """
 
 import warp as wp
@@ -44,14 +45,14 @@ from .native import on_cuda
             ::fmaf(qz, z, ::fmaf(qy, y, ::fmaf(qx, x, -qO))),
         }};
     }};
-    auto is_passed = [&](Place a, Place b, Place c) {{
+    auto passes = [&](Place a, Place b, Place c) {{
         const float s0 = ::fmaf(a.u, b.v, -(a.v * b.u));
         const float s1 = ::fmaf(b.u, c.v, -(b.v * c.u));
         const float s2 = ::fmaf(c.u, a.v, -(c.v * a.u));
         const float sum = (::fabsf(a.u) + ::fabsf(a.v)) + (::fabsf(c.u) + ::fabsf(c.v)) + (::fabsf(b.u) + ::fabsf(b.v));
         const float zero = ::fmaf(off, sum, twice_squared);
         const float most = ::fmaxf(s0, ::fmaxf(s1, s2)), least = ::fminf(s0, ::fminf(s1, s2));
-        return ::fminf(most, -least) <= zero;
+        return (::fminf(most, -least) <= zero ? 1 : 0) + (::fmaxf(least, -most) > zero ? 256 : 0);
     }};
     int passed = 0;
     if (leaf < {int(FIRST_PATCH)}) {{
@@ -61,7 +62,7 @@ from .native import on_cuda
             const Place a = place(__ldg(number), __ldg(number + 8), __ldg(number + 16));
             const Place b = place(__ldg(number + 24), __ldg(number + 32), __ldg(number + 40));
             const Place c = place(__ldg(number + 48), __ldg(number + 56), __ldg(number + 64));
-            passed |= is_passed(a, b, c) << j;
+            passed |= passes(a, b, c) << j;
         }}
     }} else {{
         const float* number = &patches.data[leaf - {int(FIRST_PATCH)}].x[0];
@@ -75,7 +76,7 @@ from .native import on_cuda
 #pragma unroll 1
             for (int column = 1; column >= 0; --column) {{
                 const Place a = corner(column, 0), d = corner(column, 1);
-                passed = 2 * passed + is_passed(a, b, c) + 16 * is_passed(a, c, d);
+                passed = 2 * passed + passes(a, b, c) + 16 * passes(a, c, d);
                 b = a, c = d;
             }}
         }}
@@ -93,6 +94,8 @@ def passed_in_leaf(  # type: ignore[empty-body]
     margin: float,
 ) -> int:
     """Bit by bit, triangles of a block or patch all of whose edges a ray from origin + rest may pass on one side.
+
+    From the ninth bit on, those whose edges it surely passes so, which it therefore meets inside.
 
     Args:
         margin: 8u (|P| + |O|), as boxes are widened by.

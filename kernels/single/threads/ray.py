@@ -16,13 +16,22 @@ from rigcast.kernels.shapes.facets import (
     normal_of_block,
     triangle_of_block,
     triangle_of_patches,
+    vector_of_block,
 )
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
-from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
+from rigcast.kernels.shapes.triangle import (
+    CULL_FRONT,
+    CULL_NONE,
+    DISTANCE_ROUNDING,
+    GRAZING,
+    ROUNDING,
+    is_culled,
+    triage_triangle,
+)
 from rigcast.kernels.single.ray import SMALLEST, box_margin
 from rigcast.kernels.single.walk import leaf_of, top_of
 from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH
-from rigcast.kernels.vectors import lowest_bit, smaller, to_double, to_float
+from rigcast.kernels.vectors import lowest_bit, norm1, smaller, to_double, to_float
 
 from .leaves import passed_in_leaf
 from .native import on_cuda
@@ -48,8 +57,8 @@ class Frame:
 class Ray:
     """A ray in the world, the first of its hits so far, the shape whose triangles it is held against, and its level."""
 
-    sensor: int  # which one's it is
     number: int  # among all of its sensor's
+    visible: wp.uint64  # where it begins whether its sensor sees shapes
     world: WorldRay
     best: Hit
     shape: int
@@ -80,12 +89,12 @@ def frame_of(origin: wp.vec3d, direction: wp.vec3d, reach: float) -> Frame:
 
 
 @noinline
-def decide(held: wp.array2d[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
-    ray[0].best = decided(held[ray[0].sensor], ray[0].best, hit, ray[0].world)
+def decide(held: wp.array[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
+    ray[0].best = decided(held, ray[0].best, hit, ray[0].world)
 
 
 @wp.func
-def consider(held: wp.array2d[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
+def consider(held: wp.array[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
     """Keep the hit if it is before the best one."""
     if is_sure(hit, ray[0].best):
         ray[0].best = hit
@@ -104,30 +113,72 @@ triangle_in = triangle_of_patches("triangle_in", wp.array[Patch], corner_in)
 """Without a detour through the geometry to the patches."""
 
 
+@wp.func_native(
+    on_cuda("""
+    const float inverse = __fdividef(1.0f, y), q = x * inverse;
+    return ::fmaf(::fmaf(-q, y, x), inverse, q);
+""")
+)
+def quotient(x: float, y: float) -> float:  # type: ignore[empty-body]
+    """x / y, rounded almost as it should be, without what NVIDIA's compiler does for numbers near the ends of float32:
+    there it may be NaN."""
+
+
+@wp.func_native(on_cuda("return ::rsqrtf(x);"))
+def inverse_root(x: float) -> float:  # type: ignore[empty-body]
+    """1 / sqrt(x), off by at most two units in the last place."""
+
+
 @wp.func
 def normal_in_patch(number: int, v: Triangle) -> wp.vec3:
     """See rigcast.kernels.shapes.patches: from corner a the triangle rises along one axis, and then along the other."""
     is_lower = number % WIDTH < WIDTH / 2
     beside = wp.where(is_lower, v.b, v.c)
     far = wp.where(is_lower, v.c, v.b)
-    early = (beside[2] - v.a[2]) / (wp.where(is_lower, beside[0] - v.a[0], beside[1] - v.a[1]))
-    late = (far[2] - beside[2]) / (wp.where(is_lower, far[1] - beside[1], far[0] - beside[0]))
-    scale = 1.0 / wp.sqrt(1.0 + early * early + late * late)
+    early = quotient(beside[2] - v.a[2], wp.where(is_lower, beside[0] - v.a[0], beside[1] - v.a[1]))
+    late = quotient(far[2] - beside[2], wp.where(is_lower, far[1] - beside[1], far[0] - beside[0]))
+    scale = inverse_root(1.0 + early * early + late * late)
     return scale * wp.vec3(-wp.where(is_lower, early, late), -wp.where(is_lower, late, early), 1.0)
 
 
 @wp.func
-def meet_triangle(
-    g: Geometry, held: wp.array2d[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], number: int
+def meet_inside(
+    g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], number: int
 ) -> None:
-    v = Triangle()
+    """A triangle that the ray surely passes inside: `triage_triangle` without its edges."""
+    corner = wp.vec3()
     normal = wp.vec3()
     if number >= FIRST_IN_PATCHES:
         v = triangle_in(g.patches, number - FIRST_IN_PATCHES)
+        corner = v.a
         normal = normal_in_patch(number, v)
     else:
-        v = triangle_of_block(g.blocks, number)
+        corner = vector_of_block(g.blocks, number, 0)
         normal = normal_of_block(g.blocks, number)
+    v0 = (corner - frames[IN_SHAPE].origin) - frames[IN_SHAPE].origin_rest
+    slope = wp.dot(frames[IN_SHAPE].direction, normal)
+    height = wp.dot(v0, normal)
+    t = quotient(height, slope)
+    error = quotient(DISTANCE_ROUNDING * (norm1(v0) + wp.abs(t)), wp.abs(slope))
+    is_sure = wp.abs(slope) > GRAZING and wp.abs(height) > ROUNDING * norm1(v0)
+    is_hit = not is_sure or (t >= 0.0 and not is_culled(slope, ray[0].cull))
+    if is_hit:
+        near = wp.where(is_sure, t - error, 0.0)
+        far = wp.where(is_sure, t + error, wp.inf)
+        consider(held, ray, hit_within(near, far, ray[0].shape, number))
+
+
+@noinline
+def meet_at_edge(held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], number: int) -> None:
+    """A triangle that the ray may pass inside: few are, and so this is not where the others wait for instructions."""
+    v = Triangle()
+    normal = wp.vec3()
+    if number >= FIRST_IN_PATCHES:
+        v = triangle_in(held[0].patches, number - FIRST_IN_PATCHES)
+        normal = normal_in_patch(number, v)
+    else:
+        v = triangle_of_block(held[0].blocks, number)
+        normal = normal_of_block(held[0].blocks, number)
     origin = frames[IN_SHAPE].origin
     rest = frames[IN_SHAPE].origin_rest
     direction = frames[IN_SHAPE].direction
@@ -139,28 +190,32 @@ def meet_triangle(
 
 
 @wp.func
-def meet_leaf(g: Geometry, held: wp.array2d[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], leaf: int) -> None:
+def meet_leaf(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], leaf: int) -> None:
     """Hold the ray against a block or a patch."""
     origin = frames[IN_SHAPE].origin
     rest = frames[IN_SHAPE].origin_rest
     passed = passed_in_leaf(
         g.blocks, g.patches, leaf, origin, rest, frames[IN_SHAPE].direction, frames[IN_SHAPE].margin
     )
+    inside = passed >> WIDTH
+    passed = passed & 255
     while passed != 0:
-        meet_triangle(g, held, ray, frames, leaf * WIDTH + lowest_bit(passed))
+        j = lowest_bit(passed)
+        if inside & (1 << j) != 0:
+            meet_inside(g, held, ray, frames, leaf * WIDTH + j)
+        else:
+            meet_at_edge(held, ray, frames, leaf * WIDTH + j)
         passed = passed & (passed - 1)
 
 
 @wp.func
-def meet_shape(g: Geometry, held: wp.array2d[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], shape: int) -> int:
-    """Hold the ray against a closed form, or take it into the frame of a shape with triangles.
+def meet_shape(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], shape: int) -> int:
+    """Hold the ray against a visible closed form, or take it into the frame of a visible shape with triangles.
 
     Returns:
         The root of the tree over these, or NO_CHILD.
     """
     scope = ray[0].world.scope
-    if not held[ray[0].sensor, 0].visible[scope.first_visible + shape]:
-        return NO_CHILD
     pose = pose_at(g, entry_of(g.place, shape, scope))
     to_local = wp.transpose(pose.rotation)
     origin = to_local * (ray[0].world.origin - pose.position)
@@ -182,7 +237,7 @@ def meet_shape(g: Geometry, held: wp.array2d[Geometry], ray: wp.array[Ray], fram
 
 @wp.func
 def cast_ray(
-    g: Geometry, held: wp.array2d[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], stack: wp.uint64
+    g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], stack: wp.uint64
 ) -> None:
     """Find the first hit of a ray among the visible shapes; it may lie beyond the limit. stack: where it begins."""
     span = ray[0].world.scope.span
@@ -196,10 +251,12 @@ def cast_ray(
     while not is_over:
         level = ray[0].level
         nodes = wp.where(level == IN_SHAPE, address_of_nodes(g.nodes), address_of_nodes(g.top))
+        visible = wp.where(level == IN_SHAPE, wp.uint64(0), ray[0].visible)
         limit = smaller(ray[0].best.far * APART, ray[0].world.limit)
         origin = frames[level].origin
         inverse = frames[level].inverse
-        found = next_leaf(nodes, at, origin, inverse, frames[level].margin, limit, stack, top, ray[0].bottom)
+        margin = frames[level].margin
+        found = next_leaf(nodes, visible, at, origin, inverse, margin, limit, stack, top, ray[0].bottom)
         top = top_of(found)
         at = leaf_of(found)
         if at == NO_CHILD:

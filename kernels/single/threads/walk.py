@@ -16,6 +16,11 @@ def address_of_nodes(nodes: wp.array[Node]) -> wp.uint64:
     """Where they begin: arrays are large to hand over and to choose between."""
 
 
+@wp.func_native(on_cuda("return reinterpret_cast<wp::uint64>(visible.data + first);"))
+def address_of_visible(visible: wp.array[wp.bool], first: int) -> wp.uint64:
+    """Where it begins for shapes from that entry on."""
+
+
 @wp.func_native(on_cuda("return reinterpret_cast<wp::uint64>(stack.data);"))
 def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
     """Where it begins."""
@@ -40,15 +45,17 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
     const float wider = 1.25f * margin, mx = wider * ::fabsf(ix), my = wider * ::fabsf(iy), mz = wider * ::fabsf(iz);
     const unsigned back_x = ix < 0.0f ? 6 : 0, back_y = iy < 0.0f ? 6 : 0, back_z = iz < 0.0f ? 6 : 0;
     const unsigned row[6] = {back_x, 2 + back_y, 4 + back_z, 6 - back_x, 8 - back_y, 10 - back_z};
+    const auto* is_visible = reinterpret_cast<const bool*>(visible);
+    auto unless_hidden = [&](int child) { return child < 0 && is_visible && !is_visible[~child] ? no_child : child; };
     while (true) {
         while (at == no_child && top > bottom) {
             const wp::uint64 entry = entries[--top];
-            if ((int)(unsigned)(entry >> 32) <= last) at = (int)(unsigned)entry;
+            if ((int)(unsigned)(entry >> 32) <= last) at = unless_hidden((int)(unsigned)entry);
         }
         if (at < 0) return wp::uint64(top) << 32 | unsigned(at);
         const float4* node = tree + 14 * at;
         const int* child = reinterpret_cast<const int*>(node + 12);
-        unsigned keys[8];
+        unsigned key[8] = {};
         unsigned missed = 0;
 #pragma unroll 1
         for (int half = 0; half < 2; ++half) {
@@ -68,16 +75,14 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
                 const int leave_z = __float_as_int(::fmaf(number[5][j], iz, oz + mz));
                 const int enter = ::max(::max(::max(enter_x, enter_y), enter_z), 0);
                 const bool is_entered = enter <= ::min(::min(::min(leave_x, leave_y), leave_z), last);
-                keys[4 * half + j] = is_entered ? (enter & ~7) | (4 * half + j) : none;
-                missed += keys[4 * half + j] >> 31;
+                key[j] = key[4 + j];
+                key[4 + j] = is_entered ? (enter & ~7) | (4 * half + j) : none;
+                missed += key[4 + j] >> 31;
             }
         }
         const int count = 8 - missed;
         at = no_child;
         if (count == 0) continue;
-        unsigned key[8];
-#pragma unroll
-        for (int j = 0; j < 8; ++j) key[j] = keys[j];
         // a network that sorts eight
         auto order = [&](int a, int b) {
             const unsigned low = ::min(key[a], key[b]);
@@ -100,12 +105,13 @@ def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
 #pragma unroll
             for (int j = 1; j < 8; ++j) key[0] = ::min(key[0], key[j]);
         }
-        at = __ldg(child + (key[0] & 7));
+        at = unless_hidden(__ldg(child + (key[0] & 7)));
     }
 """)
 )
 def next_leaf(
     nodes: wp.uint64,
+    visible: wp.uint64,
     at: int,
     origin: wp.vec3,
     inverse: wp.vec3,
@@ -119,6 +125,7 @@ def next_leaf(
 
     Args:
         nodes, stack: where they begin.
+        visible: where it begins of leaves, a bool each, whether they count; 0 where all do.
         top, bottom: how many entries the stack has, and how many of them are to stay.
 
     Returns:
