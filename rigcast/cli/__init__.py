@@ -1,8 +1,12 @@
 """The command line. Each command is a module of the same name, imported when it is called; `common` is what they share.
 
-An InputError anywhere becomes its message on stderr and exit code 2; Ctrl-C is exit code 130.
+An InputError anywhere becomes its message on stderr and exit code 2; Ctrl-C is exit code 130. Where nobody
+reads standard output to its end, as in `rigcast presets | head`, the command ends without a word; where it cannot be
+written, with one line.
 """
 
+import os
+import sys
 from importlib import import_module
 from typing import Annotated, Any, NamedTuple
 
@@ -68,9 +72,10 @@ _COMMANDS = {
     ),
 }
 _EXIT_CODES = (
-    "Exit codes: 0 done, 1 a ray is wrong (check) or an episode failed (dataset), 2 a mistake in what was given, "
-    "130 interrupted."
+    "Exit codes: 0 done, 1 a ray is wrong (check), an episode failed (dataset) or standard output cannot be written, "
+    "2 a mistake in what was given, 130 interrupted, 141 nobody reads standard output."
 )
+_UNREAD = 141  # 128 + SIGPIPE, as of any other program in a pipe; 1, which typer and rich exit with, is a wrong ray
 
 
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
@@ -140,4 +145,25 @@ def _options(
 
 def main() -> None:
     """Entry point of the `rigcast` command."""
-    app()
+    try:
+        app()
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):
+            sys.exit(_UNREAD)
+        raise
+    except OSError:
+        reason = _why_unwritable()
+        if reason is None:
+            raise
+        typer.echo(f"standard output: cannot be written: {reason}", err=True)
+        sys.exit(1)
+
+
+def _why_unwritable() -> str | None:
+    """Why an empty line more cannot be written to standard output, whose rest then goes nowhere; None where it can."""
+    try:
+        print(flush=True)
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter tries again at its end
+        return error.strerror or str(error)
+    return None

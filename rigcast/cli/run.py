@@ -50,9 +50,9 @@ def run(
     how: dict[str, Any] = {"classes": config.classes, "props": config.props, "options": config.export}
     recorder = Recorder(folder, compiled, config.sensors, wanted, **how)
     names = ", ".join(spec.name for spec in config.sensors)
-    say(console, f"{rig}: {names}; {duration:g} s on {loaded.scene.device}, to {folder}")
     spent = Spent(loading=perf_counter() - began)
     try:
+        say(console, f"{rig}: {names}; {duration:g} s on {loaded.scene.device}, to {folder}")
         with progress(console, steps * compiled.opt.timestep) as report:
             simulate(loaded, data, steps, recorder, spent, report)
     finally:

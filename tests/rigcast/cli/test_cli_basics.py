@@ -1,11 +1,12 @@
 """The shell gets tables, or one message and exit code 2, never a traceback."""
 
 import json
+import os
 import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import IO, Any, NoReturn
 
 import pytest
 from typer.testing import CliRunner
@@ -110,6 +111,35 @@ def test_bad_input_goes_to_stderr_without_a_traceback(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr == f"{tmp_path / 'no.yaml'}: cannot be read: No such file or directory\n"
+
+
+def run_main(*arguments: str, stdout: int | IO[bytes]) -> tuple[int, str]:
+    """Exit code and standard error of a process of its own."""
+    main = "import sys; from rigcast.cli import main; main()"
+    command = [sys.executable, "-c", main, *arguments]
+    done = subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False)
+    return done.returncode, done.stderr
+
+
+LONG_ANSWERS = (["--help"], ["schema"], ["presets"], ["presets", "velodyne_vlp16", "--json", "-"])
+
+
+@pytest.mark.parametrize("arguments", LONG_ANSWERS, ids=" ".join)
+def test_a_pipe_that_nobody_reads_ends_a_command_without_a_word(arguments: list[str]) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        assert run_main(*arguments, stdout=write) == (141, "")
+    finally:
+        os.close(write)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this machine")
+@pytest.mark.parametrize("arguments", LONG_ANSWERS, ids=" ".join)
+def test_a_full_disk_at_standard_output_is_told_in_one_line(arguments: list[str]) -> None:
+    with Path("/dev/full").open("wb") as full:
+        code, words = run_main(*arguments, stdout=full)
+    assert (code, words) == (1, "standard output: cannot be written: No space left on device\n")
 
 
 @pytest.mark.parametrize(

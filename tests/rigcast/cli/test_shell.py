@@ -145,6 +145,20 @@ def test_init_writes_over_nothing_unless_forced(tmp_path: Path) -> None:
     assert "robot" in rig.read_text()
 
 
+def test_init_makes_the_folder_of_its_rig(tmp_path: Path) -> None:
+    rig = tmp_path / "rigs" / "first" / "rig.yaml"
+    code, output = call("init", CONFIGS / "minimal.xml", "--out", rig)
+    assert code == 0, output
+    assert open_rig(rig)[1].nsite == mujoco.MjModel.from_xml_path(str(CONFIGS / "minimal.xml")).nsite
+
+
+def test_init_names_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    code, output = call("init", CONFIGS / "minimal.xml", "--out", tmp_path / "file" / "rig.yaml")
+    assert code == 2
+    assert f"{tmp_path / 'file'}: the output folder cannot be written" in output
+
+
 def test_the_shipped_schema_is_the_one_that_is_printed() -> None:
     shipped = json.loads((CONFIGS / "rig.schema.json").read_text())
     assert shipped == json.loads(call("schema")[1]), "run: rigcast schema > configs/rig.schema.json"
