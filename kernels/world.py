@@ -66,7 +66,7 @@ class World:
         """All that an update and a cast read and write by now, for whoever repeats them."""
         geometry = Geometry()
         geometry.assign(self.geometry)
-        return [geometry, self._top.refits]
+        return [geometry, self._top.launch]
 
     def set_shapes(self, shapes: Shapes) -> None:
         """Take other sizes and local boxes; the next update makes them count.

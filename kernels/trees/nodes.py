@@ -110,33 +110,6 @@ def node_of(
     return node
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return true;
-#else
-    return false;
-#endif
-""")
-def are_by_ends() -> bool:  # type: ignore[empty-body]
-    """Whether boxes of nodes are kept by their ends here."""
-
-
-@wp.func
-def node_by_ends(
-    lower_x: vec8, lower_y: vec8, lower_z: vec8, upper_x: vec8, upper_y: vec8, upper_z: vec8, child: vec8i
-) -> Node:
-    """The same as CUDA has it."""
-    node = Node()
-    node.center_x = lower_x
-    node.center_y = lower_y
-    node.center_z = lower_z
-    node.half_x = upper_x
-    node.half_y = upper_y
-    node.half_z = upper_z
-    node.child = child
-    return node
-
-
 @wp.func
 def empty_node() -> Node:
     node = Node()

@@ -26,7 +26,7 @@ from rigcast.kernels.vectors import to_float
 
 from .boxes import Box, empty_box, farthest_finite, join
 from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from .nodes import NO_CHILD, OUTWARDS, WIDTH, Node, are_by_ends, node_by_ends, node_of, vec8
+from .nodes import NO_CHILD, OUTWARDS, WIDTH, Node, node_of, vec8
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -115,42 +115,37 @@ def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: wp.array[F
         upper_y[j] = fit.box.upper[1]
         upper_z[j] = fit.box.upper[2]
         whole = with_child(whole, fit)
-    if are_by_ends():
-        g.top[at] = node_by_ends(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, children)
-    else:
-        g.top[at] = node_of(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, children)
+    g.top[at] = node_of(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, children)
     fits[at] = with_own_box(whole)
 
 
 @wp.struct
 class Refit:
-    """Nodes begin to end - 1 of every tree, so many threads for each, and what is fitted around them."""
+    """What is fitted around the nodes of all trees, anchored at a shape, and the area of the boxes of each."""
 
-    threads: int
-    begin: int
-    end: int
     anchor_shape: int
     fits: wp.array[Fit]
     area: wp.array[float]
 
 
+@wp.func
+def end_refit(g: Geometry, span: int, anchor: wp.vec3d, these: Refit) -> None:
+    """What there is to know of a tree whose nodes have been fitted."""
+    root = span * g.top_count
+    g.anchor[span] = anchor
+    g.top_reach[span] = these.fits[root].reach
+    these.area[span] = these.fits[root].area
+
+
 @wp.kernel
 def refit(first: int, g: Geometry, these: Refit) -> None:
-    """Fit nodes, the last first.
-
-    One thread may do all of a tree, or many one node each, of a level whose children have been fitted before.
-    """
-    span = (first + wp.tid()) / these.threads
+    """Fit the nodes of one tree, the last first. On the CPU: rigcast.kernels.trees.refit_in_blocks is CUDA's."""
+    span = first + wp.tid()
     anchor = anchor_of(g, span, these.anchor_shape)
     root = span * g.top_count
-    node = these.end - 1 - (first + wp.tid()) % these.threads
-    while node >= these.begin:
-        fit_node(g, span, root + node, anchor, these.fits)
-        node -= these.threads
-    if these.begin == 0:
-        g.anchor[span] = anchor
-        g.top_reach[span] = these.fits[root].reach
-        these.area[span] = these.fits[root].area
+    for k in range(g.top_count):
+        fit_node(g, span, root + g.top_count - 1 - k, anchor, these.fits)
+    end_refit(g, span, anchor, these)
 
 
 @wp.kernel

@@ -1,12 +1,13 @@
 """The trees over the shapes of a geometry, one for each span: planted, refitted, and built anew when they are loose."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.launching.slices import launch_over_rays, prepare_over_rays
 
 from .fit import REBUILD_RATIO, Fit
@@ -40,9 +41,9 @@ class TopTrees:
         self._set_nodes(empty_nodes(1))
 
     @property
-    def refits(self) -> Sequence[Callable[[], object]]:
-        """The launches of a fit, which hold what they read and write besides the geometry."""
-        return self._refits
+    def launch(self) -> Callable[[], object]:
+        """Of a fit: it holds what it reads and writes besides the geometry."""
+        return self._launch
 
     @property
     def bytes_per_tree(self) -> int:
@@ -73,8 +74,7 @@ class TopTrees:
         """Fit the trees to the poses as they are by now, of as many worlds and instants as before."""
         if self._instants > 1:
             launch_over_rays(turn_shapes, self._geometry.turn.size, [self._geometry], [], self._device)
-        for fit in self._refits:
-            fit()
+        self._launch()
         if self._mean_area() > REBUILD_RATIO * self._built_area:
             self._build()
 
@@ -94,8 +94,7 @@ class TopTrees:
             self._anchor_shape = int(bounded[np.argmin(offset)])
         self._set_nodes(nodes)
         self._plant()
-        for fit in self._refits:
-            fit()
+        self._launch()
         self._built_area = float(self._area.numpy().mean())
 
     def _set_nodes(self, nodes: npt.NDArray[np.void]) -> None:
@@ -109,23 +108,20 @@ class TopTrees:
         self._geometry.top_count = self._nodes.size
         self._geometry.top = wp.empty(count, dtype=Node, device=self._device)
         launch_over_rays(plant, count, [self._nodes], [self._geometry.top], self._device)
-        self._refits = list(self._prepare_refits())
+        self._launch = self._prepare_launch()
 
-    def _prepare_refits(self) -> Iterator[Callable[[], object]]:
-        """On the CPU, a thread for some of the trees; on CUDA, one for every node of a level, level after level."""
-        shapes, nodes = max(1, self._geometry.kind.size), self._nodes.size
-        if self._device.is_cpu:
-            yield self._prepare_refit(1, 0, nodes, trees_per_slice=max(1, LEAVES_PER_SLICE // shapes))
-            return
-        for begin, end in reversed(self._levels):
-            yield self._prepare_refit(end - begin, begin, end, trees_per_slice=1)
-
-    def _prepare_refit(self, threads: int, begin: int, end: int, trees_per_slice: int) -> Callable[[], object]:
+    def _prepare_launch(self) -> Callable[[], object]:
+        """On the CPU a thread for some of the trees, on CUDA a block of threads for each."""
         these = Refit()
-        these.threads, these.begin, these.end, these.anchor_shape = threads, begin, end, self._anchor_shape
-        these.fits, these.area = self._fits, self._area
-        inputs, slice_size = [self._geometry, these], threads * trees_per_slice
-        return prepare_over_rays(refit, self._spans * threads, inputs, [], self._device, slice_size)
+        these.anchor_shape, these.fits, these.area = self._anchor_shape, self._fits, self._area
+        if self._device.is_cpu:
+            trees = max(1, LEAVES_PER_SLICE // max(1, self._geometry.kind.size))
+            return prepare_over_rays(refit, self._spans, [self._geometry, these], [], self._device, trees)
+        from .refit_in_blocks import BLOCK, refit_in_blocks  # here, as nothing but CUDA needs it
+
+        levels = wp.array(self._levels, dtype=int, device=self._device)
+        inputs = [self._geometry, BLOCK, levels, these]
+        return recorded(refit_in_blocks, self._spans * BLOCK, inputs, [], self._device, BLOCK)
 
     def _first_boxes(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         shapes = self._geometry.kind.size
@@ -152,8 +148,8 @@ class TopTrees:
         return area
 
 
-def _by_level(nodes: npt.NDArray[np.void]) -> tuple[npt.NDArray[np.void], list[tuple[int, int]]]:
-    """The nodes level by level from the root, and where each level begins and ends."""
+def _by_level(nodes: npt.NDArray[np.void]) -> tuple[npt.NDArray[np.void], list[int]]:
+    """The nodes level by level from the root, and where each level begins, and the last one ends."""
     depth = np.zeros(len(nodes), int)
     for at, child in enumerate(nodes["child"]):
         depth[child[child >= 0]] = depth[at] + 1
@@ -163,8 +159,7 @@ def _by_level(nodes: npt.NDArray[np.void]) -> tuple[npt.NDArray[np.void], list[t
     nodes = nodes[order]
     child = nodes["child"]
     nodes["child"] = np.where(child >= 0, place[np.maximum(child, 0)], child)
-    ends = np.cumsum(np.bincount(depth)).tolist()
-    return nodes, list(zip([0, *ends], ends, strict=False))
+    return nodes, [0, *np.cumsum(np.bincount(depth)).tolist()]
 
 
 def _tree_over(

@@ -31,6 +31,7 @@ _BEFORE = """
 #define __fdividef(x, y) ((x) / (y))
 #define __ldg(address) (*(address))
 #define __shared__ static
+#define __syncthreads()
 using std::max, std::min;
 int __float_as_int(float x) { int bits; std::memcpy(&bits, &x, sizeof(bits)); return bits; }
 float rsqrtf(float x) { return 1 / std::sqrt(x); }

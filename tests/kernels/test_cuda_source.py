@@ -27,7 +27,8 @@ from rigcast.kernels.single.threads.cast import InThreads, cast_rays
 from rigcast.kernels.single.threads.several import cast_rays_of_several
 from rigcast.kernels.trees.fit import Fit
 from rigcast.kernels.trees.nodes import Node, by_ends
-from rigcast.kernels.trees.top_level import Refit, refit
+from rigcast.kernels.trees.refit_in_blocks import refit_in_blocks
+from rigcast.kernels.trees.top_level import Refit
 from rigcast.kernels.trees.unfolded import lead_to_nodes, nodes_of, patches_of
 from rigcast.kernels.world import World
 
@@ -132,13 +133,16 @@ def test_no_ray_slips_through(aim: str, offset: float, is_baked: bool, begin_cud
 
 def test_trees_over_shapes_have_the_boxes_of_the_cpu_by_their_ends(tmp_path: Path) -> None:
     g = many_worlds()[0].geometry
-    on_cpu = by_ends(g.top.numpy())
+    on_cpu, anchor, reach = by_ends(g.top.numpy()), g.anchor.numpy(), g.top_reach.numpy()
     these = Refit()
-    these.threads, these.end, these.anchor_shape = 1, g.top_count, len(g.kind)
+    these.anchor_shape = len(g.kind)
     worlds = g.top.size // g.top_count
     these.fits, these.area = wp.empty(g.top.size, dtype=Fit, device="cpu"), wp.empty(worlds, dtype=float, device="cpu")
-    CudaSource(refit, tmp_path).launch(np.arange(worlds), [0, g, these])
+    levels = wp.array([*range(g.top_count + 1)], dtype=int, device="cpu")  # children come after their parents
+    g.top_reach.zero_()
+    CudaSource(refit_in_blocks, tmp_path).launch(np.arange(worlds), [g, 1, levels, these])
     got = g.top.numpy()
     for end in (f"{name}_{axis}" for name in ("center", "half") for axis in "xyz"):
         np.testing.assert_allclose(got[end], on_cpu[end], rtol=1e-6, atol=1e-5, err_msg=end)
-    np.testing.assert_array_equal(got["child"], on_cpu["child"])
+    np.testing.assert_array_equal(g.anchor.numpy(), anchor)
+    np.testing.assert_allclose(g.top_reach.numpy(), reach, rtol=1e-6)

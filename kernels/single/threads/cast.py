@@ -10,10 +10,10 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits.out import write_miss
 from rigcast.kernels.launching.recorded import recorded
+from rigcast.kernels.on_cuda import on_cuda
 from rigcast.kernels.rays.arrays import firing_of
 from rigcast.kernels.single.cast import Job, is_castable, ray_number, read_ray, world_ray, write_hit
 
-from .native import on_cuda
 from .ray import Frame, Ray, cast_ray
 from .walk import ENTRIES, address_of_stack, address_of_visible
 

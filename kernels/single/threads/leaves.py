@@ -18,9 +18,8 @@ is off 0 by more has its sign for sure, and so have, where all three are, the ed
 import warp as wp
 
 from rigcast.kernels.geometry import Patch, TriangleBlock
+from rigcast.kernels.on_cuda import on_cuda
 from rigcast.kernels.trees.nodes import FIRST_PATCH
-
-from .native import on_cuda
 
 
 # Coordinates of a block's triangle lie eight numbers apart; where those of a patch are, its cells and their triangles,

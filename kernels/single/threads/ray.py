@@ -9,6 +9,7 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry, Patch
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from rigcast.kernels.inline import noinline
+from rigcast.kernels.on_cuda import on_cuda
 from rigcast.kernels.poses.scope import entry_of, pose_at
 from rigcast.kernels.shapes.facets import (
     FIRST_IN_PATCHES,
@@ -34,7 +35,6 @@ from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH
 from rigcast.kernels.vectors import lowest_bit, norm1, smaller, to_double, to_float
 
 from .leaves import passed_in_leaf
-from .native import on_cuda
 from .solids import triage_closed_form
 from .walk import address_of_nodes, next_leaf
 

@@ -2,10 +2,9 @@
 
 import warp as wp
 
+from rigcast.kernels.on_cuda import on_cuda
 from rigcast.kernels.trees.nodes import Node
 from rigcast.kernels.trees.tree import STACK
-
-from .native import on_cuda
 
 ENTRIES = wp.constant(2 * STACK)
 """Of a stack for both levels."""

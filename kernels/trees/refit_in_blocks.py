@@ -1,0 +1,114 @@
+"""Trees over shapes fitted on CUDA: a block of threads for each, all its levels in one launch.
+
+Threads take the children of a level, and then its nodes, one each: none waits for the poses of many shapes. Boxes of
+nodes are kept by their ends, see rigcast.kernels.trees.nodes.
+"""
+
+import warp as wp
+
+from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.on_cuda import on_cuda
+
+from .boxes import empty_box
+from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
+from .nodes import NO_CHILD, WIDTH, Node
+from .top_level import Refit, anchor_of, end_refit, span_box
+
+BLOCK = 128
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 8})
+
+
+@wp.func_native(on_cuda("__syncthreads(); return 0;"))
+def meet() -> int:  # type: ignore[empty-body]
+    """The threads of a block wait for each other, and see what all have written."""
+
+
+@wp.func_native(on_cuda("return nodes.data[at].child[j];"))
+def child_of(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[empty-body]
+    """Read alone, as below: Warp would copy the node."""
+
+
+@wp.func_native(
+    on_cuda("""
+    const auto& node = nodes.data[at];
+    return {node.center_x[j], node.center_y[j], node.center_z[j]};
+""")
+)
+def lower_end(nodes: wp.array[Node], at: int, j: int) -> wp.vec3:
+    """Of the box of child j."""
+
+
+@wp.func_native(
+    on_cuda("""
+    const auto& node = nodes.data[at];
+    return {node.half_x[j], node.half_y[j], node.half_z[j]};
+""")
+)
+def upper_end(nodes: wp.array[Node], at: int, j: int) -> wp.vec3:
+    """Of the box of child j."""
+
+
+@wp.func_native(
+    on_cuda("""
+    auto& node = nodes.data[at];
+    node.center_x[j] = lower[0], node.center_y[j] = lower[1], node.center_z[j] = lower[2];
+    node.half_x[j] = upper[0], node.half_y[j] = upper[1], node.half_z[j] = upper[2];
+    return 0;
+""")
+)
+def set_ends(nodes: wp.array[Node], at: int, j: int, lower: wp.vec3, upper: wp.vec3) -> int:  # type: ignore[empty-body]
+    """Of the box of child j."""
+
+
+@wp.func
+def fit_child(g: Geometry, span: int, at: int, j: int, anchor: wp.vec3d, fits: wp.array[Fit]) -> None:
+    """Fit the box of child j of node `at`; that of a node is known by then."""
+    child = child_of(g.top, at, j)
+    box = empty_box()
+    if child >= 0:
+        box = fits[child].box
+    elif child != NO_CHILD:
+        box = span_box(g, span, -1 - child, anchor)
+    set_ends(g.top, at, j, box.lower, box.upper)
+
+
+@wp.func
+def fit_around(g: Geometry, at: int, fits: wp.array[Fit]) -> None:
+    """What node `at` holds, whose children have been fitted before."""
+    whole = no_fit()
+    for j in range(WIDTH):
+        child = child_of(g.top, at, j)
+        if child >= 0:
+            whole = with_child(whole, fits[child])
+        elif child != NO_CHILD:
+            whole = with_child(whole, fit_of_leaf(make_box(lower_end(g.top, at, j), upper_end(g.top, at, j))))
+    fits[at] = with_own_box(whole)
+
+
+@wp.func
+def fit_levels(g: Geometry, span: int, thread: int, threads: int, levels: wp.array[int], these: Refit) -> None:
+    """One thread's part of a tree."""
+    anchor = anchor_of(g, span, these.anchor_shape)
+    root = span * g.top_count
+    for k in range(levels.shape[0] - 1):
+        begin = levels[levels.shape[0] - 2 - k]
+        end = levels[levels.shape[0] - 1 - k]
+        at = begin * WIDTH + thread
+        while at < end * WIDTH:
+            fit_child(g, span, root + at / WIDTH, at % WIDTH, anchor, these.fits)
+            at += threads
+        meet()
+        at = begin + thread
+        while at < end:
+            fit_around(g, root + at, these.fits)
+            at += threads
+        meet()
+    if thread == 0:
+        end_refit(g, span, anchor, these)
+
+
+@wp.kernel
+def refit_in_blocks(g: Geometry, threads: int, levels: wp.array[int], these: Refit) -> None:
+    """Fit the nodes of every tree. levels: where each begins among the nodes, and where the last one ends."""
+    fit_levels(g, wp.tid() / threads, wp.tid() % threads, threads, levels, these)
