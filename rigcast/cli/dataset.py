@@ -18,6 +18,7 @@ from rigcast.dataset.making.episode import Result
 from rigcast.dataset.making.generate import Done, Report, make_dataset, missing_units, warm_kernels
 from rigcast.dataset.reading import open_dataset
 from rigcast.dataset.storage.manifest import MANIFEST_NAME
+from rigcast.dataset.storage.shards import ENTRY_NAME, without_entry
 from rigcast.dataset.storage.stores import is_url
 from rigcast.sensors.errors import InputError
 
@@ -55,6 +56,8 @@ def dataset(
     missing = missing_units(read, folder, part)
     count = len(read.units()[part[0] - 1 :: part[1]])
     say(console, f"{config}: {len(missing)} of {count} episodes to make, {chosen.workers} at a time, in {folder}")
+    for place in without_entry(folder, [unit.name for unit in missing]):
+        say(console, f"{place}: has no {ENTRY_NAME}, so it is not whole: made anew")
     if missing:
         with word_if_compiling(console):
             warm_kernels(read, device)

@@ -1,13 +1,14 @@
 """What is wrong with the file of a data set beyond itself: with its names, its rig, and what else it names."""
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
 
 from rigcast.export.fields import field_names
 from rigcast.export.formats import FORMATS
-from rigcast.rig_file import compile_model, read_rig
+from rigcast.rig_file import RigConfig, compile_model, read_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.faults import Fault
@@ -18,13 +19,14 @@ from .functions import find_function
 from .motion import read_motion
 
 _LOW, _HIGH = 0, 1
+_KINDS = {"body": mujoco.mjtObj.mjOBJ_BODY, "site": mujoco.mjtObj.mjOBJ_SITE, "camera": mujoco.mjtObj.mjOBJ_CAMERA}
 _TAKEN = ("failed", "unfinished")  # folders beside those of scenes
 
 
 def faults_in(file: DatasetFile, folder: Path) -> list[Fault]:
     """folder: which its paths are relative to. Raises InputError for a rig with faults, shown in the rig's own file."""
     of_inputs = [*_name_faults(file), *_rig_faults(file, folder), *_scene_faults(file, folder)]
-    of_inputs += _pose_faults(file, folder)
+    of_inputs += _name_faults_in_scenes(file, folder)
     return [*of_inputs, *_controller_faults(file, folder), *_output_faults(file), *_field_faults(file, folder)]
 
 
@@ -61,32 +63,61 @@ def _scene_faults(file: DatasetFile, folder: Path) -> list[Fault]:
     return faults
 
 
-def _pose_faults(file: DatasetFile, folder: Path) -> list[Fault]:
-    """Bodies to be moved that the file of a scene does not have; what functions make is known in their episodes."""
-    if not file.randomise.poses:
-        return []
+def _name_faults_in_scenes(file: DatasetFile, folder: Path) -> list[Fault]:
+    """What the files of scenes lack of what is named elsewhere; what functions make is known in their episodes."""
+    rig = read_rig(folder / file.rig) if (folder / file.rig).is_file() else None
     faults = []
-    for scene in file.scenes:
-        bodies = None if scene.file is None else _movable_bodies(folder / scene.file)
-        faults += [
-            Fault(
-                ("randomise", "poses", name),
-                f"no body {name!r} that can be moved in the scene {scene.name!r}, {expected_one_of(name, bodies)}",
-                at_key=True,
-            )
-            for name in file.randomise.poses
-            if bodies is not None and name not in bodies
-        ]
+    for i, scene in enumerate(file.scenes):
+        names = None if scene.file is None else _names_in(folder / scene.file)
+        if names is not None:
+            faults += _pose_faults(file, scene.name, names["body"][1:])
+            faults += [] if rig is None else _rig_faults_in_scene(rig, i, names)
     return faults
 
 
-def _movable_bodies(path: Path) -> list[str] | None:
-    """Their names, read without meshes, which take long; None where the file cannot be read, which its episodes say."""
+def _pose_faults(file: DatasetFile, scene: str, bodies: list[str]) -> list[Fault]:
+    """Bodies to be moved that are not among those that can be."""
+    return [
+        Fault(
+            ("randomise", "poses", name),
+            f"no body {name!r} that can be moved in the scene {scene!r}, {expected_one_of(name, bodies)}",
+            at_key=True,
+        )
+        for name in file.randomise.poses
+        if name not in bodies
+    ]
+
+
+def _rig_faults_in_scene(rig: RigConfig, i: int, names: Mapping[str, list[str]]) -> list[Fault]:
+    """What sensors and props are mounted on, and what filters exclude, that the i-th scene lacks."""
+    mounts = [(each.name, each.mount) for each in (*rig.sensors, *rig.props)]
+    wanted = [
+        (mount.parent, getattr(mount, mount.parent), f"on which {name!r} of the rig is mounted")
+        for name, mount in mounts
+        if mount.parent != "world"
+    ]
+    wanted += [
+        ("body", body, f"which the filter of {sensor.name!r} in the rig excludes")
+        for sensor in rig.sensors
+        for body in sensor.filter.exclude_bodies
+    ]
+    return [
+        Fault(("scenes", i, "file"), f"no {kind} {name!r} there, {what}; {expected_one_of(name, names[kind])}")
+        for kind, name, what in dict.fromkeys(wanted)
+        if name not in names[kind]
+    ]
+
+
+def _names_in(path: Path) -> dict[str, list[str]] | None:
+    """Names by kind, read without meshes, which take long; None where the file cannot be read, as its episodes say."""
     try:
         if path.suffix == ".mjb":
             model = compile_model(path)
-            return model_names(model, mujoco.mjtObj.mjOBJ_BODY, model.nbody)[1:]
-        return [body.name for body in mujoco.MjSpec.from_file(str(path)).bodies[1:] if body.name]
+            counts = {"body": model.nbody, "site": model.nsite, "camera": model.ncam}
+            return {kind: model_names(model, _KINDS[kind], count) for kind, count in counts.items()}
+        spec = mujoco.MjSpec.from_file(str(path))
+        elements = {"body": spec.bodies, "site": spec.sites, "camera": spec.cameras}
+        return {kind: [each.name for each in found if each.name] for kind, found in elements.items()}
     except (InputError, ValueError, mujoco.FatalError):
         return None
 

@@ -122,8 +122,19 @@ def appearing(folder: Path, name: str) -> Iterator[Path]:
             temporary.parent.rmdir()
 
 
+def without_entry(folder: Path, names: Sequence[str]) -> list[Path]:
+    """The folders of these shards that lack their entry: a shard appears with it, but may be copied in part.
+
+    A machine that loses its power may leave some too.
+    """
+    places = [folder / name for name in names]
+    return [place for place in places if place.is_dir() and not (place / ENTRY_NAME).is_file()]
+
+
 def sweep(folder: Path, names: Sequence[str]) -> None:
-    """Remove what workers that were killed have left of these shards."""
+    """Remove what workers that were killed have left of these shards, and shards without an entry."""
+    for place in without_entry(folder, names):
+        shutil.rmtree(place, ignore_errors=True)
     mine = {name.replace("/", "-") for name in names}
     unfinished = folder / UNFINISHED_NAME
     for path in unfinished.iterdir() if unfinished.is_dir() else ():

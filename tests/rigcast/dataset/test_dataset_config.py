@@ -70,6 +70,39 @@ def test_bodies_to_be_moved_are_looked_for_in_every_file_that_can_be_read(path: 
         read_dataset(path)  # its episodes fail, and say why
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "body: cart, pos: [0, 0, 0.5]",
+            "body: carts",
+            "no body 'carts' there, on which 'top' of the rig is mounted; e",
+        ),
+        (
+            "body: cart, pos: [0.3, 0, 0]",
+            "site: eye",
+            "no site 'eye' there, on which 'front' of the rig is mounted; nor",
+        ),
+        (
+            "body: cart, pos: [0.3, 0, 0]",
+            "camera: eye",
+            "no camera 'eye' there, on which 'front' of the rig is mounted",
+        ),
+        ("columns: 36", "columns: 36\n    filter: {exclude_bodies: [art]}", "no body 'art' there, which the filter of"),
+    ],
+)
+@pytest.mark.parametrize("scene", ["room.xml", "room.mjb"])
+def test_what_a_scene_lacks_of_the_rig_is_told_before_its_episodes(
+    path: Path, old: str, new: str, message: str, scene: str
+) -> None:
+    mujoco.mj_saveModel(mujoco.MjModel.from_xml_path(str(path.parent / "room.xml")), str(path.parent / "room.mjb"))
+    edited(path, "file: room.xml", f"file: {scene}")
+    edited(path.parent / "rig.yaml", old, new)
+    with pytest.raises(InputError) as caught:
+        read_dataset(path)
+    assert str(caught.value).startswith(f"{path}:3:24: scenes[0].file: {message}")
+
+
 def test_mistakes_are_shown_all_at_once(path: Path) -> None:
     edited(path, "file: room.xml", "file: none.xml")
     edited(path, ":room", ":rom")

@@ -50,6 +50,16 @@ def test_parts_of_an_array_job_make_the_whole(folder: Path, whole: dict[str, byt
     assert (code, "0 of 4 episodes to make" in output) == (0, True)
 
 
+def test_a_shard_without_its_entry_is_told(folder: Path) -> None:
+    shard = folder / "out/set/room/000001"
+    shard.mkdir(parents=True)
+    (shard / "frames.npz").write_text("half")
+    code, output = call("--device", "cpu")
+    assert (code, output.count("has no entry.json")) == (0, 1), output
+    assert "room/000001: has no entry.json" in output
+    assert "has no entry.json" not in call("--device", "cpu")[1]
+
+
 def test_an_episode_that_fails_is_told_with_its_reason(folder: Path) -> None:
     edited(folder / "set.yaml", ":push", ":broken")
     code, output = call("--device", "cpu")
