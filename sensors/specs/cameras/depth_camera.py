@@ -16,6 +16,9 @@ from .lens import AnyLens, BrownConrady, Lens
 from .ranging import Stereo, TimeOfFlight
 
 Pixels = Annotated[int, Field(ge=1)]
+# Within these limits, which no lens comes near, no ray's length overflows: |(u - cx) / fx| < 2e15.
+Focal = Annotated[float, Field(ge=1e-6)]
+Principal = Annotated[float, Field(ge=-1e9, le=1e9)]
 _FOCAL = ("fx", "fy", "cx", "cy")
 
 # Columns: the optical frame's right, down and forward in the mount's axes (x forward, y left, z up).
@@ -51,10 +54,10 @@ class DepthCamera(SensorSpec):
     fov_y_deg: float | None = Field(
         default=None, gt=0, lt=180, description="vertical field of view [deg]; pixels square, image centred"
     )
-    fx: float | None = Field(default=None, gt=0, description="horizontal focal length [pixels]")
-    fy: float | None = Field(default=None, gt=0, description="vertical focal length [pixels]")
-    cx: float | None = Field(default=None, description="principal point from the image's left edge [pixels]")
-    cy: float | None = Field(default=None, description="principal point from the image's top edge [pixels]")
+    fx: Focal | None = Field(default=None, description="horizontal focal length [pixels]")
+    fy: Focal | None = Field(default=None, description="vertical focal length [pixels]")
+    cx: Principal | None = Field(default=None, description="principal point from the image's left edge [pixels]")
+    cy: Principal | None = Field(default=None, description="principal point from the image's top edge [pixels]")
 
     distortion: AnyLens | None = Field(
         default=None, description="the lens, with fx, fy, cx and cy or those of the MJCF camera; null: a pinhole"

@@ -58,6 +58,12 @@ def test_ray_goes_through_the_pixels_centre(
     np.testing.assert_allclose(np.linalg.norm(pattern.directions, axis=-1), 1, atol=1e-15)
 
 
+@pytest.mark.parametrize("principal", [-1e9, 1e9])
+def test_rays_at_the_limits_of_the_optics_have_a_length(model: mujoco.MjModel, principal: float) -> None:
+    pattern = camera(fx=1e-6, fy=1e-6, cx=principal, cy=principal).pattern(model)
+    np.testing.assert_allclose(np.linalg.norm(pattern.directions, axis=-1), 1, atol=1e-15)
+
+
 def test_readings_are_rows_by_columns(model: mujoco.MjModel) -> None:
     pattern = camera(**FOCAL).pattern(model)
     assert pattern.shape == (6, 8)
@@ -270,7 +276,9 @@ def test_unfit_mjcf_cameras_are_refused(model: mujoco.MjModel, arguments: dict[s
         ({"fov_y_deg": 180}, "fov_y_deg: must be less than 180, got 180"),
         ({"fov_y_deg": 0}, "fov_y_deg: must be greater than 0, got 0"),
         ({"fov_y_deg": "58 deg"}, r"fov_y_deg: must be a number, got '58 deg' \(.*\[deg\]"),
-        ({**FOCAL, "fy": 0.0}, "fy: must be greater than 0"),
+        ({**FOCAL, "fy": 0.0}, r"fy: must be greater than or equal to 0\.000001, got 0"),
+        ({**FOCAL, "fx": 1e-300}, r"fx: must be greater than or equal to 0\.000001, got 1e-300"),
+        ({**FOCAL, "cx": 1e200}, r"cx: must be less than or equal to 1000000000, got 1e\+200"),
         ({"fov_y_deg": 50, "resolution": (0, 480)}, r"resolution\[0\]: must be greater than or equal to 1"),
         ({"fov_y_deg": 50, "resolution": (640.5, 480)}, r"resolution\[0\]: must be an integer, got 640.5"),
         ({"fov_y_deg": 50, "resolution": (640, 10**6)}, "resolution: makes 6.40e.8 rays, expected at most 67108864"),
