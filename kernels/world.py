@@ -165,7 +165,7 @@ class World:
             "root": wp.array(root, dtype=int, device=self.device),
             "columns": wp.array(cells, dtype=int, device=self.device),
         }
-        are_in_plots = self._first_plot is None and (cells.reshape(-1, self._count) > 0).any(axis=0)
+        are_in_plots = self._first_plot is None and (cells.reshape(-1, max(1, self._count)) > 0).any(axis=0)
         self.geometry.fields = wp.array(np.flatnonzero(are_in_plots), dtype=int, device=self.device)
 
     def update(self, position: Poses, rotation: Poses, part: slice | None = None) -> None:

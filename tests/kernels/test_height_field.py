@@ -15,6 +15,7 @@ from made_worlds import (
     assert_same,
     cast_through,
     field,
+    random_rays,
     random_rotations,
     rays_of,
     unit,
@@ -259,3 +260,12 @@ def test_a_field_of_other_cells_in_as_many_plots_has_its_own_faces() -> None:
     got = cast_through(world, origins, (0, 0, -1))
     plan.trees = [after.tree]
     assert_same(got, cast_through(plan.world(), origins, (0, 0, -1)))
+
+
+def test_a_field_that_no_shape_has_is_not_hit() -> None:
+    plan = Plan()
+    plan.add_tree(field(5, 8, 0.3).tree)
+    world = World(plan.trees, Plan().shapes, "cpu")
+    world.update(*Plan().poses())
+    got = cast_through(world, *random_rays(1, 100))
+    assert (got.shape == -1).all()
