@@ -146,10 +146,17 @@ def join_poses(position: wp.array2d[wp.vec3d], rotation: wp.array2d[wp.mat33d], 
     poses[w, 3, 3] = wp.float64(1.0)
 
 
+def _of_each_kind(kernel: wp.Kernel) -> dict[type, wp.Kernel]:
+    """The kernel for positions of each type: Warp would look for it at every launch, which takes longer than that."""
+    kinds = ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d))
+    return {
+        vector: wp.overload(kernel, {"position": wp.array2d[vector], "rotation": wp.array2d[matrix]})
+        for vector, matrix in kinds
+    }
+
+
 # every kind at once, so that the module is compiled once
-for _vector, _matrix in ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)):
-    for _kernel in (place_on_carrier, copy_frames):
-        wp.overload(_kernel, {"position": wp.array2d[_vector], "rotation": wp.array2d[_matrix]})
+_PLACE_ON_CARRIER, _COPY_FRAMES = _of_each_kind(place_on_carrier), _of_each_kind(copy_frames)
 
 
 BYTES_PER_FRAME = 96
@@ -178,7 +185,8 @@ class Frames:
         """Make the first of these those of the carriers."""
         outputs = [self.position, self.rotation]
         inputs = [carriers.position, carriers.rotation]
-        wp.launch(copy_frames, carriers.position.shape, inputs=inputs, outputs=outputs, device=self.position.device)
+        kernel = _COPY_FRAMES[carriers.position.dtype]
+        wp.launch(kernel, carriers.position.shape, inputs=inputs, outputs=outputs, device=self.position.device)
 
     def place(
         self,
@@ -197,7 +205,8 @@ class Frames:
         everywhere = wp.empty(0, dtype=wp.bool, device=device) if active is None else active
         inputs = [carriers.position, carriers.rotation, on.which, on.offset, on.turn, yaw_aligned, everywhere]
         outputs = [self.position, self.rotation, slot]
-        wp.launch(place_on_carrier, self.position.shape[0], inputs=inputs, outputs=outputs, device=device)
+        kernel = _PLACE_ON_CARRIER[carriers.position.dtype]
+        wp.launch(kernel, self.position.shape[0], inputs=inputs, outputs=outputs, device=device)
 
     def poses(self, out: wp.array | None = None) -> wp.array:
         """(nworld, 4, 4) float64, those of the first frame."""
