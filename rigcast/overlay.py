@@ -28,13 +28,23 @@ def overlay(viewer: Any, frames: Frame | Iterable[Frame], *, size: float = 0.01,
     Returns:
         How many points were drawn, at most as many as the scene has room for.
 
+    Raises:
+        InputError: no viewer, no frames, frames of many worlds, or a size that is not positive.
+
     >>> with mujoco.viewer.launch_passive(model, data) as viewer:
     ...     rigcast.overlay(viewer, rig.sense(data).values())
     ...     viewer.sync()
     """
-    points, colours = _cloud(as_frames("overlay: frames", [frames] if isinstance(frames, Frame) else frames))
+    if not 0 < size < np.inf:
+        raise InputError(f"overlay: size: got {size}, expected a positive number of metres")
+    listed = as_frames("overlay: frames", [frames] if isinstance(frames, Frame) else frames)
+    for frame in listed:
+        frame.require_one_world()
+    points, colours = _cloud(listed)
     scene, lock = _scene_of(viewer)
     with lock:
+        if scene is not viewer:
+            scene.ngeom = 0
         room = min(most, scene.maxgeom - scene.ngeom)
         chosen = slice(None, None, max(1, -(-len(points) // max(room, 1))))
         return _add_boxes(scene, points[chosen][:room], colours[chosen], size)
@@ -47,7 +57,6 @@ def _scene_of(viewer: Any) -> tuple[mujoco.MjvScene, AbstractContextManager[Any]
     if not isinstance(scene, mujoco.MjvScene):
         expected = "expected the viewer of mujoco.viewer.launch_passive, or an MjvScene"
         raise InputError(f"overlay: viewer: got {type(viewer).__name__} without a scene of its own, {expected}")
-    scene.ngeom = 0
     return scene, viewer.lock()
 
 

@@ -32,7 +32,9 @@ def dataset(
         str | None, typer.Option(help="folder to write to, with --verify also a URL  [default: out/<config>]")
     ] = None,
     engine: Annotated[EngineName, typer.Option(help="where episodes are made")] = "in-process",
-    workers: Annotated[int | None, typer.Option(min=1, help="how many at a time  [default: one per CPU]")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="of processes or ray, at a time  [default: one per CPU]")
+    ] = None,
     address: Annotated[str | None, typer.Option(help="of a Ray cluster to join, such as auto; implies ray")] = None,
     shard: Annotated[str | None, typer.Option(metavar="I/N", help="only the I-th of N parts, from 1 to N")] = None,
     device: Device = None,
@@ -92,6 +94,8 @@ def _part(shard: str | None) -> tuple[int, int]:
 
 def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
     if name == "in-process":
+        if workers is not None:
+            raise InputError(f"--workers: got {workers} with --engine in-process, expected processes or ray")
         return InProcess()
     return Processes(workers) if name == "processes" else Ray(address, workers)
 

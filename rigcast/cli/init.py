@@ -1,6 +1,7 @@
 """`rigcast init`: a first rig for a model."""
 
 import os
+import shlex
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
@@ -27,7 +28,8 @@ def init(
     schema = str(files("rigcast.configs") / "rig.schema.json")
     with replacing(path) as temporary:
         temporary.write_text(starter_rig(compiled, _beside(path, model), schema), encoding="utf-8")
-    typer.echo(f"{path}: written; try `rigcast validate {path}` and `rigcast run {path}`")
+    name = shlex.quote(str(path))
+    typer.echo(f"{path}: written; try `rigcast validate {name}` and `rigcast run {name}`")
 
 
 def _beside(rig: Path, model: Path) -> str:

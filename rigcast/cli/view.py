@@ -2,6 +2,7 @@
 
 import math
 import webbrowser
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -36,7 +37,7 @@ def view(
     save: Annotated[
         Path | None, typer.Option(help="write a page (.html) or a rerun recording (.rrd) in place of showing it")
     ] = None,
-    duration: Annotated[float, typer.Option(help="time to simulate of a rig, s")] = 1.0,
+    duration: Annotated[float | None, typer.Option(help="time to simulate of a rig, s  [default: 1]")] = None,
     model: ModelPath = None,
     device: Device = None,
     overrides: Overrides = None,
@@ -48,18 +49,29 @@ def view(
     """
     console = Console(highlight=False)
     suffix = _suffix(save)
+    recorded = target.is_dir() or is_bag(target)
+    if recorded:
+        _refuse({"--duration": duration, "--model": model, "--device": device, "--set": overrides}, target)
     if suffix == ".rrd":
         load_rerun()  # before what may take long
     if save is not None:
         make_writable(save.parent)
-    if target.is_dir() or is_bag(target):
+    if recorded:
         seen = _recorded(target, suffix)
     else:
-        seen = _simulated(console, target, model, duration, device, overrides or [], suffix)
+        simulated = 1.0 if duration is None else duration
+        seen = _simulated(console, target, model, simulated, device, overrides or [], suffix)
     if suffix == ".rrd":
         _show_in_rerun(console, target.stem, seen, save)
     else:
         _show_page(console, target.stem, seen.shots, save)
+
+
+def _refuse(options: Mapping[str, object], target: Path) -> None:
+    """Raise InputError where one of these options of rigs was given."""
+    given = [name for name, value in options.items() if value not in (None, [])]
+    if given:
+        raise InputError(f"{', '.join(given)}: expected with a rig only; {target} is shown as it was recorded")
 
 
 def _suffix(save: Path | None) -> str:

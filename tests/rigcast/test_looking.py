@@ -159,3 +159,22 @@ def test_what_is_no_viewer_is_refused(frames: dict[str, rigcast.Frame], viewer: 
 def test_what_is_no_frame_is_refused(model: mujoco.MjModel) -> None:
     with pytest.raises(rigcast.InputError, match="overlay: frames: got str, expected Frame"):
         rigcast.overlay(Viewer(model, 9), ["top"])  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize("size", [0.0, -0.01, np.nan, np.inf])
+def test_points_without_a_size_are_refused(
+    model: mujoco.MjModel, frames: dict[str, rigcast.Frame], size: float
+) -> None:
+    with pytest.raises(rigcast.InputError, match=r"overlay: size: got .*, expected a positive number of metres"):
+        rigcast.overlay(Viewer(model, 9), frames["top"], size=size)
+
+
+def test_frames_of_many_worlds_are_not_drawn_over_each_other(model: mujoco.MjModel) -> None:
+    lidar = rigcast.Lidar(name="top", mount=rigcast.Mount(pos=(0, 0, 1)), elevation_deg=[-20], columns=8)
+    worlds = [mujoco.MjData(model) for _ in range(2)]
+    for data in worlds:
+        mujoco.mj_forward(model, data)
+    frame = rigcast.Rig(model, [lidar], device="cpu").sense(worlds)["top"]
+    with pytest.raises(rigcast.InputError, match=r"got a frame of 2 worlds, expected one of one world"):
+        rigcast.overlay(Viewer(model, 99), frame)
+    assert rigcast.overlay(Viewer(model, 99), frame.world(1)) == 8

@@ -146,9 +146,10 @@ def test_init_writes_over_nothing_unless_forced(tmp_path: Path) -> None:
 
 
 def test_init_makes_the_folder_of_its_rig(tmp_path: Path) -> None:
-    rig = tmp_path / "rigs" / "first" / "rig.yaml"
+    rig = tmp_path / "rigs" / "my first" / "rig.yaml"
     code, output = call("init", CONFIGS / "minimal.xml", "--out", rig)
     assert code == 0, output
+    assert f"try `rigcast validate '{rig}'`" in output, "it can be pasted, spaces or not"
     assert open_rig(rig)[1].nsite == mujoco.MjModel.from_xml_path(str(CONFIGS / "minimal.xml")).nsite
 
 

@@ -76,6 +76,7 @@ def test_an_episode_that_fails_is_told_with_its_reason(folder: Path) -> None:
         (["--shard", "3/2"], "--shard: got 3/2, expected a part from 1/2 to 2/2"),
         (["--shard", "1/0"], "--shard: got '1/0', expected I/N, such as 1/8"),
         (["--shard", "half"], "--shard: got 'half', expected I/N, such as 1/8"),
+        (["--workers", "4"], "--workers: got 4 with --engine in-process, expected processes or ray"),
         (["--set", "seed=-1"], "--set:1:6: seed: must be greater than or equal to 0"),
         (["--verify", "--out", "none"], "none/dataset.json: not the manifest of a data set: No such file or directory"),
     ],

@@ -145,6 +145,14 @@ def test_a_page_of_nothing_is_refused(folder: Path) -> None:
         write_page(folder / "none.html", "none", [])
 
 
+@pytest.mark.parametrize(
+    "given", [["--duration", "4"], ["--model", "other.xml"], ["--device", "cpu"], ["--set", "seed=3"]], ids=" ".join
+)
+def test_options_of_a_rig_are_refused_where_a_run_is_shown(tmp_path: Path, given: list[str]) -> None:
+    code, output = call("view", tmp_path, *given, "--save", tmp_path / "page.html")
+    assert (code, output) == (2, f"{given[0]}: expected with a rig only; {tmp_path} is shown as it was recorded\n")
+
+
 @pytest.mark.parametrize("formats", ["npz", "exr,ply"])
 def test_a_run_is_read_back(folder: Path, frames: list[rigcast.Frame], formats: str) -> None:
     out = folder / formats
