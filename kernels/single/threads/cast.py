@@ -15,7 +15,7 @@ from rigcast.kernels.rays.arrays import firing_of
 from rigcast.kernels.single.cast import Job, is_castable, ray_number, read_ray, world_ray, write_hit
 
 from .ray import Frame, Ray, cast_ray
-from .walk import ENTRIES, address_of_stack, address_of_visible
+from .walk import ENTRIES, address_of_stack
 
 BLOCK = 128
 """Threads of a block."""
@@ -116,7 +116,6 @@ def cast_share(
         if k < count:
             ray[0].number = ray_number(k, job.rays, which)
             ray[0].world = world_ray(held, job, ray[0].number, firing_of(job.rays, ray[0].number))
-            ray[0].visible = address_of_visible(job.visible, ray[0].world.scope.first_visible)
             if is_castable(ray[0].world):
                 cast_ray(g, held, ray, frames, stack)
                 write_hit(held, job.out, ray[0].number, ray[0].best, ray[0].world)
@@ -135,6 +134,7 @@ def cast_rays(
     As many threads as fill warps. Arguments of a kernel are read as fast as what is in registers, so one sensor, which
     most rigs have, does not go the way of several.
     """
+    g.visible = job.visible
     cast_share(0, g, held[0], job, which, count, taken)
 
 

@@ -1,7 +1,7 @@
 """One ray through both levels of the geometry.
 
 The geometry is given twice: as it is, in which case NVIDIA's compiler makes no copies of it and no detours to its
-arrays, and in memory, for functions that all casts share.
+arrays, and in memory, for functions that all casts share. It has what is visible to the ray's sensor.
 """
 
 import warp as wp
@@ -36,7 +36,7 @@ from rigcast.kernels.vectors import lowest_bit, norm1, smaller, to_double, to_fl
 
 from .leaves import passed_in_leaf
 from .solids import triage_closed_form
-from .walk import address_of_nodes, next_leaf
+from .walk import address_of_nodes, address_of_visible, next_leaf
 
 OVER_SHAPES, IN_SHAPE = wp.constant(0), wp.constant(1)
 """The levels, each with a frame of its own."""
@@ -58,7 +58,6 @@ class Ray:
     """A ray in the world, the first of its hits so far, the shape whose triangles it is held against, and its level."""
 
     number: int  # among all of its sensor's
-    visible: wp.uint64  # where it begins whether its sensor sees shapes
     world: WorldRay
     best: Hit
     shape: int
@@ -197,11 +196,9 @@ def meet_leaf(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames:
     passed = passed_in_leaf(
         g.blocks, g.patches, leaf, origin, rest, frames[IN_SHAPE].direction, frames[IN_SHAPE].margin
     )
-    inside = passed >> WIDTH
-    passed = passed & 255
-    while passed != 0:
+    while passed & 255 != 0:
         j = lowest_bit(passed)
-        if inside & (1 << j) != 0:
+        if (passed >> (WIDTH + j)) & 1 != 0:
             meet_inside(g, held, ray, frames, leaf * WIDTH + j)
         else:
             meet_at_edge(held, ray, frames, leaf * WIDTH + j)
@@ -250,8 +247,9 @@ def cast_ray(
     is_over = bool(False)
     while not is_over:
         level = ray[0].level
+        first_visible = ray[0].world.scope.first_visible
         nodes = wp.where(level == IN_SHAPE, address_of_nodes(g.nodes), address_of_nodes(g.top))
-        visible = wp.where(level == IN_SHAPE, wp.uint64(0), ray[0].visible)
+        visible = wp.where(level == IN_SHAPE, wp.uint64(0), address_of_visible(g.visible, first_visible))
         limit = smaller(ray[0].best.far * APART, ray[0].world.limit)
         origin = frames[level].origin
         inverse = frames[level].inverse

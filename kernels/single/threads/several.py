@@ -12,7 +12,7 @@ from rigcast.kernels.single.cast import is_castable, ray_number, read_ray, world
 
 from .cast import BLOCK, BLOCKS, Share, lane, place_of_frames, place_of_ray, turn_of_warp
 from .ray import Frame, Ray, cast_ray
-from .walk import ENTRIES, address_of_stack, address_of_visible
+from .walk import ENTRIES, address_of_stack
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 8})
 
@@ -26,6 +26,7 @@ def cast_shares(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Shar
     frames = wp.array(ptr=place_of_frames(), shape=(2,), dtype=Frame)
     for sensor in range(shares.shape[0]):
         share = shares[sensor]
+        g.visible = share[0].job.visible
         first = turn_of_warp(taken, sensor)
         while first < share[0].count:
             k = first + lane()
@@ -33,7 +34,6 @@ def cast_shares(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Shar
                 i = ray_number(k, share[0].job.rays, share[0].which)
                 ray[0].number = i
                 ray[0].world = world_ray(held[sensor], share[0].job, i, firing_of(share[0].job.rays, i))
-                ray[0].visible = address_of_visible(share[0].job.visible, ray[0].world.scope.first_visible)
                 if is_castable(ray[0].world):
                     cast_ray(g, held[sensor], ray, frames, stack)
                     write_hit(held[sensor], share[0].job.out, ray[0].number, ray[0].best, ray[0].world)
