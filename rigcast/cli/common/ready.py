@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Timer
 
 import mujoco
@@ -43,9 +43,14 @@ def _warnings_as_words(console: Console) -> Iterator[None]:
 @contextmanager
 def word_if_compiling(console: Console) -> Iterator[None]:
     """Say that kernels are being compiled where the body takes longer than loading them."""
-    timer = Timer(_PATIENCE, console.print, ["compiling kernels, on first use only: about 20 s"])
+    timer = Timer(_PATIENCE, _say_compiling, [console])
     timer.start()
     try:
         yield
     finally:
         timer.cancel()
+
+
+def _say_compiling(console: Console) -> None:
+    with suppress(OSError):  # the command's own next line meets it too, where it is told
+        console.print("compiling kernels, on first use only: about 20 s")

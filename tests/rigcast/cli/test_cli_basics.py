@@ -1,18 +1,23 @@
 """The shell gets tables, or one message and exit code 2, never a traceback."""
 
+import errno
+import io
 import json
 import os
 import subprocess
 import sys
+import threading
 from importlib.metadata import version
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 import rigcast.cli.presets
 from rigcast.cli import app
+from rigcast.cli.common import ready
 from rigcast.rig_file.file import RigFile
 from rigcast.sensors.specs.presets import preset_names
 
@@ -134,6 +139,19 @@ def test_a_pipe_that_nobody_reads_ends_a_command_without_a_word(arguments: list[
         os.close(write)
 
 
+def test_a_run_whose_words_nobody_reads_is_recorded_whole(rig: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    out = rig.parent / "out"
+    try:
+        outside = "sensors.top.mount.pos=[0, 0, 9]"  # of the torso, of which there would be a word before
+        code, _ = run_main("run", str(rig), "--device", "cpu", "--out", str(out), "--set", outside, stdout=write)
+    finally:
+        os.close(write)
+    assert code == 141
+    assert sorted(path.name for path in out.iterdir()) == ["frames.npz", "front", "ids.json", "top"]
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this machine")
 @pytest.mark.parametrize("arguments", LONG_ANSWERS, ids=" ".join)
 def test_a_full_disk_at_standard_output_is_told_in_one_line(arguments: list[str]) -> None:
@@ -229,3 +247,21 @@ def test_schema_requires_what_no_preset_gives(sensor: str, required: set[str]) -
 @pytest.mark.parametrize("key", ["max_range", "columns", "elevation_deg"])
 def test_schema_gives_no_default_that_a_file_could_not_hold(key: str) -> None:
     assert "default" not in schema()["$defs"]["Lidar"]["properties"][key]
+
+
+class Full(io.StringIO):
+    """A file on a full disk."""
+
+    def write(self, _text: str) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_word_of_compiling_that_cannot_be_written_is_left_out(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(ready, "_PATIENCE", 0.0)
+    before = set(threading.enumerate())
+    with ready.word_if_compiling(Console(file=Full())):
+        for thread in set(threading.enumerate()) - before:
+            thread.join()
+    assert capsys.readouterr().err == ""
