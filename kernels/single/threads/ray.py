@@ -119,8 +119,8 @@ triangle_in = triangle_of_patches("triangle_in", wp.array[Patch], corner_in)
 """)
 )
 def quotient(x: float, y: float) -> float:  # type: ignore[empty-body]
-    """x / y, rounded almost as it should be, without what NVIDIA's compiler does for numbers near the ends of float32:
-    there it may be NaN."""
+    """x / y, off by no more than u = eps / 2 of it, without what NVIDIA's compiler adds for numbers near the ends of
+    float32: there it may be NaN."""
 
 
 @wp.func_native(on_cuda("return ::rsqrtf(x);"))
