@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from rigcast.export.files import make_writable, replacing
+from rigcast.export.files import make_room_for, replacing
 from rigcast.rig_file import compile_model
 from rigcast.rig_file.starter import starter_rig
 from rigcast.sensors.errors import InputError
@@ -22,9 +22,9 @@ def init(
     """Write a commented rig for a model: a depth camera on each of its cameras, a lidar on sites named like one."""
     compiled = compile_model(model)
     path = Path(f"{model.stem}.yaml") if out is None else out
+    make_room_for(path)
     if path.exists() and not force:
         raise InputError(f"{path}: is there already; --force writes over it")
-    make_writable(path.parent)
     schema = str(files("rigcast.configs") / "rig.schema.json")
     with replacing(path) as temporary:
         temporary.write_text(starter_rig(compiled, _beside(path, model), schema), encoding="utf-8")

@@ -14,7 +14,7 @@ from rich.console import Console
 from rigcast.cli.common.options import Device, ModelPath, Overrides, counted, say
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
-from rigcast.export.files import make_writable, replacing
+from rigcast.export.files import make_room_for, replacing
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -55,7 +55,7 @@ def view(
     if suffix == ".rrd":
         load_rerun()  # before what may take long
     if save is not None:
-        make_writable(save.parent)
+        make_room_for(save)
     if recorded:
         seen = _recorded(target, suffix)
     else:
@@ -145,7 +145,7 @@ def _show_in_rerun(console: Console, title: str, seen: _Seen, save: Path | None)
 
 def _show_page(console: Console, title: str, shots: list[Shot], save: Path | None) -> None:
     path = Path("out") / f"{title}.html" if save is None else save
-    make_writable(path.parent)
+    make_room_for(path)
     with replacing(path) as temporary:
         write_page(temporary, title, shots)
     say(console, f"{path}: {counted(len(shots), 'frame')}")

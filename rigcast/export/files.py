@@ -50,6 +50,17 @@ def make_writable(folder: Path) -> None:
         raise InputError(f"{folder}: the output folder cannot be written: {reason}") from error
 
 
+def make_room_for(file: Path) -> None:
+    """Create the folder of a file if need be and try it, as `make_writable` does.
+
+    Raises:
+        InputError: a folder has the file's name, or its own cannot be written.
+    """
+    if file.is_dir():
+        raise InputError(f"{file}: is a folder, expected the name of a file")
+    make_writable(file.parent)
+
+
 def require_disk_space(folder: Path, size: int) -> None:
     """Raise OSError(ENOSPC) where less than `size` bytes are free.
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from rigcast.export.files import make_writable, replacing
+from rigcast.export.files import make_room_for, replacing
 from rigcast.sensors.errors import InputError
 
 RigPath = Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)]
@@ -30,7 +30,7 @@ def console_beside(json_file: Path | None) -> Console:
     Raises InputError, before anything is worked out, where the file could not be written.
     """
     if json_file not in (None, _STANDARD_OUTPUT):
-        make_writable(json_file.parent)
+        make_room_for(json_file)
     return Console(highlight=False, quiet=json_file == _STANDARD_OUTPUT)
 
 
@@ -40,7 +40,7 @@ def require_png(option: str, picture: Path | None) -> None:
         return
     if picture.suffix.lower() != ".png":
         raise InputError(f"{option}: got {str(picture)!r}, expected a name that ends in .png")
-    make_writable(picture.parent)
+    make_room_for(picture)
 
 
 def say(console: Console, line: str) -> None:

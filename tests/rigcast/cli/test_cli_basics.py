@@ -182,6 +182,28 @@ def test_a_file_for_json_that_cannot_be_written_is_told_at_once(rig: Path, comma
     assert "rig.yaml/sub: the output folder cannot be written" in output
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["check", "rig.yaml", "--json", "folder.png"],
+        ["check", "rig.yaml", "--json", "."],
+        ["init", "robot.xml", "--out", "folder.png", "--force"],
+        ["init", "robot.xml", "--out", ".", "--force"],
+        ["presets", "velodyne_vlp16", "--picture", "folder.png"],
+        ["view", "rig.yaml", "--save", "folder.html"],
+    ],
+    ids=" ".join,
+)
+def test_a_folder_in_place_of_a_file_is_told_at_once(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
+) -> None:
+    monkeypatch.chdir(rig.parent)
+    for name in ("folder.png", "folder.html"):
+        Path(name).mkdir()
+    name = next(name for name in arguments if Path(name).is_dir())
+    assert call(*arguments) == (2, f"{name}: is a folder, expected the name of a file")
+
+
 @pytest.mark.parametrize("arguments", [["validat"], ["validate"], ["presets", "--bogus"]])
 def test_bad_usage_exits_with_2(arguments: list[str]) -> None:
     assert call(*arguments)[0] == 2
