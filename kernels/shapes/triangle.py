@@ -43,7 +43,7 @@ and that one shows. No ray slips through for it: all triangles whose edges it is
 import warp as wp
 
 from rigcast.kernels.trees.nodes import vec8
-from rigcast.kernels.vectors import Interval, interval, larger, norm1, smaller
+from rigcast.kernels.vectors import Interval, interval, larger, norm1, quotient, smaller
 
 CULL_NONE = wp.constant(0)
 CULL_BACK = wp.constant(1)
@@ -190,6 +190,25 @@ def triage_triangle(
     reach = larger(norm1(v0), larger(norm1(v1), norm1(v2)))
     error = DISTANCE_ROUNDING * (reach + wp.abs(t)) / wp.abs(slope)
     is_hit = is_inside and not (is_sure and (t < 0.0 or is_culled(slope, cull)))
+    near = wp.where(is_hit, wp.where(is_sure, t - error, 0.0), wp.inf)
+    far = wp.where(is_hit and is_sure, t + error, wp.inf)
+    return interval(near, far)
+
+
+@wp.func
+def triage_inside(direction: wp.vec3, v0: wp.vec3, normal: wp.vec3, cull: int) -> Interval:
+    """The same of a triangle that the ray surely passes inside.
+
+    Args:
+        v0: any of its vertices as seen from the ray's origin.
+        normal: the unit winding normal.
+    """
+    slope = wp.dot(direction, normal)
+    height = wp.dot(v0, normal)
+    t = quotient(height, slope)
+    error = quotient(DISTANCE_ROUNDING * (norm1(v0) + wp.abs(t)), wp.abs(slope))
+    is_sure = wp.abs(slope) > GRAZING and wp.abs(height) > ROUNDING * norm1(v0)
+    is_hit = not (is_sure and (t < 0.0 or is_culled(slope, cull)))
     near = wp.where(is_hit, wp.where(is_sure, t - error, 0.0), wp.inf)
     far = wp.where(is_hit and is_sure, t + error, wp.inf)
     return interval(near, far)

@@ -34,13 +34,15 @@ from .native import on_cpu
     const auto size = [](floats u, floats v) { return __builtin_elementwise_abs(u) + __builtin_elementwise_abs(v); };
     const floats zero = off * (size(au, av) + size(bu, bv) + size(cu, cv)) + twice_squared;
     const floats most = larger(s0, larger(s1, s2)), least = smaller(s0, smaller(s1, s2));
-    return bits_of(smaller(most, -least) <= zero);
+    return bits_of(smaller(most, -least) <= zero) | bits_of(larger(least, -most) > zero) << 8;
 """)
 )
 def passed_in_block(  # type: ignore[empty-body]
     blocks: wp.array[TriangleBlock], k: int, origin: wp.vec3, rest: wp.vec3, direction: wp.vec3, margin: float
 ) -> int:
     """Bit by bit, triangles of block k all of whose edges a ray from origin + rest may pass on one side.
+
+    From the ninth bit on, those whose edges it surely passes so, which it therefore meets inside.
 
     Args:
         margin: 8u (|P| + |O|), as boxes are widened by.

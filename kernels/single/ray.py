@@ -14,10 +14,10 @@ from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.hit import APART, Hit, WorldRay, decided, hit_within, is_beyond, is_sure, no_hit
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.poses.scope import Scope, is_somewhere, pose_of
-from rigcast.kernels.shapes.facets import normal_of_block, triangle_of_block
+from rigcast.kernels.shapes.facets import normal_of_block, triangle_of_block, vector_of_block
 from rigcast.kernels.shapes.patches import compose, is_in_plots, open_plot
 from rigcast.kernels.shapes.solids import SHEET, has_triangles, triage_closed_form
-from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_triangle
+from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_inside, triage_triangle
 from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, WIDTH, Node
 from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double, to_float
 
@@ -108,6 +108,14 @@ def nearer(g: wp.array[Geometry], ray: Ray, best: Hit, hit: Hit) -> Hit:
 
 
 @wp.func
+def meet_inside(blocks: wp.array[TriangleBlock], at: int, ray: Ray, number: int) -> Hit:
+    """The ray against triangle `at` of the blocks, which it surely passes inside; number: as below."""
+    v0 = (vector_of_block(blocks, at, 0) - ray.origin) - ray.origin_rest
+    span = triage_inside(ray.direction, v0, normal_of_block(blocks, at), ray.cull)
+    return hit_within(span[0], span[1], ray.shape, number)
+
+
+@wp.func
 def meet_triangle(blocks: wp.array[TriangleBlock], at: int, ray: Ray, number: int) -> Hit:
     """The ray against triangle `at` of the blocks; number: of the triangle of the tree."""
     v = triangle_of_block(blocks, at)
@@ -137,10 +145,15 @@ def visit_leaf(
         blocks = composed
         k = 0
     passed = passed_in_block(blocks, k, ray.origin, ray.origin_rest, ray.direction, ray.margin)
-    while passed != 0:
+    while passed & 255 != 0:
         j = lowest_bit(passed)
+        hit = Hit()
+        if (passed >> (WIDTH + j)) & 1 != 0:
+            hit = meet_inside(blocks, k * WIDTH + j, ray, index * WIDTH + j)
+        else:
+            hit = meet_triangle(blocks, k * WIDTH + j, ray, index * WIDTH + j)
         passed = passed & (passed - 1)
-        best = nearer(g, ray, best, meet_triangle(blocks, k * WIDTH + j, ray, index * WIDTH + j))
+        best = nearer(g, ray, best, hit)
     return best
 
 

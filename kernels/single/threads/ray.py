@@ -20,19 +20,11 @@ from rigcast.kernels.shapes.facets import (
     vector_of_block,
 )
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
-from rigcast.kernels.shapes.triangle import (
-    CULL_FRONT,
-    CULL_NONE,
-    DISTANCE_ROUNDING,
-    GRAZING,
-    ROUNDING,
-    is_culled,
-    triage_triangle,
-)
+from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_inside, triage_triangle
 from rigcast.kernels.single.ray import SMALLEST, box_margin
 from rigcast.kernels.single.walk import leaf_of, top_of
 from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH
-from rigcast.kernels.vectors import lowest_bit, norm1, smaller, to_double, to_float
+from rigcast.kernels.vectors import lowest_bit, quotient, smaller, to_double, to_float
 
 from .leaves import passed_in_leaf
 from .solids import triage_closed_form
@@ -112,17 +104,6 @@ triangle_in = triangle_of_patches("triangle_in", wp.array[Patch], corner_in)
 """Without a detour through the geometry to the patches."""
 
 
-@wp.func_native(
-    on_cuda("""
-    const float inverse = __fdividef(1.0f, y), q = x * inverse;
-    return ::fmaf(::fmaf(-q, y, x), inverse, q);
-""")
-)
-def quotient(x: float, y: float) -> float:  # type: ignore[empty-body]
-    """x / y, off by no more than u = eps / 2 of it, without what NVIDIA's compiler adds for numbers near the ends of
-    float32: there it may be NaN."""
-
-
 @wp.func_native(on_cuda("return ::rsqrtf(x);"))
 def inverse_root(x: float) -> float:  # type: ignore[empty-body]
     """1 / sqrt(x), off by at most two units in the last place."""
@@ -144,7 +125,7 @@ def normal_in_patch(number: int, v: Triangle) -> wp.vec3:
 def meet_inside(
     g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], number: int
 ) -> None:
-    """A triangle that the ray surely passes inside: `triage_triangle` without its edges."""
+    """A triangle that the ray surely passes inside."""
     corner = wp.vec3()
     normal = wp.vec3()
     if number >= FIRST_IN_PATCHES:
@@ -155,16 +136,8 @@ def meet_inside(
         corner = vector_of_block(g.blocks, number, 0)
         normal = normal_of_block(g.blocks, number)
     v0 = (corner - frames[IN_SHAPE].origin) - frames[IN_SHAPE].origin_rest
-    slope = wp.dot(frames[IN_SHAPE].direction, normal)
-    height = wp.dot(v0, normal)
-    t = quotient(height, slope)
-    error = quotient(DISTANCE_ROUNDING * (norm1(v0) + wp.abs(t)), wp.abs(slope))
-    is_sure = wp.abs(slope) > GRAZING and wp.abs(height) > ROUNDING * norm1(v0)
-    is_hit = not is_sure or (t >= 0.0 and not is_culled(slope, ray[0].cull))
-    if is_hit:
-        near = wp.where(is_sure, t - error, 0.0)
-        far = wp.where(is_sure, t + error, wp.inf)
-        consider(held, ray, hit_within(near, far, ray[0].shape, number))
+    span = triage_inside(frames[IN_SHAPE].direction, v0, normal, ray[0].cull)
+    consider(held, ray, hit_within(span[0], span[1], ray[0].shape, number))
 
 
 @noinline
