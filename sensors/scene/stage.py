@@ -78,6 +78,7 @@ class Stage:
         self._stale = "no poses yet"  # why nothing can be cast at, if so
         self._is_whole = True  # whether the world is not half changed
         self._worlds: int | None = None  # how many there are, if it is a batch of them
+        self.room: object = None  # what the last reading of many worlds needed memory for
         self._prop_mounts = [WorldMounts.by([mount], device) for mount in self._props.mounts]  # in many worlds
         self._gathered: dict[str, Gathered] = {}  # where poses of several MjData are copied together
         self._part: slice | None = None  # which of the worlds stand, if not all

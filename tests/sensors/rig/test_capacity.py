@@ -156,6 +156,29 @@ def test_frames_that_are_written_over_need_no_room(monkeypatch: pytest.MonkeyPat
     assert rig.sense(datas, out=frames)["lidar"].range.ptr == frames["lidar"].range.ptr
 
 
+def test_readings_that_need_as_much_as_the_one_before_do_not_ask_for_free_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot, asked = model(), list[wp.Device]()
+
+    def free_memory(device: wp.Device) -> int:
+        asked.append(device)
+        return 10**9
+
+    monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", free_memory)
+    rig, datas = rig_of(robot, "lidar"), states(robot, 1) * 20
+    frames = rig.sense(datas)
+    rig.sense(datas, out=frames)  # by now what the trees take is known
+    asked.clear()
+    rig.sense(datas, out=frames)
+    assert not asked
+    rig.sense(datas)
+    assert len(asked) == 1, "frames that are held are not written over"
+    rig.sense(datas[:10])
+    rig.sense(datas, out=frames)
+    assert len(asked) == 3, "other numbers of worlds need as much as they do"
+
+
 def test_worlds_that_fit_in_parts_are_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = model()
     rig, datas = rig_of(robot, "lidar"), states(robot, 1) * 20
