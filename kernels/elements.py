@@ -1,7 +1,5 @@
 """Elements of arrays without gaps, by an index from 0 on: of every index Warp asks whether it counts from the end, and
 how far apart elements are.
-
-Numbers alone are returned, as Warp 1.12 knows nothing else to be returned by native functions.
 """
 
 import warp as wp

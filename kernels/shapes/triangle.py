@@ -137,20 +137,22 @@ def inside_edges(s0: float, s1: float, s2: float) -> float:
 
 
 @wp.func
-def may_be_inside(
-    direction: wp.vec3, e0: wp.vec3, e1: wp.vec3, e2: wp.vec3, v0: wp.vec3, v1: wp.vec3, v2: wp.vec3
-) -> bool:
-    """Whether the ray's line may pass all edges on the same side. Arguments as for triage_triangle."""
-    s0 = edge_side(direction, e0, v0, v1)
-    s1 = edge_side(direction, e1, v1, v2)
-    s2 = edge_side(direction, e2, v2, v0)
-    r0 = edge_rounding(e0, v0, v1)
-    r1 = edge_rounding(e1, v1, v2)
-    r2 = edge_rounding(e2, v2, v0)
-    # seen along the winding normal (d . n > 0), s > 0 on all edges inside; seen against it, s < 0
-    is_left = smaller(s0 + r0, smaller(s1 + r1, s2 + r2)) >= 0.0
-    is_right = larger(s0 - r0, larger(s1 - r1, s2 - r2)) <= 0.0
-    return is_left or is_right
+def triage_inside(direction: wp.vec3, v0: wp.vec3, normal: wp.vec3, cull: int) -> Interval:
+    """As triage_triangle, of a triangle whose edges the ray surely passes on the same side.
+
+    Args:
+        v0: any of its vertices as seen from the ray's origin.
+        normal: the unit winding normal.
+    """
+    slope = wp.dot(direction, normal)
+    height = wp.dot(v0, normal)
+    t = quotient(height, slope)
+    error = quotient(DISTANCE_ROUNDING * (norm1(v0) + wp.abs(t)), wp.abs(slope))
+    is_sure = wp.abs(slope) > GRAZING and wp.abs(height) > ROUNDING * norm1(v0)
+    is_hit = not (is_sure and (t < 0.0 or is_culled(slope, cull)))
+    near = wp.where(is_hit, wp.where(is_sure, t - error, 0.0), wp.inf)
+    far = wp.where(is_hit and is_sure, t + error, wp.inf)
+    return interval(near, far)
 
 
 @wp.func
@@ -167,8 +169,7 @@ def triage_triangle(
 ) -> Interval:
     """From where to where the distance to the triangle along the unit direction may be.
 
-    (+inf, +inf) on a sure miss, (0, +inf) where rounding could make a hit of a miss. Free of branches, so
-    that loops over triangles are vectorised.
+    (+inf, +inf) on a sure miss, (0, +inf) where rounding could make a hit of a miss.
 
     Args:
         e0, e1, e2: V0 - V1, V1 - V2, V2 - V0.
@@ -181,37 +182,14 @@ def triage_triangle(
     r0 = edge_rounding(e0, v0, v1)
     r1 = edge_rounding(e1, v1, v2)
     r2 = edge_rounding(e2, v2, v0)
-    is_inside = may_be_inside(direction, e0, e1, e2, v0, v1, v2)
-    is_off_edges = smaller(wp.abs(s0) - r0, smaller(wp.abs(s1) - r1, wp.abs(s2) - r2)) > 0.0
-    slope = wp.dot(direction, normal)
-    height = wp.dot(v0, normal)
-    is_sure = is_off_edges and wp.abs(slope) > GRAZING and wp.abs(height) > ROUNDING * norm1(v0)
-    t = height / slope
-    reach = larger(norm1(v0), larger(norm1(v1), norm1(v2)))
-    error = DISTANCE_ROUNDING * (reach + wp.abs(t)) / wp.abs(slope)
-    is_hit = is_inside and not (is_sure and (t < 0.0 or is_culled(slope, cull)))
-    near = wp.where(is_hit, wp.where(is_sure, t - error, 0.0), wp.inf)
-    far = wp.where(is_hit and is_sure, t + error, wp.inf)
-    return interval(near, far)
-
-
-@wp.func
-def triage_inside(direction: wp.vec3, v0: wp.vec3, normal: wp.vec3, cull: int) -> Interval:
-    """The same of a triangle that the ray surely passes inside.
-
-    Args:
-        v0: any of its vertices as seen from the ray's origin.
-        normal: the unit winding normal.
-    """
-    slope = wp.dot(direction, normal)
-    height = wp.dot(v0, normal)
-    t = quotient(height, slope)
-    error = quotient(DISTANCE_ROUNDING * (norm1(v0) + wp.abs(t)), wp.abs(slope))
-    is_sure = wp.abs(slope) > GRAZING and wp.abs(height) > ROUNDING * norm1(v0)
-    is_hit = not (is_sure and (t < 0.0 or is_culled(slope, cull)))
-    near = wp.where(is_hit, wp.where(is_sure, t - error, 0.0), wp.inf)
-    far = wp.where(is_hit and is_sure, t + error, wp.inf)
-    return interval(near, far)
+    # seen along the winding normal (d . n > 0), s > 0 on all edges inside; seen against it, s < 0
+    is_left = smaller(s0 + r0, smaller(s1 + r1, s2 + r2)) >= 0.0
+    is_right = larger(s0 - r0, larger(s1 - r1, s2 - r2)) <= 0.0
+    if not (is_left or is_right):
+        return interval(wp.inf, wp.inf)
+    if smaller(wp.abs(s0) - r0, smaller(wp.abs(s1) - r1, wp.abs(s2) - r2)) <= 0.0:
+        return interval(0.0, wp.inf)
+    return triage_inside(direction, v0, normal, cull)
 
 
 @wp.struct

@@ -1,9 +1,10 @@
 """Which triangles of a block a ray may pass inside, all eight at once: most blocks have none.
 
 As rigcast.kernels.single.threads.leaves does it for CUDA, where the reasons are, but that products may not be fused
-with sums. Two of the three components of p and q are not 0, so p . O is off by 5u m |O| and the sums for p . P - p . O
-by 5u m |P| + 4u m |O|, and by another 2.7u m (|P| + |O|) for the direction: less than 12u m (|P| + |O|). With 4u m for
-the three roundings of an edge's difference these are the 16u m (|P| + |O|) that are allowed for.
+with sums. Two of the three components of p and q are not 0, so p . O is off by 6u m |O|, two products' roundings and
+two sums', and the sums for p . P - p . O by 5u m |P| + 4u m |O|, and by another 2.7u m (|P| + |O|) for the direction:
+less than 13u m (|P| + |O|). With 2u m for the three roundings of an edge's difference these are less than the
+16u m (|P| + |O|) that are allowed for.
 """
 
 import warp as wp

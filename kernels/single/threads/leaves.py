@@ -10,7 +10,7 @@ are by u m (|P| + 2|O|) and 2u m (|P| + |O|). The ray is not quite at (0, 0), as
 rigcast.kernels.shapes.triangle): it is off by 1.5u m a metre, up to where it meets the triangle, 1.8 (|P| + |O|) away
 at most. Altogether these are less than 10u m (|P| + |O|). If coordinates are off by e, the difference of an edge is off
 by e times the sum of its four coordinates and 2e^2 more; its own three roundings, of products with coordinates up to
-2m (|P| + |O|), are less than 4u m (|P| + |O|) times that sum. So a difference counts as 0 within what comes of
+2m (|P| + |O|), are less than 2u m (|P| + |O|) times that sum. So a difference counts as 0 within what comes of
 e = 16u m (|P| + |O|), which is 2m times what boxes are widened by, and of the coordinates of all three corners. What
 is off 0 by more has its sign for sure, and so have, where all three are, the edges in exact arithmetic.
 """

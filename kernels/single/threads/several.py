@@ -1,6 +1,6 @@
 """The rays of several sensors in one launch on CUDA, so that it does not run empty between them.
 
-What they cast lies in memory, as a kernel takes no arrays of structs, and not among the arguments.
+What they cast lies in memory and not among the arguments, of which a kernel has the same for any number of sensors.
 """
 
 import warp as wp
