@@ -1,8 +1,8 @@
 """The source that Warp generates for CUDA, compiled for the host: where there is no GPU, its threads run on the CPU.
 
-That tests what the source says, launched as on CUDA: a thread for each ray, in any order. It tests nothing of a GPU,
-neither NVIDIA's compiler, nor memory of its own, nor threads at the same time. Products and sums are not fused, as
-NVIDIA's compiler is told too.
+That tests what the source says, launched as on CUDA: one block after the other, and all threads of a block at the same
+time, which wait for each other where the source says so. It tests nothing of a GPU, neither NVIDIA's compiler, nor
+memory of its own, nor blocks at the same time. Products and sums are not fused, as NVIDIA's compiler is told too.
 """
 
 import ctypes
@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 from warp._src import build
 from warp._src.types import launch_bounds_t
 
-# Warp's own functions as on the CPU, ours with their branches for CUDA, in blocks and warps of one thread
+# Warp's own functions as on the CPU, ours with their branches for CUDA
 _BEFORE = """
 #include <algorithm>
+#include <barrier>
 #include <cmath>
 #include <cstring>
+#include <thread>
 #include <utility>
+#include <vector>
 #define __CUDA_ARCH__ 750
 #define __global__
 #define __launch_bounds__(...)
@@ -31,46 +34,67 @@ _BEFORE = """
 #define __fdividef(x, y) ((x) / (y))
 #define __ldg(address) (*(address))
 #define __shared__ static
-#define __syncthreads()
 using std::max, std::min;
 int __float_as_int(float x) { int bits; std::memcpy(&bits, &x, sizeof(bits)); return bits; }
 float rsqrtf(float x) { return 1 / std::sqrt(x); }
-int __shfl_sync(unsigned, int value, int) { return value; }
-int atomicAdd(int* sum, int value) { *sum += value; return *sum - value; }
-struct { unsigned x, y, z; } blockIdx, threadIdx, gridDim = {1, 1, 1}, blockDim = {1, 1, 1};
-const int warpSize = 1;
+int atomicAdd(int* sum, int value) { return __atomic_fetch_add(sum, value, __ATOMIC_SEQ_CST); }
+struct Indices { unsigned x, y, z; };
+Indices blockIdx, gridDim = {1, 1, 1};
+const Indices blockDim = {BLOCK_DIM, 1, 1};
+thread_local Indices threadIdx;
+const int warpSize = 32;
+struct Warp { std::barrier<> all{warpSize}; int value; } warps[BLOCK_DIM / warpSize];
+std::barrier<> block(BLOCK_DIM);
+void __syncthreads() { block.arrive_and_wait(); }
+int __shfl_sync(unsigned, int value, int lane)
+{
+    Warp& warp = warps[threadIdx.x / warpSize];
+    if (threadIdx.x % warpSize == lane) warp.value = value;
+    warp.all.arrive_and_wait();
+    value = warp.value;
+    warp.all.arrive_and_wait();
+    return value;
+}
 extern "C" int _wp_isfinite(double x) { return __builtin_isfinite(x); }
 extern "C" int _wp_isnan(double x) { return __builtin_isnan(x); }
 
 template <class... Args, size_t... Index>
-void run_threads(
-    void (*kernel)(Args...), void** args, const unsigned* threads, unsigned count, std::index_sequence<Index...>)
+void run_blocks(
+    void (*kernel)(Args...), void** args, const unsigned* blocks, unsigned count, std::index_sequence<Index...>)
 {
     gridDim.x = count;
     for (unsigned k = 0; k < count; ++k) {
-        blockIdx.x = threads[k];
-        kernel(*static_cast<Args*>(args[Index])...);
+        blockIdx.x = blocks[k];
+        std::vector<std::thread> threads;
+        for (unsigned i = 0; i < blockDim.x; ++i) {
+            threads.emplace_back([=] { threadIdx.x = i; kernel(*static_cast<Args*>(args[Index])...); });
+        }
+        for (auto& thread : threads) thread.join();
     }
 }
 
 template <class... Args>
-void run_threads(void (*kernel)(Args...), void** args, const unsigned* threads, unsigned count)
+void run_blocks(void (*kernel)(Args...), void** args, const unsigned* blocks, unsigned count)
 {
-    run_threads(kernel, args, threads, count, std::index_sequence_for<Args...>());
+    run_blocks(kernel, args, blocks, count, std::index_sequence_for<Args...>());
 }
 """
 _AFTER = """
-extern "C" void run(void** args, const unsigned* threads, unsigned count)
+extern "C" void run(void** args, const unsigned* blocks, unsigned count)
 {{
-    run_threads({kernel}, args, threads, count);
+    run_blocks({kernel}, args, blocks, count);
 }}
 """
 
 
 class CudaSource:
-    """One kernel's source for CUDA, compiled by g++ in a folder of its own."""
+    """One kernel's source for CUDA, compiled by g++ in a folder of its own.
 
-    def __init__(self, kernel: wp.Kernel, folder: Path) -> None:
+    block_dim: threads of a block, as fill warps.
+    """
+
+    def __init__(self, kernel: wp.Kernel, folder: Path, block_dim: int) -> None:
+        self._block_dim = block_dim
         module = wp.get_module(f"{kernel.key}_alone")
         module.options.update(kernel.module.options)
         wp.Kernel(kernel.func, key=kernel.key, module=module)
@@ -80,16 +104,24 @@ class CudaSource:
         *heads, body = re.split(r'(?<=\.h")\n', source.replace("#define WP_NO_CRT\n", ""))
         path.write_text("\n".join([*heads, _BEFORE, body, _AFTER.format(kernel=name)]))
         headers = Path(wp.__file__).parent / "native"
-        flags = ["-std=c++17", "-O1", "-ffp-contract=off", "-w", "-shared", "-fPIC"]
-        command = ["g++", *flags, f"-I{headers}", str(path), "-o", str(folder / "kernel.so")]
+        flags = ["-std=c++20", "-O1", "-pthread", "-ffp-contract=off", "-w", "-shared", "-fPIC"]
+        command = [
+            "g++",
+            *flags,
+            f"-DBLOCK_DIM={block_dim}",
+            f"-I{headers}",
+            str(path),
+            "-o",
+            str(folder / "kernel.so"),
+        ]
         subprocess.run(command, check=True)
         self._run = ctypes.CDLL(str(folder / "kernel.so")).run
 
-    def launch(self, threads: NDArray[np.integer[Any]], arguments: Sequence[Any]) -> None:
-        """Run these threads of a launch over as many, one after the other; arguments as for `wp.launch`."""
-        packed = [launch_bounds_t((len(threads),)), *map(_packed, arguments)]
+    def launch(self, blocks: NDArray[np.integer[Any]], arguments: Sequence[Any]) -> None:
+        """Run these blocks of a launch over as many, one after the other; arguments as for `wp.launch`."""
+        packed = [launch_bounds_t((len(blocks) * self._block_dim,)), *map(_packed, arguments)]
         pointers = (ctypes.c_void_p * len(packed))(*map(ctypes.addressof, packed))
-        order = np.ascontiguousarray(threads, np.uint32)
+        order = np.ascontiguousarray(blocks, np.uint32)
         self._run(pointers, order.ctypes.data_as(ctypes.c_void_p), len(order))
 
 

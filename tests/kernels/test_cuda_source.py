@@ -27,23 +27,23 @@ from rigcast.kernels.single.threads.cast import InThreads, cast_rays
 from rigcast.kernels.single.threads.several import cast_rays_of_several
 from rigcast.kernels.trees.fit import Fit
 from rigcast.kernels.trees.nodes import Node, by_ends
-from rigcast.kernels.trees.refit_in_blocks import refit_in_blocks
+from rigcast.kernels.trees.refit_in_blocks import BLOCK, refit_in_blocks
 from rigcast.kernels.trees.top_level import Refit
 from rigcast.kernels.trees.unfolded import lead_to_nodes, nodes_of, patches_of
 from rigcast.kernels.world import World
 
-THREADS = 3
+BLOCKS = 3
 pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="no g++ to compile CUDA's source with")
 
 
 @pytest.fixture(scope="module")
 def source_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[wp.Kernel], CudaSource]:
-    return cache(lambda kernel: CudaSource(kernel, tmp_path_factory.mktemp(kernel.key)))
+    return cache(lambda kernel: CudaSource(kernel, tmp_path_factory.mktemp(kernel.key), threads_cast.BLOCK))
 
 
 @pytest.fixture
 def begin_cuda(source_of: Callable[[wp.Kernel], CudaSource], monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """From when this is called, single rays are cast by CUDA's source, in threads one after the other: the first of
+    """From when this is called, single rays are cast by CUDA's source, in blocks one after the other: the first of
     them takes all rays, and the others see that none are left."""
 
     def launch(source: CudaSource, geometry: Geometry, inputs: Sequence[Any]) -> None:
@@ -51,7 +51,7 @@ def begin_cuda(source_of: Callable[[wp.Kernel], CudaSource], monkeypatch: pytest
         nodes, top = (a.numpy() for a in trees)
         nodes = np.concatenate([lead_to_nodes(nodes, len(nodes)), nodes_of(geometry.patches.numpy())])
         geometry.nodes, geometry.top = (wp.array(by_ends(a), dtype=Node, device="cpu") for a in (nodes, top))
-        source.launch(np.arange(THREADS), inputs)
+        source.launch(np.arange(BLOCKS), inputs)
         geometry.nodes, geometry.top = trees
 
     def record(kernel: wp.Kernel, count: int, inputs: Sequence[Any], *others: Any) -> Callable[[], None]:
@@ -132,15 +132,16 @@ def test_no_ray_slips_through(aim: str, offset: float, is_baked: bool, begin_cud
 
 
 def test_trees_over_shapes_have_the_boxes_of_the_cpu_by_their_ends(tmp_path: Path) -> None:
-    g = many_worlds()[0].geometry
+    world = many_worlds()[0]
+    g = world.geometry
     on_cpu, anchor, reach = by_ends(g.top.numpy()), g.anchor.numpy(), g.top_reach.numpy()
     these = Refit()
     these.anchor_shape = len(g.kind)
     worlds = g.top.size // g.top_count
     these.fits, these.area = wp.empty(g.top.size, dtype=Fit, device="cpu"), wp.empty(worlds, dtype=float, device="cpu")
-    levels = wp.array([*range(g.top_count + 1)], dtype=int, device="cpu")  # children come after their parents
+    levels = wp.array(world._top._levels, dtype=int, device="cpu")
     g.top_reach.zero_()
-    CudaSource(refit_in_blocks, tmp_path).launch(np.arange(worlds), [g, 1, levels, these])
+    CudaSource(refit_in_blocks, tmp_path, BLOCK).launch(np.arange(worlds), [g, BLOCK, levels, these])
     got = g.top.numpy()
     for end in (f"{name}_{axis}" for name in ("center", "half") for axis in "xyz"):
         np.testing.assert_allclose(got[end], on_cpu[end], rtol=1e-6, atol=1e-5, err_msg=end)
