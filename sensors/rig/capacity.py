@@ -11,8 +11,8 @@ from rigcast.sensors.errors import InputError, require_type
 
 from .frame import Frame
 
-MOST_RAYS = 2**31 - 1
-"""Of a frame: those of kernels are counted in 32 bits."""
+MOST_RAYS = 2**31 - 2**20
+"""Of a frame: kernels count them in 32 bits, and threads that find none left count on, up to 128 each."""
 
 
 def require_countable(worlds: int, rays: Mapping[str, int]) -> None:

@@ -198,7 +198,7 @@ def test_more_rays_than_kernels_count_are_refused() -> None:
         "geom_xpos": np.broadcast_to(np.float32(0), (11_000, robot.ngeom, 3)),
         "geom_xmat": np.broadcast_to(np.float32(0), (11_000, robot.ngeom, 9)),
     }
-    expected = "11000 worlds of sensor 'wide' have 2200000000 rays, expected at most 2147483647: 10737 worlds"
+    expected = "11000 worlds of sensor 'wide' have 2200000000 rays, expected at most 2146435072: 10732 worlds"
     with pytest.raises(InputError, match=expected):
         rig.sense(batch)
 
