@@ -4,9 +4,8 @@ A tree is an array of nodes of up to eight children each. Node 0 of a tree is it
 parents, and a child is another node (>= 0) or a leaf, written ~leaf (< 0). A box is kept as centre and half size; an
 absent child, NO_CHILD, has half size -inf, which no ray meets.
 
-On CUDA, where rays that go alone read it and nothing else does, a box is kept by its ends, which take them half as
-many operations: the lower one in place of the centre, the upper one in place of the half size. That of an absent child
-is from +inf to -inf.
+On CUDA, where all rays go alone, a box is kept by its ends, which take them half as many operations: the lower one in
+place of the centre, the upper one in place of the half size. That of an absent child is from +inf to -inf.
 """
 
 from collections.abc import Sequence

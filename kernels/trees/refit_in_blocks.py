@@ -14,7 +14,8 @@ from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
 from .nodes import NO_CHILD, WIDTH, Node
 from .top_level import Refit, anchor_of, end_refit, span_box
 
-BLOCK = 128
+BLOCK = wp.constant(128)
+"""Threads of a block."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 8})
 
@@ -87,7 +88,7 @@ def fit_around(g: Geometry, at: int, fits: wp.array[Fit]) -> None:
 
 
 @wp.func
-def fit_levels(g: Geometry, span: int, thread: int, threads: int, levels: wp.array[int], these: Refit) -> None:
+def fit_levels(g: Geometry, span: int, thread: int, levels: wp.array[int], these: Refit) -> None:
     """One thread's part of a tree."""
     anchor = anchor_of(g, span, these.anchor_shape)
     root = span * g.top_count
@@ -97,18 +98,18 @@ def fit_levels(g: Geometry, span: int, thread: int, threads: int, levels: wp.arr
         at = begin * WIDTH + thread
         while at < end * WIDTH:
             fit_child(g, span, root + at / WIDTH, at % WIDTH, anchor, these.fits)
-            at += threads
+            at += BLOCK
         meet()
         at = begin + thread
         while at < end:
             fit_around(g, root + at, these.fits)
-            at += threads
+            at += BLOCK
         meet()
     if thread == 0:
         end_refit(g, span, anchor, these)
 
 
 @wp.kernel
-def refit_in_blocks(g: Geometry, threads: int, levels: wp.array[int], these: Refit) -> None:
+def refit_in_blocks(g: Geometry, levels: wp.array[int], these: Refit) -> None:
     """Fit the nodes of every tree. levels: where each begins among the nodes, and where the last one ends."""
-    fit_levels(g, wp.tid() / threads, wp.tid() % threads, threads, levels, these)
+    fit_levels(g, wp.tid() / BLOCK, wp.tid() % BLOCK, levels, these)

@@ -120,7 +120,7 @@ class TopTrees:
         from .refit_in_blocks import BLOCK, refit_in_blocks  # here, as nothing but CUDA needs it
 
         levels = wp.array(self._levels, dtype=int, device=self._device)
-        inputs = [self._geometry, BLOCK, levels, these]
+        inputs = [self._geometry, levels, these]
         return recorded(refit_in_blocks, self._spans * BLOCK, inputs, [], self._device, BLOCK)
 
     def _first_boxes(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

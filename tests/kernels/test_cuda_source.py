@@ -141,7 +141,7 @@ def test_trees_over_shapes_have_the_boxes_of_the_cpu_by_their_ends(tmp_path: Pat
     these.fits, these.area = wp.empty(g.top.size, dtype=Fit, device="cpu"), wp.empty(worlds, dtype=float, device="cpu")
     levels = wp.array(world._top._levels, dtype=int, device="cpu")
     g.top_reach.zero_()
-    CudaSource(refit_in_blocks, tmp_path, BLOCK).launch(np.arange(worlds), [g, BLOCK, levels, these])
+    CudaSource(refit_in_blocks, tmp_path, BLOCK).launch(np.arange(worlds), [g, levels, these])
     got = g.top.numpy()
     for end in (f"{name}_{axis}" for name in ("center", "half") for axis in "xyz"):
         np.testing.assert_allclose(got[end], on_cpu[end], rtol=1e-6, atol=1e-5, err_msg=end)

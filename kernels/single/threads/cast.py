@@ -22,9 +22,9 @@ BLOCK = 128
 BLOCKS = 4
 """Of a multiprocessor: 16 warps, for each of whose threads there are 128 registers."""
 RAY_DOUBLES = wp.types.type_size_in_bytes(Ray) // 8 | 1
-"""From one thread's ray to the next one's, in 8 bytes; FRAME_FLOATS is it between their frames, in 4. They are odd, so
-that threads which read the same of theirs do not read from one bank."""
 FRAME_FLOATS = 2 * wp.types.type_size_in_bytes(Frame) // 4 | 1
+"""How far apart threads' rays are, in 8 bytes, and their frames, in 4: odd, so that threads which read the same of
+theirs do not read from one bank."""
 MOST = 8
 """Sets of others with which launches of a cast are kept: one sensor's frames may be held for longer than another's."""
 
