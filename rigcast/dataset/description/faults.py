@@ -25,9 +25,10 @@ _TAKEN = ("failed", "unfinished")  # folders beside those of scenes
 
 def faults_in(file: DatasetFile, folder: Path) -> list[Fault]:
     """folder: which its paths are relative to. Raises InputError for a rig with faults, shown in the rig's own file."""
-    of_inputs = [*_name_faults(file), *_rig_faults(file, folder), *_scene_faults(file, folder)]
-    of_inputs += _name_faults_in_scenes(file, folder)
-    return [*of_inputs, *_controller_faults(file, folder), *_output_faults(file), *_field_faults(file, folder)]
+    rig = read_rig(folder / file.rig) if (folder / file.rig).is_file() else None
+    of_inputs = [*_name_faults(file), *_rig_faults(file, folder, rig), *_scene_faults(file, folder)]
+    of_inputs += _name_faults_in_scenes(file, folder, rig)
+    return [*of_inputs, *_controller_faults(file, folder), *_output_faults(file), *_field_faults(file, rig)]
 
 
 def _name_faults(file: DatasetFile) -> list[Fault]:
@@ -39,11 +40,10 @@ def _name_faults(file: DatasetFile) -> list[Fault]:
     ]
 
 
-def _rig_faults(file: DatasetFile, folder: Path) -> list[Fault]:
-    """A rig that is not there; one with faults of its own raises InputError that shows them in its file."""
-    if not (folder / file.rig).is_file():
+def _rig_faults(file: DatasetFile, folder: Path, rig: RigConfig | None) -> list[Fault]:
+    """A rig that is not there, or has faults when it is randomised."""
+    if rig is None:
         return [Fault(("rig",), f"{folder / file.rig} is not a file")]
-    read_rig(folder / file.rig)
     faults = []
     for end in (_LOW, _HIGH):
         try:
@@ -63,9 +63,8 @@ def _scene_faults(file: DatasetFile, folder: Path) -> list[Fault]:
     return faults
 
 
-def _name_faults_in_scenes(file: DatasetFile, folder: Path) -> list[Fault]:
+def _name_faults_in_scenes(file: DatasetFile, folder: Path, rig: RigConfig | None) -> list[Fault]:
     """What the files of scenes lack of what is named elsewhere; what functions make is known in their episodes."""
-    rig = read_rig(folder / file.rig) if (folder / file.rig).is_file() else None
     faults = []
     for i, scene in enumerate(file.scenes):
         names = None if scene.file is None else _names_in(folder / scene.file)
@@ -148,10 +147,10 @@ def _output_faults(file: DatasetFile) -> list[Fault]:
     return []
 
 
-def _field_faults(file: DatasetFile, folder: Path) -> list[Fault]:
-    if not (folder / file.rig).is_file():
+def _field_faults(file: DatasetFile, rig: RigConfig | None) -> list[Fault]:
+    if rig is None:
         return []  # which is a fault of its own
-    kinds = {spec.name: spec.type for spec in read_rig(folder / file.rig).sensors}
+    kinds = {spec.name: spec.type for spec in rig.sensors}
     faults = []
     for sensor, chosen in file.output.fields.items():
         where = ("output", "fields", sensor)
