@@ -185,24 +185,25 @@ The short version is the first table and [what was to be reached](#what-was-to-b
 
 ## Beside other casters
 
-A frame is: poses are updated, all rays of a sensor are cast, and distances, ids and normals (those that the caster reports)
-are handed over as numpy arrays.
+A frame is: poses are updated, all rays of a sensor are cast, and distances, ids and normals (those that the caster
+reports) are handed over as numpy arrays.
 
-- The casters take turns on the same rays and keep what they need between frames. In its turn a caster makes frames for a
-  tenth of a second, after one that does not count. It drops each frame when it has the next, as a simulation does that goes
-  on with the same scene.
+- The casters take turns on the same rays and keep what they need between frames. In its turn a caster makes frames for
+  a tenth of a second, after one that does not count. It drops each frame when it has the next, as a simulation does
+  that goes on with the same scene.
 - Embree, through Open3D, has all triangles in one static mesh, so it has nothing to update.
 - rigcast and Embree run on all threads, the other casters on one.
 - A caster that takes more than 2 s for a frame is timed on 4000 of its rays.
 
 ![Millions of rays per second of every caster in every scene](performance/casters.png)
 
-Rays per second of rigcast over those of each other caster: by the clock, and in brackets by the CPU time of all threads.
-CPU time is disturbed less by other work on the machine, and shows what a caster does with one thread.
+Rays per second of rigcast over those of each other caster: by the clock, and in brackets by the CPU time of all
+threads. CPU time is disturbed less by other work on the machine, and shows what a caster does with one thread.
 """
 RIGHT = """
-Is a caster fast because it is wrong? This is the fraction of 4000 rays that have the hits, misses and distances of mj_ray, to
-1e-5 (1 + t) / max(|cos|, 1e-3), and the fraction to 1 cm. Embree gets round shapes as triangles with corners on the surface.
+Is a caster fast because it is wrong? This is the fraction of 4000 rays that have the hits, misses and distances of
+mj_ray, to 1e-5 (1 + t) / max(|cos|, 1e-3), and the fraction to 1 cm. Embree gets round shapes as triangles with corners
+on the surface.
 """
 BARS = """
 ## What was to be reached
@@ -218,8 +219,8 @@ GROWTH = """
 ![Rays per second of a depth camera by rays, triangles, geoms, threads and worlds](performance/scaling.png)
 """
 STEPS = """
-**What a step is worth.** Each was left out by itself, with everything else kept. The numbers are rays per CPU second with the
-step over those without it (for threads: per second by the clock).
+**What a step is worth.** Each was left out by itself, with everything else kept. The numbers are rays per CPU second
+with the step over those without it (for threads: per second by the clock).
 """
 if __name__ == "__main__":
     main(sys.argv[1:])
