@@ -17,8 +17,8 @@ from .collector import paused_collector
 if TYPE_CHECKING:
     from .dataset.reading import open_dataset as open_dataset
     from .export.options import Export as Export
-    from .export.recorder import Recorder as Recorder
     from .overlay import overlay as overlay
+    from .recording.recorder import Recorder as Recorder
     from .rig_file import load_rig as load_rig
     from .ros.node import RosNode as RosNode
     from .sensors.errors import InputError as InputError
@@ -67,7 +67,7 @@ _HOME = {
     "Mount": "sensors.specs.mount",
     "Noise": "sensors.specs.lidars.effects",
     "Prop": "sensors.specs.prop",
-    "Recorder": "export.recorder",
+    "Recorder": "recording.recorder",
     "Rig": "sensors.rig.rig",
     "RosNode": "ros.node",
     "Scene": "sensors.scene.scene",

@@ -13,8 +13,8 @@ from trimesh.exchange.ply import load_ply
 
 from rigcast.dataset.storage.manifest import MANIFEST_NAME
 from rigcast.dataset.storage.shards import ENTRY_NAME
-from rigcast.export.index import read_journal
-from rigcast.export.layout import INDEX_NAME, JOURNAL_NAME
+from rigcast.recording.index import read_journal
+from rigcast.recording.layout import INDEX_NAME, JOURNAL_NAME
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import listing
 from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens

@@ -11,12 +11,13 @@ from types import NoneType, TracebackType
 import mujoco
 
 from rigcast.export.files import make_writable, replacing, require_disk_space, uninterrupted
-from rigcast.export.formats import FORMATS, choose_formats
 from rigcast.export.frames.exr import write_exr
 from rigcast.export.frames.writers import file_writers
 from rigcast.export.ids import Classes, IdTable, require_few_classes
-from rigcast.export.index import FrameIndex
-from rigcast.export.layout import (
+from rigcast.export.options import Export
+from rigcast.recording.formats import FORMATS, choose_formats
+from rigcast.recording.index import FrameIndex
+from rigcast.recording.layout import (
     CAMERAS_NAME,
     IDS_NAME,
     INDEX_NAME,
@@ -25,8 +26,7 @@ from rigcast.export.layout import (
     clear_earlier_run,
     refuse_names,
 )
-from rigcast.export.options import Export
-from rigcast.export.run_files import RunFiles, begin_run_file
+from rigcast.recording.run_files import RunFiles, begin_run_file
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.preview.draw import draw_preview
 from rigcast.sensors.rig.frame import CameraFrame, Frame, as_frames
