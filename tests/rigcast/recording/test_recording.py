@@ -39,7 +39,8 @@ ALL = list(FORMATS)
 
 
 def frames_at(time: float) -> list[Any]:
-    lidar = make_frame(LidarFrame, random_range((2, 8), 1), sensor="top", time=time)
+    pattern = LIDAR.pattern(made_frames.model())
+    lidar = make_frame(LidarFrame, random_range((2, 8), 1), sensor="top", time=time, pattern=pattern)
     return [lidar, make_frame(CameraFrame, random_range((4, 6), 2), sensor="eye", time=time)]
 
 

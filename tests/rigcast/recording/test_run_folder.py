@@ -30,7 +30,8 @@ KINDS: dict[str, type[Frame]] = {"top": LidarFrame, "eye": CameraFrame, "feet": 
 
 
 def a_frame(name: str, time: float = 0.1) -> Any:
-    return make_frame(KINDS[name], random_range(SHAPES[name], 3), sensor=name, time=time)
+    (pattern,) = (spec.pattern(made_frames.model()) for spec in RIG if spec.name == name)
+    return make_frame(KINDS[name], random_range(SHAPES[name], 3), sensor=name, time=time, pattern=pattern)
 
 
 def record(
