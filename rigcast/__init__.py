@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from .sensors.scene.hits import Hits as Hits
     from .sensors.scene.scene import Scene as Scene
     from .sensors.specs.cameras.depth_camera import DepthCamera as DepthCamera
-    from .sensors.specs.cameras.lens import BrownConrady as BrownConrady
-    from .sensors.specs.cameras.lens import KannalaBrandt as KannalaBrandt
     from .sensors.specs.cameras.ranging import Stereo as Stereo
     from .sensors.specs.cameras.ranging import TimeOfFlight as TimeOfFlight
     from .sensors.specs.filter import Filter as Filter
     from .sensors.specs.height_scan import HeightScan as HeightScan
     from .sensors.specs.imported import from_model as from_model
+    from .sensors.specs.lens import BrownConrady as BrownConrady
+    from .sensors.specs.lens import KannalaBrandt as KannalaBrandt
     from .sensors.specs.lidars.effects import Beam as Beam
     from .sensors.specs.lidars.effects import Detection as Detection
     from .sensors.specs.lidars.effects import Noise as Noise
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Beam": "sensors.specs.lidars.effects",
-    "BrownConrady": "sensors.specs.cameras.lens",
+    "BrownConrady": "sensors.specs.lens",
     "CameraFrame": "sensors.rig.frame",
     "DepthCamera": "sensors.specs.cameras.depth_camera",
     "Detection": "sensors.specs.lidars.effects",
@@ -61,7 +61,7 @@ _HOME = {
     "HeightScan": "sensors.specs.height_scan",
     "Hits": "sensors.scene.hits",
     "InputError": "sensors.errors",
-    "KannalaBrandt": "sensors.specs.cameras.lens",
+    "KannalaBrandt": "sensors.specs.lens",
     "Lidar": "sensors.specs.lidars.lidar",
     "LidarFrame": "sensors.rig.frame",
     "Mount": "sensors.specs.mount",

@@ -16,7 +16,7 @@ from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.parts.part import Owner
 from rigcast.sensors.scene.shape_ids import ShapeIds
-from rigcast.sensors.specs.cameras.lens import Lens
+from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 
 from .arrays.frame_arrays import FrameArrays

@@ -15,8 +15,8 @@ from rigcast.recording.recorder import Recorder
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
-from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.sensors.specs.height_scan import HeightScan
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.sensor_spec import SensorSpec
