@@ -160,6 +160,32 @@ def test_a_full_disk_at_standard_output_is_told_in_one_line(arguments: list[str]
     assert (code, words) == (1, "standard output: cannot be written: No space left on device\n")
 
 
+def run_redirected(redirection: str, *arguments: str) -> int:
+    """Exit code of `python -m rigcast` with a redirection of the shell's."""
+    command = ["sh", "-c", f'exec "$@" {redirection}', "sh", sys.executable, "-m", "rigcast", *arguments]
+    return subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False).returncode
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this machine")
+@pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-", "2>&- >&- <&-"])
+@pytest.mark.parametrize("arguments", [["validate", "gone.yaml"], ["validat"], ["presets", "--bogus"]], ids=" ".join)
+def test_words_that_cannot_be_told_change_no_exit_code(redirection: str, arguments: list[str]) -> None:
+    assert run_redirected(redirection, *arguments) == 2
+
+
+@pytest.mark.parametrize(("redirection", "code"), [("2>&-", 0), (">&-", 1), (">&- 2>&-", 1), ("<&-", 0)])
+def test_a_stream_that_is_closed_is_told_apart_from_an_answer_that_is_lost(redirection: str, code: int) -> None:
+    assert run_redirected(redirection, "presets", "--json", "-") == code
+
+
+def test_no_file_takes_the_number_of_a_closed_stream() -> None:
+    """What libraries print would get into it."""
+    opens = "import os; from rigcast.cli.common.streams import prepare_streams; prepare_streams()"
+    opens += "; os._exit(os.open(os.devnull, os.O_WRONLY))"
+    command = ["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", sys.executable, "-c", opens]
+    assert subprocess.run(command, check=False).returncode > 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
