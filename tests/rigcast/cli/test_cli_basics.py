@@ -93,7 +93,7 @@ def test_validate_takes_another_model(rig: Path) -> None:
     ("old", "new", "message"),
     [
         ("model:", "modl:", ":1:1: modl: unknown key 'modl'"),
-        ("robot.xml", "rig.yaml", "does not compile"),
+        ("robot.xml", "rig.yaml", "rig.yaml: a YAML file, expected a MuJoCo model"),
         ("torso", "torsoo", ":3:68: sensors[0].mount.body: no body 'torsoo'"),
         ("[64, 48]", "[0, 48]", ":4:63: sensors[1].resolution[0]: must be greater than or equal to 1, got 0"),
         ("58", "!!float 58", ":4:83: got a tag"),
@@ -192,10 +192,32 @@ def test_no_file_takes_the_number_of_a_closed_stream() -> None:
         (["vaildate", "rig.yaml"], "no command 'vaildate', expected one of init, run, "),
         (["vaildate", "rig.yaml"], "did you mean 'validate'?"),
         (["run", "robot.xml"], "robot.xml: a MuJoCo model, expected a rig file; `rigcast init robot.xml` writes one"),
+        (["watch", "robot.xml"], "robot.xml: a MuJoCo model, expected a rig file; `rigcast init robot.xml` writes one"),
         (["watch", "gone.yaml"], "gone.yaml: no such file, expected a rig"),
+        (
+            ["validate", "Velodyne_VLP16"],
+            "a device, expected a rig file; `rigcast presets velodyne_vlp16` shows it, and a sensor of a rig names it: "
+            "`preset: velodyne_vlp16`",
+        ),
+        (["watch", "livox_mid360.yaml"], "livox_mid360.yaml: a device, expected a rig file; `rigcast presets"),
+        (
+            ["validate", "own.yaml"],
+            "own.yaml:1:1: a preset, expected a rig; `rigcast presets own.yaml` shows it",
+        ),
+        (["dataset", "own.yaml"], "own.yaml:1:1: a preset, expected a data set; `rigcast presets own.yaml` shows it"),
+        (["presets", "rig.yaml"], "rig.yaml:1:1: a rig, expected a preset; `rigcast validate rig.yaml` shows it"),
+        (["presets", "set.yaml"], "set.yaml:1:1: a data set, expected a preset; `rigcast dataset set.yaml` makes it"),
+        (["init", "rig.yaml"], "rig.yaml: a YAML file, expected a MuJoCo model: MJCF, URDF or MJB"),
+        (["presets", "VLP-16"], "did you mean 'velodyne_vlp16'?"),
+        (["presets", "Mid-360"], "did you mean 'livox_mid360'?"),
     ],
 )
-def test_what_newcomers_mistype_is_put_right(arguments: list[str], message: str) -> None:
+def test_what_newcomers_mistype_is_put_right(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
+) -> None:
+    monkeypatch.chdir(rig.parent)
+    Path("own.yaml").write_text("type: lidar\ndescription: our own\nsource: measured\n")
+    Path("set.yaml").write_text("rig: rig.yaml\nscenes: [{name: a, file: robot.xml}]\n")
     code, output = call(*arguments)
     assert code == 2
     assert message in output
