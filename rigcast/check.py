@@ -4,7 +4,6 @@ import copy
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from numbers import Real
 
 import mujoco
 import numpy as np
@@ -127,7 +126,7 @@ def check(
     require_whole("check: rays", rays, 1)
     require_whole("check: states", states, 1)
     require_whole("check: seed", seed, 0)
-    if not (isinstance(duration, Real) and 0 <= float(duration) < math.inf):
+    if not (isinstance(duration, float | int | np.number) and 0 <= float(duration) < math.inf):
         raise InputError(f"check: duration: got {duration!r}, expected a number of seconds from 0 on")
     parts: list[_Part] = []
     rng = np.random.default_rng(seed)

@@ -35,7 +35,7 @@ def why_unwritable() -> str | None:
 class _Lossy(io.FileIO):
     """Drops what cannot be written: a command ends with the exit code of its fault, whether or not that can be told."""
 
-    def write(self, text: Any) -> int | None:
+    def write(self, text: Any, /) -> int:
         try:
             return super().write(text)
         except OSError:
