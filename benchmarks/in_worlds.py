@@ -152,12 +152,15 @@ def _shares(found: OnDevice) -> str:
 WORLDS_HEAD = """
 ## In many worlds
 
-`rigcast bench worlds`: a Unitree G1 on a height field with solids on it, {geoms} geoms with {triangles} triangles,
-stands in each world somewhere else and in another posture. What the 16 x 64 rays of a lidar above its head hit is
+`rigcast bench worlds` puts a Unitree G1 on a height field with solids on it, {geoms} geoms with {triangles} triangles,
+in each world at another place and in another posture. What the 16 x 64 rays of the lidar above its head hit:
 {shares}.
-Poses are float32 on the device, as mujoco_warp has them. A frame of rigcast is `rig.sense(poses, out=frames)`: trees
-over the geoms brought up to date, the sensor aimed, rays cast and read into arrays on the device. mujoco_warp is given
-its rays in the world, ready made; its frame is `refit_bvh` and `rays`, or the latter alone.
+
+Poses are float32 on the device, as mujoco_warp has them.
+
+- A frame of rigcast is `rig.sense(poses, out=frames)`: trees over the geoms are updated, the sensor is placed, rays are
+  cast and read into arrays on the device.
+- mujoco_warp gets its rays ready made in the world. Its frame is `refit_bvh` and `rays`, or `rays` alone ("no refit").
 """
 GPU = """
 ## On a GPU
@@ -172,11 +175,11 @@ NOT_MEASURED = """
 Nothing here was run on a GPU. What can be said is the floor.
 """
 FLOOR = """
-*The floor* is how many nodes, blocks of triangles and patches of height fields a ray has to look at with these trees
-even if it knew its hit beforehand: those whose boxes it enters before its hit. Counted for warps of 32 neighbouring
-rays, and once more with what rays of a warp share counted once. A node is 224 bytes and 8 boxes of 15 operations, a
-block 416 bytes and 8 triangles of 60 operations, a patch 64 bytes and as many triangles, whose making is left out; a
-ray brings 24 bytes and takes 24 away.
+**The floor** is how many nodes, triangle blocks and height-field patches a ray must visit with these trees even if it
+knew its hit beforehand: those whose boxes it enters before its hit. It is counted for each ray, and for warps of 32
+neighbouring rays with what they share counted once. A node is 224 bytes and 8 boxes of 15 operations, a block 416 bytes
+and 8 triangles of 60 operations, a patch 64 bytes and as many triangles (making these is left out); a ray reads 24
+bytes and writes 24.
 """
 FLOOR_OF_DATA_SHEET = """
 An H200 moves 4.8 TB/s: if every node came from its memory once for every ray, {rays:.2g} G rays/s would be the
@@ -184,6 +187,7 @@ most. Trees of a few MB stay in its second-level cache of 50 MB, which is faster
 allow more still. How far the kernel is from that has to be measured where there is a GPU.
 """
 DISTANCE = """
-The same run read 2 GB, and 16 MB over and over, and computed products and sums, none of them fused, as fast as the
-device could. Beside that the fastest way of rigcast, {grays:.3g} G rays/s in {worlds} worlds, is:
+The same run measured how fast the device reads 2 GB (memory), reads 16 MB over and over (second-level cache), and
+computes products and sums, none of them fused. The fastest way of rigcast, {grays:.3g} G rays/s in {worlds} worlds,
+compares with these limits as follows:
 """

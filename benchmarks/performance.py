@@ -45,7 +45,8 @@ def main(arguments: Sequence[str]) -> None:
     lines = [
         *page(measured, gpu),
         *of_worlds(measured.worlds, gpu, _counted(), FOLDER),
-        *of_steps(steps()),
+        *of_design(steps()),
+        *(prose("steps"), prose("limits")),
     ]
     PAGE.write_text("\n".join(lines) + "\n")
 
@@ -59,7 +60,6 @@ def page(measured: Record, gpu: OnGpu | None) -> Iterator[str]:
     yield from bars(measured)
     for bar in bars_on_gpu(gpu):
         yield _bar(*bar)
-    yield (PROSE / "limits.md").read_text().rstrip()
     yield FIGURES
     yield "| | median | lowest | highest | |\n|---|--:|--:|--:|---|"
     for figure in measured.figures:
@@ -141,14 +141,19 @@ def _bar(what: str, bar: str, value: float, reached: bool) -> str:
     return f"| {what} | {bar} | {value:.3g} | {'yes' if reached else '**no**'} |"
 
 
-def of_steps(found: Sequence[Step]) -> Iterator[str]:
+def of_design(found: Sequence[Step]) -> Iterator[str]:
     """Yield the section on what makes the cast fast."""
+    yield prose("design")
     yield STEPS
     yield "| step | left out | " + " | ".join(found[0].gains) + " |\n|---|---|" + "--:|" * len(found[0].gains)
     for step in found:
         gains = " | ".join(f"{gain.median:.2f}" for gain in step.gains.values())
         yield f"| {step.name} | {step.without} | {gains} |"
-    yield (PROSE / "steps.md").read_text().rstrip()
+
+
+def prose(name: str) -> str:
+    """A section that is written by hand."""
+    return (PROSE / f"{name}.md").read_text().rstrip()
 
 
 def _counted() -> list[Visits]:
@@ -174,24 +179,31 @@ HEAD = """# Performance
 Measured on {processor} ({machine}), {threads} threads of {cores} cores, {rounds} rounds in turn, with
 {packages}. {meanwhile}
 
+The short version is the first table and [what was to be reached](#what-was-to-be-reached). Then come
+[many worlds](#in-many-worlds) and [GPUs](#on-a-gpu), [what makes it fast](#what-makes-it-fast) and
+[what falls short](#what-falls-short-and-why), with all that was tried without gain.
+
 ## Beside other casters
 
-A frame is: poses brought up to date, all rays of a sensor cast, and distances, ids and normals, of those that the
-caster reports, handed over as numpy. The casters take turns on the same rays and keep what they need between frames. In
-its turn a caster makes as many frames as take a tenth of a second, after one that does not count, and drops each when
-it has the next: as in a simulation, that goes on with the same scene.
-Embree, through Open3D, has all triangles in one mesh that does not move, so it has nothing to bring up to date.
-rigcast and Embree run on all threads, the other casters on one. A caster that takes more than 2 s for a frame is timed
-on 4000 of its rays.
+A frame is: poses are updated, all rays of a sensor are cast, and distances, ids and normals (those that the caster
+reports) are handed over as numpy arrays.
+
+- The casters take turns on the same rays and keep what they need between frames. In its turn a caster makes frames for
+  a tenth of a second, after one that does not count. It drops each frame when it has the next, as a simulation does
+  that goes on with the same scene.
+- Embree, through Open3D, has all triangles in one static mesh, so it has nothing to update.
+- rigcast and Embree run on all threads, the other casters on one.
+- A caster that takes more than 2 s for a frame is timed on 4000 of its rays.
 
 ![Millions of rays per second of every caster in every scene](performance/casters.png)
 
 Rays per second of rigcast over those of each other caster: by the clock, and in brackets by the CPU time of all
-threads, which other work on the machine disturbs less, and which shows what a caster does with one thread.
+threads. CPU time is disturbed less by other work on the machine, and shows what a caster does with one thread.
 """
 RIGHT = """
-No caster is fast by being wrong unseen: here is which fraction of 4000 rays has mj_ray's hits, misses and distances to
-1e-5 (1 + t) / max(|cos|, 1e-3), and which to 1 cm. Embree sees round shapes as triangles with corners on the surface.
+Is a caster fast because it is wrong? This is the fraction of 4000 rays that have the hits, misses and distances of
+mj_ray, to 1e-5 (1 + t) / max(|cos|, 1e-3), and the fraction to 1 cm. Embree gets round shapes as triangles with corners
+on the surface.
 """
 BARS = """
 ## What was to be reached
@@ -199,7 +211,7 @@ BARS = """
 FIGURES = """
 ## rigcast alone
 
-Updates, small frames, trees and starts by CPU time. The demo has four sensors, with effects of lidars and stereo.
+Updates, small frames, tree builds and starts are CPU times. The demo has four sensors, with lidar and stereo errors.
 """
 GROWTH = """
 ## Growth
@@ -207,10 +219,8 @@ GROWTH = """
 ![Rays per second of a depth camera by rays, triangles, geoms, threads and worlds](performance/scaling.png)
 """
 STEPS = """
-## What makes it fast, and what each step gives
-
-How rays are cast is told in [casting](casting.md). Each step was left out alone and everything else kept; the numbers
-are rays per CPU second with it, over those without it (for threads: per second by the clock).
+**What a step is worth.** Each was left out by itself, with everything else kept. The numbers are rays per CPU second
+with the step over those without it (for threads: per second by the clock).
 """
 if __name__ == "__main__":
     main(sys.argv[1:])

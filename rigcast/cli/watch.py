@@ -12,6 +12,7 @@ from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, co
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_writable, replacing
 from rigcast.rig_file import open_rig
+from rigcast.rig_file.layers import refuse_other_names
 from rigcast.sensors.errors import InputError
 from rigcast.simulation import initial_data
 
@@ -31,6 +32,7 @@ def watch(
     """
     console = Console(highlight=False)
     folder = Path("out") / rig.stem if out is None else out
+    refuse_other_names(rig)
     if not rig.is_file():  # once there, it may come and go, as editors do when they save
         raise InputError(f"{rig}: no such file, expected a rig")
     make_writable(folder)
