@@ -1,6 +1,7 @@
 """A rig against MuJoCo: every sensor's rays in several states of the simulation, judged by `rigcast.oracle`."""
 
 import copy
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from rigcast import oracle
 from rigcast.oracle import Comparison, RayHits, Things, Verdict, deformable
 from rigcast.oracle.things import TYPES
+from rigcast.sensors.errors import InputError, require_type, require_whole
 from rigcast.sensors.rig.rig import Rig
 
 from .sensors.scene.parts.part import Owner
@@ -117,7 +119,15 @@ def check(
 
     Geoms are judged by mj_ray, SDF geoms and props by mj_ray on their meshes, flexes and skins by mj_rayFlex and
     mju_raySkin; MuJoCo before 4 cannot answer for these last two, and rays that end on them are passed over.
+
+    Raises InputError for numbers that are not such, before anything is cast, and for data as `Rig.sense` does.
     """
+    require_type("check: rig", rig, Rig)
+    require_whole("check: rays", rays, 1)
+    require_whole("check: states", states, 1)
+    require_whole("check: seed", seed, 0)
+    if not (isinstance(duration, float | int | np.number) and 0 <= float(duration) < math.inf):
+        raise InputError(f"check: duration: got {duration!r}, expected a number of seconds from 0 on")
     parts: list[_Part] = []
     rng = np.random.default_rng(seed)
     quota = max(1, rays // (states * len(rig.sensors)))

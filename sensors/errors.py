@@ -2,6 +2,7 @@
 
 import sys
 import warnings
+from operator import index
 from types import NoneType
 
 
@@ -17,6 +18,16 @@ def require_type(what: str, value: object, *kinds: type) -> None:
     if not isinstance(value, kinds):
         expected = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
         raise InputError(f"{what}: got {type(value).__name__}, expected {expected}")
+
+
+def require_whole(what: str, value: object, least: int) -> None:
+    """Raise InputError where `value`, which a message calls `what`, is no whole number from `least` on."""
+    try:
+        number = least - 1 if isinstance(value, bool) else index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = least - 1
+    if number < least:
+        raise InputError(f"{what}: got {value!r:.80}, expected a whole number from {least} on")
 
 
 def warn_user(message: str, category: type[Warning]) -> None:

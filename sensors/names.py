@@ -19,13 +19,13 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     candidates = list(names)
     nearest = [candidate for candidate in candidates if _bare(candidate) == _bare(name)]
     nearest += difflib.get_close_matches(name, candidates, n=1)
-    nearest += [candidate for candidate in candidates if name and name.lower() in candidate.lower()]
+    nearest += [candidate for candidate in candidates if _bare(name) and _bare(name) in _bare(candidate)]
     return f"; did you mean {nearest[0]!r}?" if nearest else ""
 
 
 def _bare(name: str) -> str:
-    """A name without its unit and underscores: whoever knows `fovy` means `fov_y_deg`."""
-    return re.sub(r"_(deg|hz|us)$", "", name.lower()).replace("_", "")
+    """A name's letters and digits, without its unit: `fovy` means `fov_y_deg`, and VLP-16 a `velodyne_vlp16`."""
+    return re.sub(r"[\W_]", "", re.sub(r"_(deg|hz|us)$", "", name.lower()))
 
 
 def expected_one_of(name: str, names: Sequence[str]) -> str:

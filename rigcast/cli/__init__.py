@@ -2,10 +2,9 @@
 
 An InputError anywhere becomes its message on stderr and exit code 2; Ctrl-C is exit code 130. Where nobody
 reads standard output to its end, as in `rigcast presets | head`, the command ends without a word; where it cannot be
-written, with one line.
+written, with one line. Where standard error cannot be written, words are lost and the exit code stays.
 """
 
-import os
 import sys
 from importlib import import_module
 from typing import Annotated, Any, NamedTuple
@@ -13,6 +12,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperGroup
 
+from rigcast.cli.common.streams import prepare_streams, why_unwritable
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
 
@@ -145,6 +145,7 @@ def _options(
 
 def main() -> None:
     """Entry point of the `rigcast` command."""
+    prepare_streams()
     try:
         app()
     except SystemExit as end:
@@ -152,18 +153,8 @@ def main() -> None:
             sys.exit(_UNREAD)
         raise
     except OSError:
-        reason = _why_unwritable()
+        reason = why_unwritable()
         if reason is None:
             raise
         typer.echo(f"standard output: cannot be written: {reason}", err=True)
         sys.exit(1)
-
-
-def _why_unwritable() -> str | None:
-    """Why an empty line more cannot be written to standard output, whose rest then goes nowhere; None where it can."""
-    try:
-        print(flush=True)
-    except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter tries again at its end
-        return error.strerror or str(error)
-    return None

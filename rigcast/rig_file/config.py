@@ -131,6 +131,8 @@ def compile_model(path: Path) -> mujoco.MjModel:
     """The MuJoCo model in an MJCF, URDF or MJB file. Raises InputError for a missing or faulty one."""
     if not path.is_file():
         raise InputError(f"{path} is not a file, expected a MuJoCo model: MJCF, URDF or MJB")
+    if path.suffix in (".yaml", ".yml"):
+        raise InputError(f"{path}: a YAML file, expected a MuJoCo model: MJCF, URDF or MJB")
     load = mujoco.MjModel.from_binary_path if path.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
         return load(str(path))

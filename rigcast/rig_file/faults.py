@@ -15,6 +15,7 @@ from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.sensors.specs.spec import Spec, is_inside
 from rigcast.sensors.yaml.file import YamlFile
+from rigcast.sensors.yaml.kinds import other_kind
 
 from .file import AnySensor, RigFile
 
@@ -34,8 +35,9 @@ def sensor_of_preset(name: str) -> SensorSpec:
 
 def faults_in(document: YamlFile) -> list[Fault]:
     """What is wrong with a rig file in itself."""
-    if isinstance(document.content, dict) and "scenes" in document.content and "sensors" not in document.content:
-        return [Fault((), f"a data set, expected a rig; `rigcast dataset {document.path}` makes it")]
+    other = other_kind(document, "rig")
+    if other:
+        return other
     _, faults = read_document(document)
     return faults + _repeated_names(document.content) + _outside_faults(document, faults)
 

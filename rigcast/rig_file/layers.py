@@ -12,6 +12,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
+from rigcast.sensors.specs.presets import preset_names
 from rigcast.sensors.yaml.file import YamlFile, content_of, read_yaml
 from rigcast.sensors.yaml.limits import MOST_VALUES, require_extent
 from rigcast.sensors.yaml.places import Placed, entries, error_at, placed
@@ -31,13 +32,12 @@ def read_layers(path: Path, overrides: Sequence[str] = ()) -> YamlFile:
     by key, sensors and props name by name, anything else is replaced. `repeat: {side: [left, right]}` in a sensor
     makes one of it for each of these values, in place of `$side` wherever it stands in the sensor.
 
-    Raises InputError for a model in place of a rig, whatever cannot be read, files that extend themselves, placeholders
-    without values, and overrides of what is not there; all of the latter three at once.
+    Raises InputError for a model or a device in place of a rig, whatever cannot be read, files that extend themselves,
+    placeholders without values, and overrides of what is not there; all of the latter three at once.
     """
     if isinstance(overrides, str) or not isinstance(overrides, Sequence):
         raise InputError(f"overrides: got {overrides!r:.80}, expected a list such as ['sensors.top.rate_hz=5']")
-    if path.suffix in _MODELS:
-        raise InputError(f"{path}: a MuJoCo model, expected a rig file; `rigcast init {path}` writes one")
+    refuse_other_names(path)
     layers = _Layers()
     root = layers.file(path, ())
     if overrides:
@@ -49,6 +49,16 @@ def read_layers(path: Path, overrides: Sequence[str] = ()) -> YamlFile:
         raise error_at(layers.texts, layers.faults)
     require_extent(str(path), root)
     return YamlFile(path, layers.texts, root, content_of(root))
+
+
+def refuse_other_names(path: Path) -> None:
+    """Raise InputError for what is no YAML file by its name: a model, or a device."""
+    if path.suffix in _MODELS:
+        raise InputError(f"{path}: a MuJoCo model, expected a rig file; `rigcast init {path}` writes one")
+    device = path.stem.lower()
+    if device in preset_names() and not path.exists():
+        how = f"`rigcast presets {device}` shows it, and a sensor of a rig names it: `preset: {device}`"
+        raise InputError(f"{path}: a device, expected a rig file; {how}")
 
 
 class _Layers:
@@ -76,7 +86,8 @@ class _Layers:
         if base.resolve() in [link.resolve() for link in chain]:
             self._note(item, f"extends: {' -> '.join(map(str, (*chain, base)))} goes round in a circle")
         elif not base.is_file():
-            self._note(item, f"extends: {base} is not a file")
+            device = f"; a sensor has a device as `preset: {item.value}`" if item.value in preset_names() else ""
+            self._note(item, f"extends: {base} is not a file{device}")
         elif self._files > _MOST_FILES:
             self._note(item, f"extends: got more than {_MOST_FILES} files")
         else:

@@ -14,6 +14,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import faults_of
 from rigcast.sensors.names import did_you_mean, listing
 from rigcast.sensors.yaml.file import YamlFile, read_yaml
+from rigcast.sensors.yaml.kinds import other_kind
 
 from .spec import Spec, is_inside
 
@@ -106,6 +107,9 @@ def _load_file(path: Path, extending: tuple[Path, ...]) -> Preset:
     if path.resolve() in extending:
         raise InputError(f"{path}: extends itself")
     document = read_yaml(path)
+    other = other_kind(document, "preset")
+    if other:
+        raise document.error(other)
     try:
         content = PresetFile.model_validate(document.content)
     except ValidationError as error:

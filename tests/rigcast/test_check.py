@@ -11,12 +11,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from rigcast import DepthCamera, Filter, HeightScan, Lidar, Mount, Rig, oracle
+from rigcast import DepthCamera, Filter, HeightScan, InputError, Lidar, Mount, Rig, oracle
 from rigcast.check import Report, check
 from rigcast.cli.check import as_json
 from rigcast.cli.check import check as command
 from rigcast.sensors.rig.mounted import Sensor
-from rigcast.sensors.specs.cameras.lens import KannalaBrandt
+from rigcast.sensors.specs.lens import KannalaBrandt
 
 pytestmark = pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 
@@ -80,6 +80,27 @@ def _stretched(hits: Any, geom: int) -> Any:
     distance = hits.distance.numpy()
     hits.distance.assign(np.where(hits.geom_id.numpy() == geom, np.float32(1.01) * distance, distance))
     return hits
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"rays": 0}, "check: rays: got 0, expected a whole number from 1 on"),
+        ({"rays": -5}, "check: rays: got -5, "),
+        ({"rays": 1e4}, "check: rays: got 10000.0, "),
+        ({"rays": True}, "check: rays: got True, "),
+        ({"rays": "many"}, "check: rays: got 'many', "),
+        ({"states": 0}, "check: states: got 0, "),
+        ({"seed": -1}, "check: seed: got -1, expected a whole number from 0 on"),
+        ({"duration": -1.0}, "check: duration: got -1.0, expected a number of seconds from 0 on"),
+        ({"duration": np.nan}, "check: duration: got nan, "),
+        ({"duration": None}, "check: duration: got None, "),
+    ],
+)
+def test_numbers_that_are_not_such_are_refused(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        checked(Rig(MODEL, SENSORS), **given)
+    assert str(caught.value).startswith(message)
 
 
 def test_wrong_rays_are_counted_where_they_are_and_can_be_replayed() -> None:

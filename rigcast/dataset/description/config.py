@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from rigcast.rig_file import read_rig
 from rigcast.rig_file.layers import read_layers
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.faults import Fault, faults_of
+from rigcast.sensors.faults import faults_of
+from rigcast.sensors.yaml.kinds import other_kind
 
 from .faults import faults_in
 from .file import DatasetFile, RecordedMotion, SceneSource, UserController
@@ -93,8 +94,9 @@ def read_dataset(path: Path, overrides: Sequence[str] = ()) -> DatasetConfig:
     not compile is none: its episodes fail, the others are made.
     """
     document = read_layers(path, overrides)
-    if isinstance(document.content, dict) and "sensors" in document.content and "rig" not in document.content:
-        raise document.error([Fault((), "a rig, expected the file of a data set, which names one: `rig: ...`")])
+    other = other_kind(document, "data set")
+    if other:
+        raise document.error(other)
     try:
         file = DatasetFile.model_validate(document.content)
     except ValidationError as error:

@@ -93,7 +93,7 @@ def test_validate_takes_another_model(rig: Path) -> None:
     ("old", "new", "message"),
     [
         ("model:", "modl:", ":1:1: modl: unknown key 'modl'"),
-        ("robot.xml", "rig.yaml", "does not compile"),
+        ("robot.xml", "rig.yaml", "rig.yaml: a YAML file, expected a MuJoCo model"),
         ("torso", "torsoo", ":3:68: sensors[0].mount.body: no body 'torsoo'"),
         ("[64, 48]", "[0, 48]", ":4:63: sensors[1].resolution[0]: must be greater than or equal to 1, got 0"),
         ("58", "!!float 58", ":4:83: got a tag"),
@@ -160,16 +160,64 @@ def test_a_full_disk_at_standard_output_is_told_in_one_line(arguments: list[str]
     assert (code, words) == (1, "standard output: cannot be written: No space left on device\n")
 
 
+def run_redirected(redirection: str, *arguments: str) -> int:
+    """Exit code of `python -m rigcast` with a redirection of the shell's."""
+    command = ["sh", "-c", f'exec "$@" {redirection}', "sh", sys.executable, "-m", "rigcast", *arguments]
+    return subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False).returncode
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this machine")
+@pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-", "2>&- >&- <&-"])
+@pytest.mark.parametrize("arguments", [["validate", "gone.yaml"], ["validat"], ["presets", "--bogus"]], ids=" ".join)
+def test_words_that_cannot_be_told_change_no_exit_code(redirection: str, arguments: list[str]) -> None:
+    assert run_redirected(redirection, *arguments) == 2
+
+
+@pytest.mark.parametrize(("redirection", "code"), [("2>&-", 0), (">&-", 1), (">&- 2>&-", 1), ("<&-", 0)])
+def test_a_stream_that_is_closed_is_told_apart_from_an_answer_that_is_lost(redirection: str, code: int) -> None:
+    assert run_redirected(redirection, "presets", "--json", "-") == code
+
+
+def test_no_file_takes_the_number_of_a_closed_stream() -> None:
+    """What libraries print would get into it."""
+    opens = "import os; from rigcast.cli.common.streams import prepare_streams; prepare_streams()"
+    opens += "; os._exit(os.open(os.devnull, os.O_WRONLY))"
+    command = ["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", sys.executable, "-c", opens]
+    assert subprocess.run(command, check=False).returncode > 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["vaildate", "rig.yaml"], "no command 'vaildate', expected one of init, run, "),
         (["vaildate", "rig.yaml"], "did you mean 'validate'?"),
         (["run", "robot.xml"], "robot.xml: a MuJoCo model, expected a rig file; `rigcast init robot.xml` writes one"),
+        (["watch", "robot.xml"], "robot.xml: a MuJoCo model, expected a rig file; `rigcast init robot.xml` writes one"),
         (["watch", "gone.yaml"], "gone.yaml: no such file, expected a rig"),
+        (
+            ["validate", "Velodyne_VLP16"],
+            "a device, expected a rig file; `rigcast presets velodyne_vlp16` shows it, and a sensor of a rig names it: "
+            "`preset: velodyne_vlp16`",
+        ),
+        (["watch", "livox_mid360.yaml"], "livox_mid360.yaml: a device, expected a rig file; `rigcast presets"),
+        (
+            ["validate", "own.yaml"],
+            "own.yaml:1:1: a preset, expected a rig; `rigcast presets own.yaml` shows it",
+        ),
+        (["dataset", "own.yaml"], "own.yaml:1:1: a preset, expected a data set; `rigcast presets own.yaml` shows it"),
+        (["presets", "rig.yaml"], "rig.yaml:1:1: a rig, expected a preset; `rigcast validate rig.yaml` shows it"),
+        (["presets", "set.yaml"], "set.yaml:1:1: a data set, expected a preset; `rigcast dataset set.yaml` makes it"),
+        (["init", "rig.yaml"], "rig.yaml: a YAML file, expected a MuJoCo model: MJCF, URDF or MJB"),
+        (["presets", "VLP-16"], "did you mean 'velodyne_vlp16'?"),
+        (["presets", "Mid-360"], "did you mean 'livox_mid360'?"),
     ],
 )
-def test_what_newcomers_mistype_is_put_right(arguments: list[str], message: str) -> None:
+def test_what_newcomers_mistype_is_put_right(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
+) -> None:
+    monkeypatch.chdir(rig.parent)
+    Path("own.yaml").write_text("type: lidar\ndescription: our own\nsource: measured\n")
+    Path("set.yaml").write_text("rig: rig.yaml\nscenes: [{name: a, file: robot.xml}]\n")
     code, output = call(*arguments)
     assert code == 2
     assert message in output

@@ -49,7 +49,7 @@ def test_a_mistake_is_shown_where_it_is(path: Path, old: str, new: str, place: s
 
 
 def test_a_rig_in_place_of_a_data_set_is_told_apart(path: Path) -> None:
-    with pytest.raises(InputError, match=r"rig\.yaml:1:1: a rig, expected the file of a data set"):
+    with pytest.raises(InputError, match=r"rig\.yaml:1:1: a rig, expected a data set; `rigcast validate .*` shows it"):
         read_dataset(path.parent / "rig.yaml")
     with pytest.raises(InputError, match=r"set\.yaml:1:1: a data set, expected a rig; `rigcast dataset .*` makes it"):
         load_rig(path)

@@ -197,7 +197,7 @@ FAULTS = [
     (CAMERA, r"sensors\[0\]: resolution required: camera 'bare' of the model has none"),
     (ONE.replace("models/robot.xml", "§root.xml") + "}", "model: .*root.xml is not a file, expected a MuJoCo model"),
     (ONE.replace("models/robot.xml", "§models") + "}", "model: .*models is not a file"),
-    (ONE.replace("models/robot.xml", "§rig.yaml") + "}", "model: .*rig.yaml does not compile"),
+    (ONE.replace("models/robot.xml", "§rig.yaml") + "}", "model: .*rig.yaml: a YAML file, expected a MuJoCo model"),
     ("§" + ONE.removeprefix(HEAD) + "}", "model: required, as no model was given otherwise"),
 ]
 

@@ -192,6 +192,7 @@ def test_overrides_that_are_no_list_are_refused(folder: Path, overrides: Any) ->
 # (the file, with § before what is at fault, and what is said about it)
 FAULTS = [
     ("extends: §no.yaml\n", "extends: .*no.yaml is not a file"),
+    ("extends: §ouster_os1_64\n", "extends: .*is not a file; a sensor has a device as `preset: ouster_os1_64`"),
     ("extends: §rig.yaml\n", "extends: .*rig.yaml -> .*rig.yaml goes round in a circle"),
     ("extends: §3\n" + BASE.replace("robot", "base/robot"), "extends: must be the name of a file, or a list of them"),
     ("extends: base/base.yaml\nsensors: [{name: top, §rat: 3}]\n", r"sensors\[0\].rat: unknown key"),
