@@ -190,30 +190,39 @@ CAPTIONS = {
 
 OTHER_KINDS = """## What the others do not cast against: SDF geoms, flexes, skins, props
 
-`mj_ray` does not see flexes and skins; they are judged by `mj_rayFlex` and `mju_raySkin`, ray by ray. Props are judged
-by `mj_ray` on a model of their meshes, SDF geoms by `mj_ray` on a mesh geom with the mesh that rigcast casts against:
-docs/sdf.md has the difference to the sphere tracing of `mj_ray`. Scenes are those of mujoco_warp's tests for SDF
-geoms, ropes, cloth, soft bodies and skins on the move, and three meshes as props, each near the origin and 10 km away.
+- Flexes and skins, which `mj_ray` does not see, are compared with `mj_rayFlex` and `mju_raySkin`, ray by ray.
+- Props are compared with `mj_ray` on a model of their meshes.
+- SDF geoms are compared with `mj_ray` on a mesh geom with the mesh that rigcast casts against; [SDF geoms](sdf.md) has
+  the difference from `mj_ray`'s sphere tracing.
+
+The scenes are those of mujoco_warp's tests for SDF geoms, ropes, cloth, soft bodies and moving skins, and three meshes
+as props, each near the origin and 10 km away.
 """
 
 HEAD = """# Accuracy
 
 *Written by `make accuracy` (`python benchmarks/accuracy.py`); not edited by hand.*
 
-Every ray is judged by MuJoCo's `mj_ray`, in float64, by the one definition in `rigcast.oracle.judge`. With t in
-metres and n_ref the reference normal, a ray **agrees** when hit or miss, geom, distance
-(|t - t_ref| <= 1e-5 (1 + t) / max(|d . n_ref|, 1e-3)) and normal are those of `mj_ray`. It is **in the edge band**
-when a ray moved by at most 1e-5 (1 + t) and turned by at most 1e-5 rad makes `mj_ray` give that answer; otherwise it
-is **wrong**. *Worst* and *99.9 %* are of |t - t_ref| over rays that agree. A ray is booked under the type of the geom
-that `mj_ray` hits; where it misses and the caster does not, under the caster's; `none` is where both miss.
+Every ray is compared with MuJoCo's `mj_ray`, in float64, by the single definition in `rigcast.oracle.judge`. With t in
+metres and n_ref the reference normal:
 
-Each caster gets the same rays, through the same code, on the CPU. Filters and transparency are no part of this:
-nothing in the random scenes is transparent, and what the warehouse's sensors are not to see is moved out of the way.
-MuJoCo-LiDAR reports distances only: ids and normals are taken from `mj_ray` in its favour. Its rays are cast one by
-one, so that each has its own origin, with a cutoff of 1000 km.
+- it **agrees** when hit or miss, geom, distance (|t - t_ref| <= 1e-5 (1 + t) / max(|d . n_ref|, 1e-3)) and normal are
+  those of `mj_ray`;
+- it is **in the edge band** when a ray moved by at most 1e-5 (1 + t) and turned by at most 1e-5 rad makes `mj_ray` give
+  that answer;
+- otherwise it is **wrong**.
 
-Two things to know when reading the random scenes: two of the six kinds of rays run exactly at vertices and edges or
-within faces, hence the many in the edge band; and a plane has one side only in `mj_ray`, two in MuJoCo-LiDAR, where it
+*Worst* and *99.9 %* are of |t - t_ref| over rays that agree. A ray counts under the type of the geom that `mj_ray`
+hits, or, if only the caster hits, under the caster's; `none` is where both miss.
+
+- Each caster gets the same rays, through the same code, on the CPU.
+- Filters and transparency are not part of this: nothing in the random scenes is transparent, and what the warehouse's
+  sensors must not see is moved out of the way.
+- MuJoCo-LiDAR reports distances only; its ids and normals are taken from `mj_ray`, in its favour. Its rays are cast one
+  by one, so that each has its own origin, with a cutoff of 1000 km.
+
+Two things to know about the random scenes: two of the six kinds of rays run exactly at vertices and edges or within
+faces, hence the many in the edge band. And a plane is one-sided in `mj_ray` but two-sided in MuJoCo-LiDAR, where it
 then hides what is behind it, of whatever type.
 """
 
