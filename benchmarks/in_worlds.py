@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 from floor import Visits
 
-from rigcast.bench.charts import draw_worlds
 from rigcast.bench.figure import Spread
-from rigcast.bench.record import Record
+from rigcast.bench.report.charts import draw_worlds
+from rigcast.bench.report.record import Record
 from rigcast.bench.worlds.measure import Batch, OnDevice
 
 ON_GPU = Path(__file__).parent / "on_gpu.json"

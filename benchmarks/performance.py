@@ -16,9 +16,9 @@ from in_worlds import OnGpu, cells, of_worlds, on_gpu
 from in_worlds import bars as bars_on_gpu
 from steps import Step, steps
 
-from rigcast.bench.charts import draw_results, draw_scaling
 from rigcast.bench.race import Result, Speed
-from rigcast.bench.record import Record
+from rigcast.bench.report.charts import draw_results, draw_scaling
+from rigcast.bench.report.record import Record
 from rigcast.bench.workloads import Unavailable
 from rigcast.quiet import quiet_warp
 

@@ -17,8 +17,8 @@ from .collector import paused_collector
 if TYPE_CHECKING:
     from .dataset.reading import open_dataset as open_dataset
     from .export.options import Export as Export
-    from .export.recorder import Recorder as Recorder
     from .overlay import overlay as overlay
+    from .recording.recorder import Recorder as Recorder
     from .rig_file import load_rig as load_rig
     from .ros.node import RosNode as RosNode
     from .sensors.errors import InputError as InputError
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from .sensors.scene.hits import Hits as Hits
     from .sensors.scene.scene import Scene as Scene
     from .sensors.specs.cameras.depth_camera import DepthCamera as DepthCamera
-    from .sensors.specs.cameras.lens import BrownConrady as BrownConrady
-    from .sensors.specs.cameras.lens import KannalaBrandt as KannalaBrandt
     from .sensors.specs.cameras.ranging import Stereo as Stereo
     from .sensors.specs.cameras.ranging import TimeOfFlight as TimeOfFlight
     from .sensors.specs.filter import Filter as Filter
     from .sensors.specs.height_scan import HeightScan as HeightScan
     from .sensors.specs.imported import from_model as from_model
+    from .sensors.specs.lens import BrownConrady as BrownConrady
+    from .sensors.specs.lens import KannalaBrandt as KannalaBrandt
     from .sensors.specs.lidars.effects import Beam as Beam
     from .sensors.specs.lidars.effects import Detection as Detection
     from .sensors.specs.lidars.effects import Noise as Noise
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Beam": "sensors.specs.lidars.effects",
-    "BrownConrady": "sensors.specs.cameras.lens",
+    "BrownConrady": "sensors.specs.lens",
     "CameraFrame": "sensors.rig.frame",
     "DepthCamera": "sensors.specs.cameras.depth_camera",
     "Detection": "sensors.specs.lidars.effects",
@@ -61,13 +61,13 @@ _HOME = {
     "HeightScan": "sensors.specs.height_scan",
     "Hits": "sensors.scene.hits",
     "InputError": "sensors.errors",
-    "KannalaBrandt": "sensors.specs.cameras.lens",
+    "KannalaBrandt": "sensors.specs.lens",
     "Lidar": "sensors.specs.lidars.lidar",
     "LidarFrame": "sensors.rig.frame",
     "Mount": "sensors.specs.mount",
     "Noise": "sensors.specs.lidars.effects",
     "Prop": "sensors.specs.prop",
-    "Recorder": "export.recorder",
+    "Recorder": "recording.recorder",
     "Rig": "sensors.rig.rig",
     "RosNode": "ros.node",
     "Scene": "sensors.scene.scene",

@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 import rigcast
 from rigcast.cli import app
-from rigcast.export.formats import FORMATS
 from rigcast.export.options import Export
+from rigcast.recording.formats import FORMATS
 from rigcast.rig_file import open_rig
 
 CHECKOUT = Path(__file__).resolve().parent.parent

@@ -13,11 +13,11 @@ from rich.table import Table
 
 from rigcast.bench.casters import CASTERS, Caster, load_casters
 from rigcast.bench.casting import origins, outputs, patterns
-from rigcast.bench.charts import draw_results, draw_scaling, draw_worlds
 from rigcast.bench.figure import Figure, Spread
 from rigcast.bench.preparing import memory, start, trees
 from rigcast.bench.race import Result, race
-from rigcast.bench.record import Record
+from rigcast.bench.report.charts import draw_results, draw_scaling, draw_worlds
+from rigcast.bench.report.record import Record
 from rigcast.bench.scaling import Series, scaling
 from rigcast.bench.stepping import small, update
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills

@@ -15,9 +15,9 @@ from rich.table import Table
 from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
-from rigcast.export.formats import FORMATS
-from rigcast.export.layout import INDEX_NAME
-from rigcast.export.recorder import Recorder
+from rigcast.recording.formats import FORMATS
+from rigcast.recording.layout import INDEX_NAME
+from rigcast.recording.recorder import Recorder
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig

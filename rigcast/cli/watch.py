@@ -14,7 +14,6 @@ from rigcast.export.files import make_writable, replacing
 from rigcast.rig_file import open_rig
 from rigcast.rig_file.layers import refuse_other_names
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.preview.draw import draw_preview
 from rigcast.simulation import initial_data
 
 _PERIOD = 0.3  # s between two looks at the files
@@ -55,9 +54,9 @@ def draw_once(
     config, compiled = open_rig(rig, model, overrides)
     data = initial_data(compiled, config.keyframe)
     loaded = ready_rig(console, config, compiled, data, device)
-    for spec, frame in zip(loaded.sensors, loaded.sense(data).values(), strict=True):
-        with replacing(folder / f"{spec.name}.png") as temporary:
-            draw_preview(spec.pattern(compiled), frame).save(temporary, format="png")
+    for name, frame in loaded.sense(data).items():
+        with replacing(folder / f"{name}.png") as temporary:
+            frame.picture().save(temporary, format="png")
     seconds = time.perf_counter() - began
     say(console, f"{rig}: {counted(len(config.sensors), 'picture')} in {folder}, {seconds:.1f} s")
     own = model if model is not None else config.model

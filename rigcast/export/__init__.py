@@ -1,1 +1,1 @@
-"""Frames and runs as files: OpenEXR images, PLY point clouds, NumPy archives and their index."""
+"""Frames as files, and what every file of frames holds: per-ray fields on the host, and the names behind ids."""

@@ -16,7 +16,7 @@ from rigcast.export.fields import fields_of
 from rigcast.export.frames.png import MILLIMETRE, whole_steps
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.rotations import quaternion
-from rigcast.sensors.specs.cameras.lens import Lens
+from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 from .layouts import Points

@@ -17,7 +17,7 @@ from rigcast.ros.messages import DATATYPES, typestore
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.rotations import rotation_matrix
-from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.view.shots import VALUES, Share, Shot, arrays_of_image
 
 _FILES = (".mcap", ".db3")

@@ -13,11 +13,11 @@ from trimesh.exchange.ply import load_ply
 
 from rigcast.dataset.storage.manifest import MANIFEST_NAME
 from rigcast.dataset.storage.shards import ENTRY_NAME
-from rigcast.export.index import read_journal
-from rigcast.export.layout import INDEX_NAME, JOURNAL_NAME
+from rigcast.recording.index import read_journal
+from rigcast.recording.layout import INDEX_NAME, JOURNAL_NAME
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import listing
-from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.view.bag import is_bag, read_bag
 from rigcast.view.shots import VALUES, Share, Shot, arrays_of_image
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.specs.cameras.depth_camera import pixel_rays
-from rigcast.sensors.specs.cameras.lens import Lens
+from rigcast.sensors.specs.lens import Lens
 
 VALUES = ("range", "intensity", "ring", "geom_id")  # by which points can be coloured
 

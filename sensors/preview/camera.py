@@ -1,6 +1,7 @@
 """A depth camera's frame as a picture: its depth with a scale, and small its normals and geoms."""
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from rigcast.sensors.preview.colour import FAINT, Scale, id_colours, normal_colours
@@ -14,20 +15,20 @@ from rigcast.sensors.preview.page import (
     Page,
     seconds,
 )
-from rigcast.sensors.rig.frame import CameraFrame
 
 _MAIN = (720, 640)  # the box that the depth picture is fitted into, pixels
 _SMALL_WIDTH = WIDTH - 2 * MARGIN - _MAIN[0] - BAR_SPACE - MARGIN
 
 
-def draw_camera(frame: CameraFrame) -> Image.Image:
-    """Draw z-depth over the 1st to 96th percentile; beside it normals (optical frame) and geom ids."""
-    depth = frame.depth.numpy()
+def draw_camera(
+    sensor: str, time: float, depth: NDArray[np.float32], normals: NDArray[np.float32], geoms: NDArray[np.int32]
+) -> Image.Image:
+    """Draw z-depth (H, W) [m] over the 1st to 96th percentile; beside it normals (optical frame) and geom ids."""
     rows, columns = depth.shape
     width, height = _fit(columns, rows, _MAIN)
     small = _fit(columns, rows, (_SMALL_WIDTH, (height - CAPTION_HEIGHT) // 2))
     top = TITLE_HEIGHT + CAPTION_HEIGHT
-    title = f"{frame.sensor} · depth camera {columns} x {rows} · {seconds(frame.time)}"
+    title = f"{sensor} · depth camera {columns} x {rows} · {seconds(time)}"
     page = Page(
         top + height + LEGEND_HEIGHT,
         title,
@@ -41,8 +42,7 @@ def draw_camera(frame: CameraFrame) -> Image.Image:
 
     left, below = WIDTH - MARGIN - small[0], top + height - small[1]
     page.text(left, top - 8, "normals", size=16, colour=FAINT, anchor="ls")
-    page.picture(left, top, normal_colours(frame.normal.numpy()), small)
-    geoms = frame.geom_id.numpy()
+    page.picture(left, top, normal_colours(normals), small)
     seen = np.unique(geoms[geoms >= 0]).size
     page.text(left, below - 8, f"geoms, {seen} in view", size=16, colour=FAINT, anchor="ls")
     page.picture(left, below, id_colours(geoms), small)

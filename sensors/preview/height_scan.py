@@ -6,23 +6,26 @@ from PIL import Image
 
 from rigcast.sensors.preview.colour import FAINT, Scale
 from rigcast.sensors.preview.page import CAPTION_HEIGHT, LEGEND_HEIGHT, MARGIN, TITLE_HEIGHT, Page, seconds
-from rigcast.sensors.rig.frame import Frame
 from rigcast.sensors.specs.pattern import Pattern
 
 _BOX = (940, 640)  # what the grid is fitted into, pixels
 
 
-def draw_height_scan(frame: Frame, pattern: Pattern) -> Image.Image:
-    """Draw the height of the hits in the sensor's frame, x forward up, y to the left."""
-    distance = frame.range.numpy().ravel()
-    height = np.where(np.isfinite(distance), frame.points.numpy().reshape(-1, 3)[:, 2], distance)
+def draw_height_scan(
+    sensor: str, time: float, distance: NDArray[np.float32], points: NDArray[np.float32], pattern: Pattern
+) -> Image.Image:
+    """Draw the height of the hits in the sensor's frame, x forward up, y to the left.
+
+    distance, points: (rays,) and (rays, 3) [m], of the rays of the pattern.
+    """
+    height = np.where(np.isfinite(distance), points[:, 2], distance)
     grid, extent = _grid(pattern, height)
     rows, columns = grid.shape
     cell = max(1, min(_BOX[0] // columns, _BOX[1] // rows))
     size = (columns * cell, rows * cell)
     top = TITLE_HEIGHT + CAPTION_HEIGHT
     page_height = top + max(size[1], 200) + CAPTION_HEIGHT + LEGEND_HEIGHT
-    title = f"{frame.sensor} · height scan {rows} x {columns} · {seconds(frame.time)}"
+    title = f"{sensor} · height scan {rows} x {columns} · {seconds(time)}"
     subtitle = "height of the ground in the sensor's frame"
     page = Page(page_height, title, subtitle)
     scale = Scale.of(height)

@@ -17,35 +17,37 @@ from rigcast.sensors.preview.page import (
     seconds,
 )
 from rigcast.sensors.preview.panel import draw_squares, empty_panel
-from rigcast.sensors.rig.frame import LidarFrame
 from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
 
 _WIDTH = WIDTH - 2 * MARGIN - BAR_SPACE
 
 
-def draw_lidar(frame: LidarFrame, pattern: Pattern) -> Image.Image:
+def draw_lidar(
+    sensor: str, time: float, every: NDArray[np.float32], points: NDArray[np.float32], pattern: Pattern
+) -> Image.Image:
     """Draw ranges over azimuth (left is left, the middle forward) and elevation, and points from above.
 
     Of several returns the range image shows the first reported, and the points are of all.
+
+    every, points: (...) and (..., 3) [m], of every return. pattern: the rays of this reading.
     """
-    every, distance = frame.range.numpy(), first_returns(frame, pattern)
+    distance = first_returns(every, pattern)
     is_table = distance.ndim == 2
     height = int(np.clip(distance.shape[0] * 6, 120, 300))
     top = TITLE_HEIGHT + CAPTION_HEIGHT
     below = top + height + 2 * CAPTION_HEIGHT + LEGEND_HEIGHT
     rays = "{} beams x {} columns".format(*distance.shape) if is_table else f"{distance.size} rays"
-    title = f"{frame.sensor} · lidar {rays} · {seconds(frame.time)}"
+    title = f"{sensor} · lidar {rays} · {seconds(time)}"
     page = Page(below + MAP_HEIGHT + MARGIN, title, "range image, and the points from above")
     draw_ranges = _range_image if is_table else _range_scatter
-    draw_ranges(page, top, height, distance, pattern.at(frame.time))
+    draw_ranges(page, top, height, distance, pattern)
     page.legend(MARGIN, top + height + CAPTION_HEIGHT + LEGEND_HEIGHT // 2, distance)
-    _from_above(page, below, frame.points.numpy()[np.isfinite(every)])
+    _from_above(page, below, points[np.isfinite(every)])
     return page.image
 
 
-def first_returns(frame: LidarFrame, pattern: Pattern) -> NDArray[np.float32]:
+def first_returns(every: NDArray[np.float32], pattern: Pattern) -> NDArray[np.float32]:
     """The range of each ray of the pattern; of several returns the first reported."""
-    every: NDArray[np.float32] = frame.range.numpy()
     return every if every.shape == pattern.shape else every[..., 0]
 
 

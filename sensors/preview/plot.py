@@ -10,28 +10,43 @@ from rigcast.sensors.errors import require_type
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.preview.colour import Scale
 from rigcast.sensors.preview.lidar import first_returns, picture_order
-from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def plot_frame(pattern: Pattern, frame: Frame, ax: "Axes | None" = None) -> "Axes":
-    """Draw a camera's depth, a lidar's range image, or the points of any other sensor from above."""
+def titled_axes(ax: "Axes | None", sensor: str, time: float) -> "Axes":
+    """`ax`, or the current one for None, with the title of a frame.
+
+    Raises InputError where matplotlib is not installed, and for what are no axes.
+    """
     pyplot = load_extra("Frame.plot", "matplotlib.pyplot", "plot")
     require_type("Frame.plot: ax", ax, pyplot.Axes, NoneType)
     shown: Axes = pyplot.gca() if ax is None else ax
-    shown.set_title(f"{frame.sensor}, t = {frame.time:.3f} s")
-    if isinstance(frame, CameraFrame):
-        _image(shown, frame.depth.numpy(), "depth [m]")
-        shown.set(xlabel="u [pixels]", ylabel="v [pixels]")
-    elif isinstance(frame, LidarFrame):
-        draw_ranges = _range_image if len(pattern.shape) == 2 else _range_scatter
-        draw_ranges(shown, first_returns(frame, pattern), pattern.at(frame.time))
-    else:
-        _from_above(shown, frame)
+    shown.set_title(f"{sensor}, t = {time:.3f} s")
     return shown
+
+
+def plot_depth(ax: "Axes", depth: NDArray[np.float32]) -> None:
+    """z-depth (H, W) [m] of a camera."""
+    _image(ax, depth, "depth [m]")
+    ax.set(xlabel="u [pixels]", ylabel="v [pixels]")
+
+
+def plot_ranges(ax: "Axes", every: NDArray[np.float32], pattern: Pattern) -> None:
+    """The range image of a lidar, of the first return of each ray. every: (...) [m], of all returns."""
+    draw_ranges = _range_image if len(pattern.shape) == 2 else _range_scatter
+    draw_ranges(ax, first_returns(every, pattern), pattern)
+
+
+def plot_from_above(ax: "Axes", points: NDArray[np.float32]) -> None:
+    """Points (n, 3) [m], x forward up and y to the left, coloured by height."""
+    points = points[np.isfinite(points).all(axis=1)]
+    drawn = ax.scatter(points[:, 1], points[:, 0], c=points[:, 2], s=4, cmap="turbo")
+    ax.invert_xaxis()
+    ax.set(xlabel="y [m]", ylabel="x [m]", aspect="equal")
+    ax.figure.colorbar(drawn, ax=ax, label="z [m]")
 
 
 def _range_image(ax: "Axes", distance: NDArray[np.float32], pattern: Pattern) -> None:
@@ -53,16 +68,6 @@ def _range_scatter(ax: "Axes", distance: NDArray[np.float32], pattern: Pattern) 
     ax.invert_xaxis()
     ax.set(xlabel="azimuth [deg]", ylabel="elevation [deg]", aspect="equal")
     ax.figure.colorbar(drawn, ax=ax, label="range [m]")
-
-
-def _from_above(ax: "Axes", frame: Frame) -> None:
-    """x forward is up and y to the left, coloured by height."""
-    points = frame.points.numpy().reshape(-1, 3)
-    points = points[np.isfinite(points).all(axis=1)]
-    drawn = ax.scatter(points[:, 1], points[:, 0], c=points[:, 2], s=4, cmap="turbo")
-    ax.invert_xaxis()
-    ax.set(xlabel="y [m]", ylabel="x [m]", aspect="equal")
-    ax.figure.colorbar(drawn, ax=ax, label="z [m]")
 
 
 def _image(ax: "Axes", values: NDArray[np.float32], label: str, **how: Any) -> None:

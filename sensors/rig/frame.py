@@ -16,7 +16,7 @@ from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.parts.part import Owner
 from rigcast.sensors.scene.shape_ids import ShapeIds
-from rigcast.sensors.specs.cameras.lens import Lens
+from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 
 from .arrays.frame_arrays import FrameArrays
@@ -178,10 +178,8 @@ class Frame:
 
         A camera: z-depth, normals, geoms. A lidar: range image above a top-down view. Others: their grid.
         """
-        from rigcast.sensors.preview.draw import draw_preview  # here, as it imports this module
-
         self.require_one_world()
-        return draw_preview(self._source.pattern, self)
+        return self._drawn()
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw depth, range image or points into matplotlib's `ax` (None: the current one); what has no range is grey.
@@ -190,10 +188,25 @@ class Frame:
 
         >>> frame.plot().figure.savefig("frame.pdf")
         """
-        from rigcast.sensors.preview.plot import plot_frame
+        from rigcast.sensors.preview.plot import titled_axes
 
         self.require_one_world()
-        return plot_frame(self._source.pattern, self, ax)
+        axes = titled_axes(ax, self.sensor, self.time)
+        self._plot(axes)
+        return axes
+
+    # What draws is imported where it draws, as most rigs need neither pictures nor what makes them.
+
+    def _drawn(self) -> "Image.Image":
+        from rigcast.sensors.preview.height_scan import draw_height_scan
+
+        distance, points = self.range.numpy().ravel(), self.points.numpy().reshape(-1, 3)
+        return draw_height_scan(self.sensor, self.time, distance, points, self._source.pattern)
+
+    def _plot(self, axes: "Axes") -> None:
+        from rigcast.sensors.preview.plot import plot_from_above
+
+        plot_from_above(axes, self.points.numpy().reshape(-1, 3))
 
     def _repr_png_(self) -> bytes | None:
         """What Jupyter shows; None of many worlds, which have no picture."""
@@ -241,6 +254,17 @@ class LidarFrame(Frame):
         own = {"ring": self.ring[k], "column": self.column[k], "_intensity": lambda _: self.intensity[k]}
         return super()._of_world(k) | own
 
+    def _drawn(self) -> "Image.Image":
+        from rigcast.sensors.preview.lidar import draw_lidar
+
+        pattern = self._source.pattern.at(self.time)
+        return draw_lidar(self.sensor, self.time, self.range.numpy(), self.points.numpy(), pattern)
+
+    def _plot(self, axes: "Axes") -> None:
+        from rigcast.sensors.preview.plot import plot_ranges
+
+        plot_ranges(axes, self.range.numpy(), self._source.pattern.at(self.time))
+
 
 @dataclass(eq=False, repr=False)
 class CameraFrame(Frame):
@@ -276,6 +300,16 @@ class CameraFrame(Frame):
 
     def _of_world(self, k: int) -> dict[str, Any]:
         return super()._of_world(k) | {"_intensity": lambda _: self.intensity[k]}
+
+    def _drawn(self) -> "Image.Image":
+        from rigcast.sensors.preview.camera import draw_camera
+
+        return draw_camera(self.sensor, self.time, self.depth.numpy(), self.normal.numpy(), self.geom_id.numpy())
+
+    def _plot(self, axes: "Axes") -> None:
+        from rigcast.sensors.preview.plot import plot_depth
+
+        plot_depth(axes, self.depth.numpy())
 
 
 def as_frames(what: str, frames: Iterable[Frame], sensors: Collection[str] | None = None) -> list[Frame]:

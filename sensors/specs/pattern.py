@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .cameras.lens import Lens
+from .lens import Lens
 
 if TYPE_CHECKING:  # cards of devices are drawn without Warp
     from rigcast.kernels.rays.coherent import Packets

@@ -36,15 +36,16 @@ def model() -> mujoco.MjModel:
 def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -> Any:
     """A frame of `kind` whose range is `distance`; other readings are random, and misses where that is none.
 
-    Fields can be `given` by name. A frame works out its fields when asked; here they are there already.
+    Fields can be `given` by name, and a `pattern`, which all but cameras need for a picture. A frame works out its
+    fields when asked; here they are there already.
     """
     own = _own_fields(kind, distance.shape) | ({"lens": given.pop("lens")} if "lens" in given else {})
-    sensor, time = given.pop("sensor", "eye"), given.pop("time", 0.1)
+    sensor, time, pattern = given.pop("sensor", "eye"), given.pop("time", 0.1), given.pop("pattern", None)
     fields = _random_fields(kind, distance) | {"range": distance} | given
     arrays = {name: wp.array(array, device="cpu") for name, array in fields.items()}
     hit: Any = SimpleNamespace(range=arrays.pop("range"), normal=arrays.pop("normal"))
     nothing: Any = None
-    source = Source(sensor, shape_ids=ShapeIds({}), body_of_shape=nothing, firing_times=None, pattern=nothing)
+    source = Source(sensor, shape_ids=ShapeIds({}), body_of_shape=nothing, firing_times=None, pattern=pattern)
     frame = kind(time=time, pose=POSE, shape=distance.shape, _arrays=hit, _source=source, **own)
     vars(frame).update(arrays)
     if kind is not Frame and "intensity" not in given:

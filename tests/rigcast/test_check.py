@@ -16,7 +16,7 @@ from rigcast.check import Report, check
 from rigcast.cli.check import as_json
 from rigcast.cli.check import check as command
 from rigcast.sensors.rig.mounted import Sensor
-from rigcast.sensors.specs.cameras.lens import KannalaBrandt
+from rigcast.sensors.specs.lens import KannalaBrandt
 
 pytestmark = pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 
 from rigcast.export.fields import field_names
-from rigcast.export.formats import FORMATS
+from rigcast.recording.formats import FORMATS
 from rigcast.rig_file import RigConfig, compile_model, read_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra

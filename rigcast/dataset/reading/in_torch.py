@@ -1,17 +1,17 @@
 """The frames of a data set for torch."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import torch
-
-from .frames import Dataset
+from numpy.typing import NDArray
 
 
 class TorchFrames(torch.utils.data.Dataset[dict[str, Any]]):  # type: ignore[misc]
     """Frames as {field: tensor}, for a DataLoader and its workers."""
 
-    def __init__(self, frames: Dataset, fields: tuple[str, ...]) -> None:
+    def __init__(self, frames: Sequence[Mapping[str, NDArray[Any]]], fields: tuple[str, ...]) -> None:
         self._frames, self._fields = frames, fields
 
     def __len__(self) -> int:

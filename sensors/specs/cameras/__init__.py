@@ -1,1 +1,1 @@
-"""Depth cameras as users write them down: pixels, lenses, and how depth is measured."""
+"""Depth cameras as users write them down: pixels, and how depth is measured."""

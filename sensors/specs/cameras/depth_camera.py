@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from rigcast.sensors.faults import Fault, refuse
+from rigcast.sensors.specs.lens import AnyLens, BrownConrady, Lens
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern, refuse_too_many
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
-from .lens import AnyLens, BrownConrady, Lens
 from .ranging import Stereo, TimeOfFlight
 
 Pixels = Annotated[int, Field(ge=1)]

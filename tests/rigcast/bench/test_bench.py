@@ -14,8 +14,8 @@ from rigcast import InputError
 from rigcast.bench import casting, preparing, stepping, workloads
 from rigcast.bench.casters import CASTERS, Floats, load_casters
 from rigcast.bench.casters.tessellation import merged_triangles
-from rigcast.bench.charts import draw_results
 from rigcast.bench.race import Result, in_turns, race
+from rigcast.bench.report.charts import draw_results
 from rigcast.bench.scaling import scaling
 from rigcast.bench.workloads import View, Workload
 from rigcast.cli import app

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from rigcast.bench import workloads
 from rigcast.bench.figure import Figure, Spread
 from rigcast.bench.race import spread_over
-from rigcast.bench.record import Record
+from rigcast.bench.report.record import Record
 from rigcast.bench.workloads import Workload
 from rigcast.bench.worlds.contenders import Rigcast, captured
 from rigcast.bench.worlds.crowd import G1_HEAD, Crowd, crowd

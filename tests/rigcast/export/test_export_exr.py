@@ -11,7 +11,7 @@ from made_frames import INTRINSICS, POSE, make_frame, random_range
 from rigcast.export.frames.exr import write_exr
 from rigcast.export.ids import IdTable
 from rigcast.sensors.rig.frame import CameraFrame
-from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 
 IDS = IdTable.of(made_frames.model())
 

@@ -15,7 +15,6 @@ from rigcast.sensors.preview.colour import (
     normal_colours,
     turbo,
 )
-from rigcast.sensors.preview.draw import draw_preview
 from rigcast.sensors.preview.lidar import picture_order
 from rigcast.sensors.preview.page import WIDTH, ticks
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
@@ -49,7 +48,7 @@ def draw(kind: type[Frame], pattern: Pattern, distance: np.ndarray[Any, Any]) ->
     origins = 0.0 if pattern.origins is None else pattern.origins
     reached = np.where(np.isfinite(distance), distance, np.nan)[..., None]
     points = (origins + pattern.directions * reached).astype(np.float32)
-    page = draw_preview(pattern, make_frame(kind, distance, points=points, depth=distance))
+    page = make_frame(kind, distance, points=points, depth=distance, pattern=pattern).picture()
     assert page.mode == "RGB"
     return np.asarray(page)
 
@@ -225,7 +224,7 @@ def test_a_height_is_drawn_where_its_ray_starts_whatever_the_order_of_rays(order
 
 
 def test_a_preview_is_a_png_that_is_read_back(tmp_path: Any) -> None:
-    page = draw_preview(camera(8, 6), make_frame(CameraFrame, random_range((6, 8), 0)))
+    page = make_frame(CameraFrame, random_range((6, 8), 0)).picture()
     page.save(tmp_path / "preview.png")
     with Image.open(tmp_path / "preview.png") as image:
         np.testing.assert_array_equal(np.asarray(image), np.asarray(page))

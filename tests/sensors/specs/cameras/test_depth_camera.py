@@ -10,8 +10,8 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
-from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.sensors.specs.cameras.ranging import TimeOfFlight
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.sensors.specs.mount import Mount
 
 XML = """

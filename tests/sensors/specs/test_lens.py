@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 
 PLUMB_BOB = BrownConrady(k1=-0.055, k2=0.066, p1=0.0006, p2=-0.0009, k3=-0.021)
 RATIONAL = BrownConrady(k1=0.45, k2=-2.6, p1=0.0011, p2=-0.0004, k3=1.49, k4=0.33, k5=-2.43, k6=1.42)

@@ -1,3 +1,5 @@
+"""The folder that a run leaves: its files, which formats of which sensors, and its index."""
+
 import json
 from pathlib import Path
 from typing import Any
@@ -7,15 +9,14 @@ import numpy as np
 import pytest
 from made_frames import INTRINSICS, POSE, make_frame, random_range
 
-from rigcast.export.files import make_writable, replacing
-from rigcast.export.formats import choose_formats
 from rigcast.export.frames.npz import write_npz
-from rigcast.export.recorder import Recorder
+from rigcast.recording.formats import choose_formats
+from rigcast.recording.recorder import Recorder
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
-from rigcast.sensors.specs.cameras.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.sensors.specs.height_scan import HeightScan
+from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt, Lens
 from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -29,7 +30,8 @@ KINDS: dict[str, type[Frame]] = {"top": LidarFrame, "eye": CameraFrame, "feet": 
 
 
 def a_frame(name: str, time: float = 0.1) -> Any:
-    return make_frame(KINDS[name], random_range(SHAPES[name], 3), sensor=name, time=time)
+    (pattern,) = (spec.pattern(made_frames.model()) for spec in RIG if spec.name == name)
+    return make_frame(KINDS[name], random_range(SHAPES[name], 3), sensor=name, time=time, pattern=pattern)
 
 
 def record(
@@ -192,30 +194,6 @@ def test_the_lens_is_in_the_npz_and_in_the_index(tmp_path: Path, lens: Lens) -> 
         assert np.isnan(index["sensor_distortion"][0]).all()
 
 
-def test_a_file_appears_only_when_it_is_whole(tmp_path: Path) -> None:
-    path = tmp_path / "a.txt"
-    path.write_text("old")
-
-    def fail_halfway() -> None:
-        with replacing(path) as temporary:
-            temporary.write_text("half")
-            raise RuntimeError("halfway")
-
-    with pytest.raises(RuntimeError, match="halfway"):
-        fail_halfway()
-    assert (files_in(tmp_path), path.read_text()) == (["a.txt"], "old")
-    with replacing(path) as temporary:
-        temporary.write_text("new")
-        assert (temporary.parent, path.read_text()) == (tmp_path, "old")
-    assert (files_in(tmp_path), path.read_text()) == (["a.txt"], "new")
-
-
-def test_a_failed_write_names_the_file_and_the_reason(tmp_path: Path) -> None:
-    path = tmp_path / "gone" / "a.txt"
-    with pytest.raises(InputError, match=r"a\.txt: cannot be written: No such file"), replacing(path) as temporary:
-        temporary.write_text("new")
-
-
 def test_a_failing_frame_leaves_no_file(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, made_frames.model(), RIG)
     (tmp_path / "eye").rmdir()
@@ -224,17 +202,3 @@ def test_a_failing_frame_leaves_no_file(tmp_path: Path) -> None:
         recorder.write(a_frame("eye"))
     recorder.finish()
     assert files_in(tmp_path) == ["eye", "frames.npz", "ids.json"]
-
-
-@pytest.mark.parametrize("place", ["file", "file/below", 300 * "x"])
-def test_a_folder_that_cannot_be_written_is_an_input_error(tmp_path: Path, place: str) -> None:
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(InputError, match=r"the output folder cannot be written: \w+"):
-        make_writable(tmp_path / place)
-    assert files_in(tmp_path) == ["file"]
-
-
-def test_a_folder_is_made_and_tried_without_a_trace(tmp_path: Path) -> None:
-    make_writable(tmp_path / "a" / "b")
-    make_writable(tmp_path / "a" / "b")
-    assert list(tmp_path.rglob("*")) == [tmp_path / "a", tmp_path / "a" / "b"]

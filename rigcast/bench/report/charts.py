@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rigcast.bench.race import Result
+from rigcast.bench.scaling import Series
 from rigcast.sensors.extras import load_extra
-
-from .race import Result
-from .scaling import Series
 
 _LIBRARY = {"Open3D": "Open3D (Embree)"}
 

@@ -27,8 +27,8 @@ from ros_bags import read_bag, read_mcap, read_sqlite
 
 import rigcast
 from rigcast.export import files
-from rigcast.export.formats import FORMATS
-from rigcast.export.recorder import Recorder
+from rigcast.recording.formats import FORMATS
+from rigcast.recording.recorder import Recorder
 from rigcast.sensors.rig.frame import CameraFrame, LidarFrame
 
 LIDAR = rigcast.Lidar(name="top", mount=rigcast.Mount(body="crate"), elevation_deg=(-1.0, 1.0), columns=8)
@@ -39,7 +39,8 @@ ALL = list(FORMATS)
 
 
 def frames_at(time: float) -> list[Any]:
-    lidar = make_frame(LidarFrame, random_range((2, 8), 1), sensor="top", time=time)
+    pattern = LIDAR.pattern(made_frames.model())
+    lidar = make_frame(LidarFrame, random_range((2, 8), 1), sensor="top", time=time, pattern=pattern)
     return [lidar, make_frame(CameraFrame, random_range((4, 6), 2), sensor="eye", time=time)]
 
 
@@ -181,7 +182,7 @@ def test_more_classes_than_a_format_has_numbers_for_are_refused(tmp_path: Path, 
 def test_a_library_that_is_missing_is_named_with_what_brings_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, module: str, extra: str
 ) -> None:
-    monkeypatch.setattr("rigcast.export.formats.find_spec", lambda wanted: None if wanted == module else object())
+    monkeypatch.setattr("rigcast.recording.formats.find_spec", lambda wanted: None if wanted == module else object())
     message = rf"^format {name} needs {module}, which is not installed; pip install 'rigcast\[{extra}\]' brings it"
     with pytest.raises(rigcast.InputError, match=message):
         Recorder(tmp_path, made_frames.model(), RIG, [name, "ply"])
@@ -218,7 +219,7 @@ import os, signal, sys
 sys.path[:0] = {folders!r}
 import mujoco, made_frames
 from test_recording import RIG, frames_at
-from rigcast.export.recorder import Recorder
+from rigcast.recording.recorder import Recorder
 
 data = mujoco.MjData(made_frames.model())
 recorder = Recorder(sys.argv[1], made_frames.model(), RIG, ["ply", "exr_multipart", "zarr", "mcap", "sqlite3"])

@@ -15,7 +15,7 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
-from rigcast.export.formats import FORMATS
+from rigcast.recording.formats import FORMATS
 from rigcast.sensors.errors import InputError
 
 INDEX_NAME = "frames.npz"

@@ -6,10 +6,11 @@ from typing import Protocol
 
 import mujoco
 
-from rigcast.export.formats import FORMATS
 from rigcast.export.ids import IdTable
-from rigcast.export.layout import UNFINISHED_NAME
 from rigcast.export.options import Export
+from rigcast.export.zarr_store import ZarrStore
+from rigcast.recording.formats import FORMATS
+from rigcast.recording.layout import UNFINISHED_NAME
 from rigcast.sensors.rig.frame import Frame
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
@@ -65,9 +66,7 @@ def begin_run_file(
 ) -> RunFile:
     """A recording in `folder`, to be made, of format "zarr", "mcap" or "sqlite3"."""
     if name == "zarr":
-        from rigcast.export.zarr_store import ZarrStore
-
         return ZarrStore(folder, sensors, ids)
-    from rigcast.ros.bag import BagRecorder
+    from rigcast.ros.bag import BagRecorder  # here, as only bags need a Python that has SQLite
 
     return BagRecorder(folder, "mcap" if name == "mcap" else "sqlite3", model, sensors, ids, options)

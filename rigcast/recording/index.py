@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from rigcast.export.ids import IdTable
 from rigcast.sensors.rig.frame import Frame
-from rigcast.sensors.specs.cameras.lens import Lens
+from rigcast.sensors.specs.lens import Lens
 from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 

@@ -11,12 +11,11 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
+from rigcast.bench.figure import Figure
+from rigcast.bench.race import Result
+from rigcast.bench.scaling import Series
+from rigcast.bench.worlds.measure import OnDevice
 from rigcast.kernels.launching.slices import thread_count
-
-from .figure import Figure
-from .race import Result
-from .scaling import Series
-from .worlds.measure import OnDevice
 
 _PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "open3d", "mujoco-lidar", "mujoco-warp")
 

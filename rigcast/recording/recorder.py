@@ -11,12 +11,13 @@ from types import NoneType, TracebackType
 import mujoco
 
 from rigcast.export.files import make_writable, replacing, require_disk_space, uninterrupted
-from rigcast.export.formats import FORMATS, choose_formats
 from rigcast.export.frames.exr import write_exr
 from rigcast.export.frames.writers import file_writers
 from rigcast.export.ids import Classes, IdTable, require_few_classes
-from rigcast.export.index import FrameIndex
-from rigcast.export.layout import (
+from rigcast.export.options import Export
+from rigcast.recording.formats import FORMATS, choose_formats
+from rigcast.recording.index import FrameIndex
+from rigcast.recording.layout import (
     CAMERAS_NAME,
     IDS_NAME,
     INDEX_NAME,
@@ -25,10 +26,8 @@ from rigcast.export.layout import (
     clear_earlier_run,
     refuse_names,
 )
-from rigcast.export.options import Export
-from rigcast.export.run_files import RunFiles, begin_run_file
+from rigcast.recording.run_files import RunFiles, begin_run_file
 from rigcast.sensors.errors import InputError, require_type
-from rigcast.sensors.preview.draw import draw_preview
 from rigcast.sensors.rig.frame import CameraFrame, Frame, as_frames
 from rigcast.sensors.specs.prop import Prop, as_props
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -103,7 +102,7 @@ class Recorder:
             require_few_classes(ids, FORMATS[name].most_classes, name)
         self.folder = Path(folder)
         self.outputs = {name: SensorOutput(self.folder / name, formats) for name, formats in chosen.items()}
-        self._patterns = {spec.name: spec.pattern(model) for spec in sensors}
+        patterns = {spec.name: spec.pattern(model) for spec in sensors}
         self._ids, self._options = ids, options
         self._writers = file_writers(ids, options)
         groups = [self.folder / CAMERAS_NAME] if "exr_multipart" in used else []
@@ -118,7 +117,7 @@ class Recorder:
         with replacing(self.folder / IDS_NAME) as temporary:
             temporary.write_text(ids.json())
         indexed = [name for name in used if name not in whole_runs]
-        self._index = FrameIndex(self.folder / JOURNAL_NAME, sensors, self._patterns, indexed, ids)
+        self._index = FrameIndex(self.folder / JOURNAL_NAME, sensors, patterns, indexed, ids)
 
     @property
     def frames(self) -> int:
@@ -152,9 +151,9 @@ class Recorder:
             with replacing(self.folder / INDEX_NAME) as temporary:
                 self._index.write(temporary)
             self._index.close()
-            for name, output in self.outputs.items():
+            for output in self.outputs.values():
                 if output.latest is not None:
-                    self._preview(name, output, output.latest)
+                    self._preview(output, output.latest)
             if failures:
                 raise InputError("\n".join(failures))
 
@@ -251,8 +250,8 @@ class Recorder:
     def _saved(self) -> str:
         return f"{self.frames} frames from before are in {self.folder}"
 
-    def _preview(self, name: str, output: SensorOutput, frame: Frame) -> None:
-        picture = draw_preview(self._patterns[name], frame)
+    def _preview(self, output: SensorOutput, frame: Frame) -> None:
+        picture = frame.picture()
         with replacing(output.folder / PREVIEW_NAME) as temporary:
             picture.save(temporary, format="png")
         output.count(output.folder / PREVIEW_NAME)

@@ -1,0 +1,1 @@
+"""What `rigcast bench` measured, written and drawn."""
