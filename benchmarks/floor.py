@@ -13,7 +13,7 @@ from rigcast.bench.worlds.crowd import G1_HEAD, crowd
 from rigcast.kernels.packing.warps import WARP, sort_into_warps
 from rigcast.kernels.shapes.solids import TRIANGLES
 from rigcast.kernels.trees.nodes import FIRST_PATCH
-from rigcast.kernels.trees.unfolded import lead_to_nodes, nodes_of, patches_of
+from rigcast.kernels.world.unfolded import lead_to_nodes, nodes_of, patches_of
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter

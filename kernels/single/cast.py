@@ -3,6 +3,8 @@
 Warp compiles a file's kernels together: a rig whose rays are all cast in packets does not wait for these.
 """
 
+from typing import Any
+
 import warp as wp
 
 from rigcast.kernels.elements import double_vector_at, matrix_at
@@ -10,6 +12,7 @@ from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.hits.fields import write_fields
 from rigcast.kernels.hits.hit import NO_SHAPE, Hit, WorldRay, place_of
 from rigcast.kernels.hits.out import Fields, Out, read_hit, write_miss, write_place
+from rigcast.kernels.launching.slices import OverTiles
 from rigcast.kernels.launching.stack import align_stack
 from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.poses.scope import is_within_reach, scope_of
@@ -123,3 +126,15 @@ def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: 
             make_unit(begin, end, job.rays.vectors, job.rays.directions)
         cast_run(begin, end, alone.copies[thread], job, alone.which)
         begin = turn_of(turns) * RAYS_PER_TURN
+
+
+def prepare_turns(geometry: Geometry, job: Job, which: wp.array, count: int) -> OverTiles:
+    """The launch of a cast of so many rays on the CPU. which: numbers of rays, as of `Alone`."""
+
+    def inputs(threads: int) -> list[Any]:
+        alone = Alone()
+        alone.count, alone.which = count, which
+        alone.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
+        return [geometry, job, alone]
+
+    return OverTiles(cast_turns, -(-count // RAYS_PER_RUN), inputs)

@@ -1,1 +1,1 @@
-"""Trees of boxes: over triangles, and over shapes."""
+"""Trees of boxes over anything that has a box: how they are grown, and the walk through them."""

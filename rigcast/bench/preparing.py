@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from unittest.mock import patch
 
-from rigcast.kernels.trees.triangle_tree import build_triangle_tree
+from rigcast.kernels.world.triangle_tree import build_triangle_tree
 from rigcast.sensors.scene.cache.trees import cached_triangle_tree
 from rigcast.sensors.scene.parts.height_fields import hfield_data, hfield_tree, hfield_triangles
 

@@ -15,7 +15,8 @@ from rigcast.cli.common.ready import word_if_compiling
 from rigcast.dataset.description.config import DatasetConfig, read_dataset
 from rigcast.dataset.making.engines import Engine, InProcess, Processes, Ray
 from rigcast.dataset.making.episode import Result
-from rigcast.dataset.making.generate import Done, Report, make_dataset, missing_units, warm_kernels
+from rigcast.dataset.making.generate import Done, Report, make_dataset, missing_units
+from rigcast.dataset.making.rehearsal import rehearse
 from rigcast.dataset.reading import open_dataset
 from rigcast.dataset.storage.manifest import MANIFEST_NAME
 from rigcast.dataset.storage.shards import ENTRY_NAME, without_entry
@@ -62,7 +63,7 @@ def dataset(
         say(console, f"{place}: has no {ENTRY_NAME}, so it is not whole: made anew")
     if missing:
         with word_if_compiling(console):
-            warm_kernels(read, device)
+            rehearse(read, folder, device)
     with progress(console, max(1, len(missing)) * read.file.episodes.duration) as report:
         reported = _counting(report, read.file.episodes.duration)
         try:

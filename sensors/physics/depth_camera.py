@@ -12,9 +12,9 @@ from rigcast.kernels.effects.light import SPEED_OF_LIGHT, infrared
 from rigcast.kernels.effects.losses import Losses, lose
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays
+from rigcast.kernels.hits.reading import bound, read
 from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
-from rigcast.kernels.reading import bound, read
 from rigcast.sensors.scene.rays.given import upload
 from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera

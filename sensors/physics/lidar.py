@@ -12,9 +12,9 @@ from rigcast.kernels.effects.draws import BYTES_PER_DRAW
 from rigcast.kernels.effects.light import SPEED_OF_LIGHT
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays
+from rigcast.kernels.hits.reading import read
 from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
-from rigcast.kernels.reading import read
 from rigcast.sensors.scene.looks import Looks
 from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.lidars.effects import Noise, Weather

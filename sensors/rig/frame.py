@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels import reading
+from rigcast.kernels.hits import reading
 from rigcast.kernels.rays.stamps import stamps
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.reading import look_up
+from rigcast.kernels.hits.reading import look_up
 
 from .parts.part import OWNERS, Owner
 

@@ -8,14 +8,14 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.alone import CastsAlone
 from rigcast.kernels.cast import Readings, cast, prepare_readings
 from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_NONE
-from rigcast.kernels.world import World
+from rigcast.kernels.single.alone import CastsAlone
+from rigcast.kernels.world.world import World
 from rigcast.sensors.captured import is_captured, require_as_before, require_on_device
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.filter import Filter

@@ -9,10 +9,11 @@ import warp as wp
 from made_worlds import Mesh, Plan, assert_same, cast_through, random_plan, random_rays
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.kernels.geometry import FARTHEST
 from rigcast.kernels.shapes.solids import BOX, SPHERE
 from rigcast.kernels.trees.tree import build_tree
-from rigcast.kernels.world import World
+from rigcast.kernels.world.arrays import Shapes
+from rigcast.kernels.world.world import World
 
 SEEDS = range(4)
 

@@ -10,13 +10,13 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from rigcast.kernels.cast import cast
-from rigcast.kernels.geometry import Shapes, TriangleTree
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.shapes.triangle import CULL_NONE
-from rigcast.kernels.trees.height_field import build_height_field
-from rigcast.kernels.trees.triangle_tree import build_triangle_tree
-from rigcast.kernels.world import World
+from rigcast.kernels.world.arrays import Shapes, TriangleTree
+from rigcast.kernels.world.height_field import build_height_field
+from rigcast.kernels.world.triangle_tree import build_triangle_tree
+from rigcast.kernels.world.world import World
 
 Doubles = NDArray[np.float64]
 KINDS = (solids.PLANE, solids.SPHERE, solids.CAPSULE, solids.ELLIPSOID, solids.CYLINDER, solids.BOX)

@@ -10,7 +10,7 @@ from made_worlds import Hits, assert_same, rays_of
 from rigcast.kernels.cast import Readings, launch, prepare_readings
 from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.rays.arrays import Rays
-from rigcast.kernels.world import World
+from rigcast.kernels.world.world import World
 
 SEED = 4
 FEW = PATTERNS["all around"][:7]

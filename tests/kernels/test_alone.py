@@ -7,12 +7,12 @@ import pytest
 import warp as wp
 from made_worlds import Hits, assert_same, random_plan, random_rays, rays_of
 
-from rigcast.kernels.alone import CastsAlone
 from rigcast.kernels.cast import cast
 from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_NONE
-from rigcast.kernels.world import World
+from rigcast.kernels.single.alone import CastsAlone
+from rigcast.kernels.world.world import World
 
 COUNTS = (3000, 1, 0, 700, 3000, 40)
 

@@ -27,7 +27,7 @@ from rigcast.kernels.packing.bundling import MOST, sort_into_bundles
 from rigcast.kernels.packing.firings import same_rows
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
-from rigcast.kernels.world import World
+from rigcast.kernels.world.world import World
 
 ABOVE = np.array([0.0, 0.0, 3.0])
 

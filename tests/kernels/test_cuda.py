@@ -5,7 +5,7 @@ import pytest
 from made_worlds import Plan, cast_through, cube, icosphere, random_plan, random_rays, random_rotations, unit
 
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
-from rigcast.kernels.world import World
+from rigcast.kernels.world.world import World
 
 pytestmark = pytest.mark.cuda
 DEVICES = ("cpu", "cuda:0")

@@ -27,10 +27,10 @@ from rigcast.kernels.single.threads.cast import InThreads, cast_rays
 from rigcast.kernels.single.threads.several import cast_rays_of_several
 from rigcast.kernels.trees.fit import Fit
 from rigcast.kernels.trees.nodes import Node, by_ends
-from rigcast.kernels.trees.refit_in_blocks import BLOCK, refit_in_blocks
-from rigcast.kernels.trees.top_level import Refit
-from rigcast.kernels.trees.unfolded import lead_to_nodes, nodes_of, patches_of
-from rigcast.kernels.world import World
+from rigcast.kernels.world.refit_in_blocks import BLOCK, refit_in_blocks
+from rigcast.kernels.world.top_level import Refit
+from rigcast.kernels.world.unfolded import lead_to_nodes, nodes_of, patches_of
+from rigcast.kernels.world.world import World
 
 BLOCKS = 3
 pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="no g++ to compile CUDA's source with")
@@ -65,7 +65,7 @@ def begin_cuda(source_of: Callable[[wp.Kernel], CudaSource], monkeypatch: pytest
         return lambda: launch(source_of(kernel), geometry, inputs)
 
     def begin() -> None:
-        monkeypatch.setattr(cast, "_in_turns", cast._in_threads)
+        monkeypatch.setattr(cast, "_prepare_alone", cast._in_threads)
         monkeypatch.setattr(threads_cast, "recorded", record)
 
     return begin

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from made_worlds import Doubles, Hits, Mesh, Plan, cast_through, grid, icosphere, random_rays, torus
 
-from rigcast.kernels.deform import DeformingTree
-from rigcast.kernels.geometry import FARTHEST, TriangleTree
-from rigcast.kernels.world import World
+from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.world.arrays import TriangleTree
+from rigcast.kernels.world.deform import DeformingTree
+from rigcast.kernels.world.world import World
 
 RAYS = 4000
 MESHES = {"cloth": grid(20), "ball": icosphere(3), "ring": torus(), "one face": grid(1)}

@@ -8,12 +8,12 @@ import warp as wp
 from made_rays import RAYS
 from made_worlds import random_plan, random_rotations
 
-from rigcast.kernels import cast as casting
 from rigcast.kernels.cast import cast, launch, prepare_readings
 from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.hits.out import FIELD_NAMES
+from rigcast.kernels.hits.reading import look_up, points, z_depth
+from rigcast.kernels.packets import cast as casting
 from rigcast.kernels.rays.arrays import Rays
-from rigcast.kernels.reading import look_up, points, z_depth
 from rigcast.kernels.shapes.triangle import CULL_NONE
 
 SEED = 2

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from made_worlds import Mesh, cube, field, grid, icosphere, mesh, torus, unit
 
-from rigcast.kernels.geometry import NO_FACE, PATCHES, TriangleTree, join_triangle_trees
+from rigcast.kernels.geometry import NO_FACE, PATCHES
 from rigcast.kernels.trees.nodes import FIRST_PLOT, NO_CHILD
-from rigcast.kernels.trees.triangle_tree import build_triangle_tree
-from rigcast.kernels.trees.unfolded import patches_of
+from rigcast.kernels.world.arrays import TriangleTree, join_triangle_trees
+from rigcast.kernels.world.triangle_tree import build_triangle_tree
+from rigcast.kernels.world.unfolded import patches_of
 
 MESHES = {
     "one triangle": mesh(np.eye(3), [(0, 1, 2)]),
@@ -122,7 +123,7 @@ def test_no_trees_to_join() -> None:
 @pytest.mark.parametrize("most", ["blocks", "patches"])
 def test_more_leaves_than_there_are_numbers_for_are_refused(most: str, monkeypatch: pytest.MonkeyPatch) -> None:
     tree = field(5, 9, 0.1).tree
-    monkeypatch.setattr("rigcast.kernels.geometry.FIRST_PATCH", max(len(tree.blocks), PATCHES * len(tree.plots)))
+    monkeypatch.setattr("rigcast.kernels.world.arrays.FIRST_PATCH", max(len(tree.blocks), PATCHES * len(tree.plots)))
     join_triangle_trees([tree])
     trees = [tree, build_triangle_tree(torus().vertices, torus().faces) if most == "blocks" else tree]
     count = sum(len(one.blocks) if most == "blocks" else PATCHES * len(one.plots) for one in trees)

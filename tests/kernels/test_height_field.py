@@ -24,15 +24,16 @@ from moeller_trumbore import dot, norm
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import cast
-from rigcast.kernels.geometry import FARTHEST, Plot, TriangleTree
+from rigcast.kernels.geometry import FARTHEST, Plot
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.shapes.patches import open_plot
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
-from rigcast.kernels.trees.height_field import build_height_field
 from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, Node
 from rigcast.kernels.trees.tree import STACK
-from rigcast.kernels.trees.unfolded import lead_to_nodes, nodes_of, patches_of
-from rigcast.kernels.world import World
+from rigcast.kernels.world.arrays import TriangleTree
+from rigcast.kernels.world.height_field import build_height_field
+from rigcast.kernels.world.unfolded import lead_to_nodes, nodes_of, patches_of
+from rigcast.kernels.world.world import World
 
 FIELDS = {
     f"{rows} x {columns}, up to {bumps:g} m": field(rows, columns, bumps, seed)
@@ -57,7 +58,7 @@ RAYS = 20_000
 
 @pytest.fixture(autouse=True, params=[0, 2**14], ids=["plots are opened", "plots are stored as nodes"])
 def most_stored(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rigcast.kernels.world.MOST_STORED", request.param)
+    monkeypatch.setattr("rigcast.kernels.world.world.MOST_STORED", request.param)
 
 
 EPS = 2.0**-23

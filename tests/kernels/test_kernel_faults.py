@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from rigcast.kernels.rays.unit import unit_directions
-from rigcast.kernels.trees.triangle_tree import build_triangle_tree
+from rigcast.kernels.world.triangle_tree import build_triangle_tree
 
 SQUARE = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 NAN, INF = np.nan, np.inf

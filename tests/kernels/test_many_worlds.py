@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 from scattered_worlds import BEAMS, WORLDS, scattered, sensor, sensor_poses
 
 from rigcast.kernels.cast import cast
-from rigcast.kernels.geometry import Shapes
 from rigcast.kernels.launching import slices
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.shapes.triangle import CULL_NONE
-from rigcast.kernels.world import World
+from rigcast.kernels.world.arrays import Shapes
+from rigcast.kernels.world.world import World
 
 CAST = pytest.mark.parametrize("packets", [False, True], ids=["alone", "in packets"])
 

@@ -15,7 +15,7 @@ from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.solids import BOX, CAPSULE, PLANE, SPHERE
 from rigcast.kernels.shapes.triangle import CULL_NONE
-from rigcast.kernels.world import World
+from rigcast.kernels.world.world import World
 
 CAST = pytest.mark.parametrize("packets", [False, True], ids=["alone", "in packets"])
 

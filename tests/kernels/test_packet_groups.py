@@ -18,7 +18,7 @@ from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.rays.coherent import Packets
 from rigcast.kernels.shapes.triangle import CULL_NONE
-from rigcast.kernels.world import World
+from rigcast.kernels.world.world import World
 
 SEED = 6
 

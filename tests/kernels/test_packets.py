@@ -32,7 +32,7 @@ from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.shapes import solids
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE, GRAZING
-from rigcast.kernels.world import World
+from rigcast.kernels.world.world import World
 
 
 def in_packets_and_alone(

@@ -9,10 +9,10 @@ from made_worlds import Doubles, random_plan, random_rotations, rays_of, unit
 
 from rigcast.kernels.cast import cast, launch, prepare_readings
 from rigcast.kernels.hits.arrays import HitArrays
+from rigcast.kernels.hits.reading import look_up, points, read, world_points, z_depth
 from rigcast.kernels.launching import slices
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
-from rigcast.kernels.reading import look_up, points, read, world_points, z_depth
 from rigcast.kernels.shapes.triangle import CULL_NONE
 
 INF, NAN = np.inf, np.nan

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import warp as wp
 
+from rigcast.kernels.hits.reading import depth_along_z
 from rigcast.kernels.launching.recorded import _OnCpu, recorded
 from rigcast.kernels.rays.arrays import RayArrays
-from rigcast.kernels.reading import depth_along_z
 
 DISTANCE = np.arange(1.0, 5.0)
 

@@ -9,9 +9,9 @@ import warp as wp
 from made_rays import PATTERNS
 from made_worlds import Doubles, Hits, assert_same, random_plan, random_rotations, rays_of
 
-from rigcast.kernels import cast as casting
 from rigcast.kernels.cast import cast
 from rigcast.kernels.hits.arrays import HitArrays
+from rigcast.kernels.packets import cast as casting
 from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.in_order import pack_in_order
 from rigcast.kernels.packing.sorting import sort_into_packets

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import warp as wp
 
+from rigcast.kernels.hits.reading import look_up_entries
 from rigcast.kernels.host.views import view_as
-from rigcast.kernels.reading import look_up_entries
 
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)]
 TYPES = {  # of an array of 6, as which type it is shown, in which shape

@@ -11,7 +11,7 @@ from rigcast.kernels.cast import cast
 from rigcast.kernels.packing.warps import LEVEL, WARP, sort_into_warps
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_NONE
-from rigcast.kernels.world import World
+from rigcast.kernels.world.world import World
 
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)]
 

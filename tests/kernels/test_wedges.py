@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rigcast.kernels.packing.wedges import Bending, TurningWedge
 from rigcast.kernels.rays.coherent import Packets
-from rigcast.kernels.wedges import Bending, TurningWedge
 
 LINES = np.array([[1.0, 0.0, 0.0], [0.8, 0.0, 0.6]])
 WEDGES = [TurningWedge(-0.3, 1.5, False, 0.02), TurningWedge(0.3, 1.5, True, -0.013)]

@@ -18,7 +18,7 @@ from made_worlds import (
 )
 
 from rigcast.kernels.shapes.solids import BOX, PLANE, SPHERE
-from rigcast.kernels.world import World
+from rigcast.kernels.world.world import World
 
 RAYS = 4000
 

@@ -23,7 +23,7 @@ from scattered_worlds import scattered, sensor, sensor_poses
 
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes import solids
-from rigcast.kernels.world import World
+from rigcast.kernels.world.world import World
 
 RAYS = 3000
 Scene = tuple[World, Rays]

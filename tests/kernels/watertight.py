@@ -14,7 +14,7 @@ from made_worlds import Doubles, Mesh, Plan, cast_through, cube, grid, icosphere
 from moeller_trumbore import dot, norm
 from numpy.typing import NDArray
 
-from rigcast.kernels.world import World
+from rigcast.kernels.world.world import World
 
 BATCH = 100_000
 AWAY = np.array([0.6, -0.64, 0.48])  # where meshes are offset to

@@ -17,7 +17,7 @@ from rigcast.sensors.yaml.kinds import other_kind
 
 from .faults import faults_in
 from .file import DatasetFile, RecordedMotion, SceneSource, UserController
-from .functions import blaming, find_function, module_file
+from .functions import UserFunction, find_function, module_file
 
 
 class Unit(NamedTuple):
@@ -54,19 +54,18 @@ class DatasetConfig:
     def units(self) -> list[Unit]:
         """Every episode of every scene."""
         return [
-            Unit(scene.name, number, _episode_seed(self.file.seed, scene.name, number))
-            for scene in self.file.scenes
-            for number in range(self.file.episodes.count)
+            self.unit(scene.name, number) for scene in self.file.scenes for number in range(self.file.episodes.count)
         ]
+
+    def unit(self, scene: str, number: int) -> Unit:
+        return Unit(scene, number, _episode_seed(self.file.seed, scene, number))
 
     def scene(self, name: str) -> SceneSource:
         return next(scene for scene in self.file.scenes if scene.name == name)
 
-    def call(self, name: str, *arguments: Any) -> Any:
-        """What the user's `module:function` returns. Raises InputError for whatever it raises."""
-        function = find_function(self.folder, name)
-        with blaming(name):
-            return function(*arguments)
+    def function(self, name: str) -> UserFunction:
+        """The user's `module:function` of this name."""
+        return find_function(self.folder, name)
 
     def identity(self) -> dict[str, Any]:
         """What the frames of this data set follow from, as plain values.

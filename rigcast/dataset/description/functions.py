@@ -1,8 +1,10 @@
 """Functions of the user's own, by their names `module:function`."""
 
+import inspect
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,17 +13,67 @@ from typing import Any
 from rigcast.sensors.errors import InputError
 
 
-def find_function(folder: Path, name: str) -> Callable[..., Any]:
+class FunctionFault(InputError):
+    """A user's function raises, or returns what cannot be used."""
+
+
+@dataclass(frozen=True)
+class UserFunction:
+    """A function that a data set names. name: `module:function`. folder: which places in messages are relative to."""
+
+    name: str
+    folder: Path
+    function: Callable[..., Any]
+
+    def __call__(self, *arguments: Any) -> Any:
+        """What it returns. Raises FunctionFault, with the line, in place of whatever it raises."""
+        try:
+            return self.function(*arguments)
+        except (Exception, SystemExit) as error:
+            place = self._raised_at(error) or self._defined_at()
+            raise FunctionFault(f"{place}{self.name}: {type(error).__name__}: {error}") from error
+
+    def wrong(self, message: str) -> FunctionFault:
+        """The fault of having returned something that cannot be used."""
+        return FunctionFault(f"{self._defined_at()}{self.name}: {message}")
+
+    def returned(self, function: Callable[..., Any]) -> "UserFunction":
+        """A function that this one has returned."""
+        return UserFunction(self.name, self.folder, function)
+
+    def _raised_at(self, error: BaseException) -> str:
+        """The last line of the function's module that was come to; empty where none was, as with wrong arguments."""
+        own = module_file(self.name)
+        lines = [
+            line for frame, line in traceback.walk_tb(error.__traceback__) if Path(frame.f_code.co_filename) == own
+        ]
+        return "" if own is None or not lines else self._place(own, lines[-1])
+
+    def _defined_at(self) -> str:
+        """Empty for what was not written in Python."""
+        try:
+            function = inspect.unwrap(self.function)
+            file, (_, line) = inspect.getsourcefile(function), inspect.getsourcelines(function)
+        except (TypeError, OSError):
+            return ""
+        return "" if file is None else self._place(Path(file), line)
+
+    def _place(self, file: Path, line: int) -> str:
+        inside = file.resolve().is_relative_to(self.folder)
+        return f"{file.resolve().relative_to(self.folder) if inside else file}:{line}: "
+
+
+def find_function(folder: Path, name: str) -> UserFunction:
     """The `module:function` of this name; the module may be in this folder. Raises InputError where there is none."""
     module, _, attribute = name.partition(":")
     _find_modules_in(folder)
     try:
         function = getattr(import_module(module), attribute)
-    except Exception as error:  # whatever the user's module does when it is imported
+    except (Exception, SystemExit) as error:  # whatever the user's module does when it is imported
         raise InputError(f"{name} cannot be imported: {type(error).__name__}: {error}") from None
     if not callable(function):
         raise InputError(f"{name}: got {type(function).__name__}, expected a function")
-    return function
+    return UserFunction(name, folder.resolve(), function)
 
 
 def _find_modules_in(folder: Path) -> None:
@@ -34,14 +86,3 @@ def module_file(name: str) -> Path | None:
     """The file of the module of `module:function`; None of one that has none."""
     spec = find_spec(name.partition(":")[0])
     return None if spec is None or spec.origin is None else Path(spec.origin)
-
-
-@contextmanager
-def blaming(name: str) -> Iterator[None]:
-    """Raise InputError in place of whatever a function of the user's raises, with its name."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        raise InputError(f"{name}: {type(error).__name__}: {error}") from error

@@ -7,7 +7,6 @@ import numpy as np
 
 from rigcast.dataset.description.config import DatasetConfig
 from rigcast.dataset.description.file import RandomActions, RecordedMotion, UserController
-from rigcast.dataset.description.functions import blaming
 from rigcast.dataset.description.motion import read_motion
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.timing.schedule import uniform
@@ -48,15 +47,18 @@ def _physics(model: mujoco.MjModel, data: mujoco.MjData, control: Callable[[mujo
 
 
 def _users(config: DatasetConfig, name: str, model: mujoco.MjModel, seed: int) -> Callable[[mujoco.MjData], None]:
-    control = config.call(name, model, seed)
+    function = config.function(name)
+    control = function(model, seed)
     if not callable(control):
-        raise InputError(f"{name}: got {type(control).__name__}, expected a function of the MjData")
+        raise function.wrong(f"got {type(control).__name__}, expected a function of the MjData")
+    returned = function.returned(control)
 
-    def guarded(data: mujoco.MjData) -> None:
-        with blaming(name):
-            control(data)
+    def controlled(data: mujoco.MjData) -> None:
+        value = returned(data)
+        if value is not None:
+            raise returned.wrong(f"got {type(value).__name__} from the function of the MjData, which writes data.ctrl")
 
-    return guarded
+    return controlled
 
 
 def _random_actions(actions: RandomActions, model: mujoco.MjModel, seed: int) -> Callable[[mujoco.MjData], None]:

@@ -1,5 +1,6 @@
 """One episode, from its seed to its shard: what a worker of any engine does."""
 
+import copy
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -58,9 +59,13 @@ def make_episode(job: Job, unit: Unit) -> Result:
         return _made(job, unit)
     except OSError as error:
         return Result(unit, f"{job.folder} cannot be written: {error.strerror or error}", stops=True)
-    except Exception as error:  # a user's functions may raise anything
-        reason = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-        return Result(unit, reason)
+    except Exception as error:
+        return Result(unit, reason_of(error))
+
+
+def reason_of(error: Exception) -> str:
+    """Why an episode fails."""
+    return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
 
 def _made(job: Job, unit: Unit) -> Result:
@@ -139,10 +144,11 @@ def _compile(config: DatasetConfig, unit: Unit) -> mujoco.MjModel:
     if scene.file is not None:
         return compile_model(config.folder / scene.file)
     assert scene.python is not None
-    model = config.call(scene.python, unit.seed)
+    function = config.function(scene.python)
+    model = function(unit.seed)
     if not isinstance(model, mujoco.MjModel):
-        raise InputError(f"{scene.python}: got {type(model).__name__}, expected an MjModel")
-    return model
+        raise function.wrong(f"got {type(model).__name__}, expected an MjModel")
+    return copy.copy(model)  # bodies are moved in it, and the function may return it again
 
 
 def _require_same_environment(job: Job) -> None:

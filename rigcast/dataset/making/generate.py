@@ -16,7 +16,7 @@ from rigcast.simulation import Spent
 
 from .engines import Engine
 from .environment import environment, prepare_warp
-from .episode import Job, Result, make_episode, open_episode
+from .episode import Job, Result, make_episode
 
 Report = Callable[[Result], None]
 
@@ -88,14 +88,3 @@ def make_dataset(
     done.seconds = perf_counter() - began
     done.manifest = write_manifest(config, folder, made_with)
     return done
-
-
-def warm_kernels(config: DatasetConfig, device: str | None) -> None:
-    """Cast once with every sensor in the first scene that there is, so that workers find the kernels compiled."""
-    prepare_warp(config.file.portable)
-    for unit in config.units():
-        if unit.number == 0:
-            with suppress(InputError):  # what does not compile fails as an episode, with its reason
-                episode = open_episode(config, unit, device)
-                episode.rig.sense(episode.data)
-                return

@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.world.arrays import Shapes
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.scene.parts.geoms import Geoms
 from rigcast.sensors.scene.parts.model_geometry import needs_asset

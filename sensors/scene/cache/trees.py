@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.geometry import TriangleTree
-from rigcast.kernels.trees.triangle_tree import build_triangle_tree
+from rigcast.kernels.world.arrays import TriangleTree
+from rigcast.kernels.world.triangle_tree import build_triangle_tree
 
 from .on_disk import Arrays, digest_of, kept_arrays
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.deform import DeformingTree
+from rigcast.kernels.world.deform import DeformingTree
 
 
 def flat_surfaces(counts: Iterable[int], faces: Iterable[NDArray[np.int32]]) -> list[DeformingTree]:

@@ -4,8 +4,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.kernels.geometry import FARTHEST
 from rigcast.kernels.shapes import solids
+from rigcast.kernels.world.arrays import Shapes
 from rigcast.sensors.specs.filter import Filter, is_opaque
 
 from .deforming import all_hidden, flat_surfaces, lost_owners, only_bodies

@@ -4,9 +4,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import FARTHEST, Shapes, TriangleTree
+from rigcast.kernels.geometry import FARTHEST
 from rigcast.kernels.host.poses import TakenPoses
 from rigcast.kernels.host.watching import Watched
+from rigcast.kernels.world.arrays import Shapes, TriangleTree
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.specs.filter import Filter

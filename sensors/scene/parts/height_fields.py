@@ -4,8 +4,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import FARTHEST, TriangleTree
-from rigcast.kernels.trees.height_field import build_height_field
+from rigcast.kernels.geometry import FARTHEST
+from rigcast.kernels.world.arrays import TriangleTree
+from rigcast.kernels.world.height_field import build_height_field
 
 Doubles = NDArray[np.float64]
 Size = Doubles

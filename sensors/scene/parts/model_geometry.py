@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.geometry import Shapes, TriangleTree, boxes_of
 from rigcast.kernels.shapes import solids
-from rigcast.kernels.trees.triangle_tree import build_triangle_tree
+from rigcast.kernels.world.arrays import Shapes, TriangleTree, boxes_of
+from rigcast.kernels.world.triangle_tree import build_triangle_tree
 from rigcast.sensors.errors import InputError, warn_user
 from rigcast.sensors.meshes import mesh_of_model
 from rigcast.sensors.names import expected_one_of

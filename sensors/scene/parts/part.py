@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import Shapes, TriangleTree
+from rigcast.kernels.world.arrays import Shapes, TriangleTree
 from rigcast.sensors.specs.filter import Filter
 
 Owner = Literal["geom", "flex", "skin", "prop"]

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import Shapes, TriangleTree
 from rigcast.kernels.shapes import solids
+from rigcast.kernels.world.arrays import Shapes, TriangleTree
 from rigcast.sensors.errors import InputError, warn_user
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.scene.cache.trees import cached_triangle_tree

@@ -4,8 +4,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.kernels.geometry import FARTHEST, Shapes
+from rigcast.kernels.geometry import FARTHEST
 from rigcast.kernels.shapes import solids
+from rigcast.kernels.world.arrays import Shapes
 from rigcast.sensors.rotations import rotation_matrix
 from rigcast.sensors.specs.filter import Filter, is_opaque
 

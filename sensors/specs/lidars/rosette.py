@@ -128,7 +128,10 @@ class Rosette(Steered):
         return np.ascontiguousarray(beam.T)
 
     def aim(self, samples: int) -> Aim:
-        from rigcast.kernels.wedges import Bending, TurningWedge  # here, as cards of devices are drawn without Warp
+        from rigcast.kernels.packing.wedges import (  # here, as cards of devices are drawn without Warp
+            Bending,
+            TurningWedge,
+        )
 
         wedges = [
             TurningWedge(np.deg2rad(w.tilt_deg), w.index, w.tilted_first, w.speed / self.sample_rate_hz)

@@ -101,6 +101,15 @@ def test_a_body_is_moved_wherever_mujoco_keeps_its_pose(path: Path, body: str) -
     assert places[0][0] != places[1][0]
 
 
+def test_a_function_that_returns_one_model_again_gives_every_episode_the_same(path: Path) -> None:
+    edited(path, path.read_text().partition("poses:")[2].partition("\n")[0], " {table: {pos: [0.5, 0, 0]}}")
+    module = path.parent / f"{MODULE_NAME}.py"
+    edited(module, "def room(seed):", "from functools import cache\n@cache\ndef fixed(seed):")
+    edited(module, "def push", "def room(seed):\n    return fixed(0)\n\ndef push")
+    shards_made = [entry for entry in make(path).manifest["shards"] if entry["scene"] == "made"]
+    assert len({entry["scene_sha256"] for entry in shards_made}) == 1
+
+
 def test_a_recorded_motion_is_played_back(path: Path) -> None:
     model = open_rig(path.parent / "rig.yaml")[1]
     rows = np.tile(mujoco.MjData(model).qpos, (3, 1))

@@ -1,13 +1,15 @@
 """`rigcast dataset` from the shell."""
 
+import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from rigcast.cli import app
+from rigcast.dataset.description.config import read_dataset
 
-from .small_datasets import contents, edited
+from .small_datasets import MODULE_NAME, contents, edited
 
 
 @pytest.fixture(autouse=True)
@@ -61,12 +63,68 @@ def test_a_shard_without_its_entry_is_told(folder: Path) -> None:
 
 
 def test_an_episode_that_fails_is_told_with_its_reason(folder: Path) -> None:
-    edited(folder / "set.yaml", ":push", ":broken")
+    edited(folder / "set.yaml", "seed: 3", "seed: 3\noutput: {fields: {top: [range]}}")
+    edited(folder / "room.xml", 'damping="1"', 'stiffness="-1e9" springref="1"')
+    edited(folder / f"{MODULE_NAME}.py", "read_text()\n", "read_text().replace('-1e9', '0')\n")
     code, output = call("--device", "cpu")
     assert code == 1
-    assert output.count("failed: ") == 1, "four failed for one reason"
+    assert output.count("failed: ") == 1, "two failed for one reason"
     assert "failed: room, episode 0 (seed" in output
-    assert ") and 3 others: users_functions:broken: OSError: no weights" in output
+    assert ") and 1 other: the simulation diverged at t = 0" in output
+
+
+# What is written below the module, and the line of it and the words that are told.
+FUNCTION_FAULTS = {
+    "raises": ("def push(model, seed):\n    raise OSError('no weights')", 2, "OSError: no weights"),
+    "leaves": ("def push(model, seed):\n    raise SystemExit(3)", 2, "SystemExit: 3"),
+    "step raises": (
+        "def push(model, seed):\n    def act(data):\n        3 / 0\n    return act",
+        3,
+        "ZeroDivisionError",
+    ),
+    "takes too few": ("def push(model):\n    return print", 1, "TypeError: push() takes 1 positional argument but 2"),
+    "step takes too few": (
+        "def push(model, seed):\n    def act(): pass\n    return act",
+        2,
+        "TypeError: push.<locals>",
+    ),
+    "no function": ("def push(model, seed):\n    pass", 1, "got NoneType, expected a function of the MjData"),
+    "value": ("def push(model, seed):\n    return lambda data: 3", 2, "got int from the function of the MjData, which"),
+    "scene raises": ("def room(seed):\n    return 1 / 0", 2, "ZeroDivisionError: division by zero"),
+    "no model": ("def room(seed):\n    return ''", 1, "got str, expected an MjModel"),
+}
+
+
+@pytest.mark.parametrize("kind", FUNCTION_FAULTS)
+def test_a_function_with_which_every_episode_fails_is_told_before_any(folder: Path, kind: str) -> None:
+    text, line, words = FUNCTION_FAULTS[kind]
+    module = folder / f"{MODULE_NAME}.py"
+    line += len(module.read_text().splitlines())
+    module.write_text(f"{module.read_text()}{text}\n")
+    code, output = call("--device", "cpu")
+    assert (code, (folder / "out").exists()) == (2, False), output
+    scene, name = ("made", "room") if "def room" in text else ("room", "push")
+    assert f"set.yaml: scene '{scene}': {MODULE_NAME}.py:{line}: {MODULE_NAME}:{name}: {words}" in output
+
+
+def test_a_function_that_fails_with_one_seed_fails_that_episode(folder: Path) -> None:
+    first = read_dataset(Path("set.yaml")).unit("made", 0).seed
+    del sys.modules[MODULE_NAME]
+    edited(folder / f"{MODULE_NAME}.py", "def room(seed):\n", f"def room(seed):\n    1 / (seed - {first})\n")
+    for _ in range(2):  # what failed is tried again
+        code, output = call("--device", "cpu")
+        assert code == 1
+        assert "failed: made, episode 0 (seed" in output
+        assert f"{MODULE_NAME}.py:8: {MODULE_NAME}:room: ZeroDivisionError" in output
+
+
+def test_what_a_function_s_model_lacks_is_told_before_its_episodes(folder: Path) -> None:
+    edited(folder / f"{MODULE_NAME}.py", "read_text()\n", "read_text().replace('cart', 'carts')\n")
+    code, output = call("--device", "cpu")
+    assert code == 2
+    assert (
+        f"set.yaml: scene 'made': {folder}/rig.yaml:5:19: sensors[0].mount.body: no body 'cart' in the model" in output
+    )
 
 
 @pytest.mark.parametrize(

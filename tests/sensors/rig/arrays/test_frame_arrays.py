@@ -151,7 +151,9 @@ def test_a_cast_writes_what_was_asked_of_the_reading_before(
     values(rig.sense(state(0.3), ["camera"])["camera"], *WORKED_OUT)
     with monkeypatch.context() as patched:
         for work_out in ("points", "z_depth", "look_up"):
-            patched.setattr(f"rigcast.kernels.reading.{work_out}", lambda *_: pytest.fail("worked out after the cast"))
+            patched.setattr(
+                f"rigcast.kernels.hits.reading.{work_out}", lambda *_: pytest.fail("worked out after the cast")
+            )
         got = values(rig.sense(state(0.5), ["camera"])["camera"], *WORKED_OUT)
     assert_same(got, expected, "camera")
 

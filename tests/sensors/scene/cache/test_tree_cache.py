@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rigcast import InputError, Scene
-from rigcast.kernels.geometry import TriangleTree
-from rigcast.kernels.trees.triangle_tree import build_triangle_tree
+from rigcast.kernels.world.arrays import TriangleTree
+from rigcast.kernels.world.triangle_tree import build_triangle_tree
 from rigcast.sensors.scene.cache import on_disk as disk_cache
 from rigcast.sensors.scene.cache import trees as tree_cache
 from rigcast.sensors.scene.cache.trees import cached_triangle_tree

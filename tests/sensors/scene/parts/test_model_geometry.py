@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 import rigcast
 from rigcast import InputError
-from rigcast.kernels.geometry import TriangleTree
 from rigcast.kernels.shapes import solids
+from rigcast.kernels.world.arrays import TriangleTree
 from rigcast.sensors.scene.parts.height_fields import hfield_triangles
 from rigcast.sensors.scene.parts.model_geometry import read_model, unsupported_parts
 

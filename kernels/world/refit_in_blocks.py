@@ -8,10 +8,10 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.on_cuda import on_cuda
+from rigcast.kernels.trees.boxes import empty_box
+from rigcast.kernels.trees.fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
+from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Node
 
-from .boxes import empty_box
-from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from .nodes import NO_CHILD, WIDTH, Node
 from .top_level import Refit, anchor_of, end_refit, span_box
 
 BLOCK = wp.constant(128)

@@ -4,11 +4,12 @@ from typing import Any
 
 import warp as wp
 
-from .geometry import Geometry
-from .hits.arrays import HitArrays
-from .launching.slices import OverTiles
-from .rays.arrays import Rays
-from .single.cast import RAYS_PER_RUN, Alone, Job, cast_turns
+from rigcast.kernels.geometry import Geometry
+from rigcast.kernels.hits.arrays import HitArrays
+from rigcast.kernels.launching.slices import OverTiles
+from rigcast.kernels.rays.arrays import Rays
+
+from .cast import RAYS_PER_RUN, Alone, Job, cast_turns
 
 
 class CastsAlone:

@@ -6,12 +6,13 @@ are `while`, as the compiler keeps what a `for` counts with in memory, and rays 
 
 import warp as wp
 
-from .hits.arrays import HitArrays
-from .hits.fields import depth_at, point_at
-from .hits.out import Out, read_hit
-from .launching.slices import launch_over_runs
-from .rays.arrays import RayArrays, Rays, direction_of, firing_of, origin_of
-from .vectors import to_float
+from rigcast.kernels.launching.slices import launch_over_runs
+from rigcast.kernels.rays.arrays import RayArrays, Rays, direction_of, firing_of, origin_of
+from rigcast.kernels.vectors import to_float
+
+from .arrays import HitArrays
+from .fields import depth_at, point_at
+from .out import Out, read_hit
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

@@ -7,11 +7,12 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.geometry import FARTHEST, NO_FACE, Plot, TriangleBlock, TriangleTree
+from rigcast.kernels.geometry import FARTHEST, NO_FACE, Plot, TriangleBlock
 from rigcast.kernels.shapes.patches import COLUMNS, ROWS
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH, struct_zeros
+from rigcast.kernels.trees.regular import Boxes, RegularNodes
 
-from .nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH, struct_zeros
-from .regular import Boxes, RegularNodes
+from .arrays import TriangleTree
 from .triangle_tree import fill, on_cpu
 
 Floats = npt.NDArray[np.float32]

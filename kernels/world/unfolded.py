@@ -4,8 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigcast.kernels.geometry import PATCHES, Patch
-
-from .nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, OUTWARDS, empty_nodes, struct_zeros
+from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, OUTWARDS, empty_nodes, struct_zeros
 
 
 def lead_to_nodes(nodes: npt.NDArray[np.void], first: int) -> npt.NDArray[np.void]:

@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .geometry import FARTHEST, TriangleBlock, TriangleTree
-from .trees.fit import REBUILD_RATIO, Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from .trees.nodes import NO_CHILD, WIDTH, Node, set_child
-from .trees.tree import build_tree
-from .trees.triangle_tree import blocks_of, fill, on_cpu, whole_box
+from rigcast.kernels.geometry import FARTHEST, TriangleBlock
+from rigcast.kernels.trees.fit import REBUILD_RATIO, Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
+from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Node, set_child
+from rigcast.kernels.trees.tree import build_tree
+
+from .arrays import TriangleTree
+from .triangle_tree import blocks_of, fill, on_cpu, whole_box
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

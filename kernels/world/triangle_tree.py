@@ -9,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.geometry import FARTHEST, NO_FACE, TriangleBlock, TriangleTree
+from rigcast.kernels.geometry import FARTHEST, NO_FACE, TriangleBlock
 from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.shapes.facets import Triangle, area_normal, unit_normal
+from rigcast.kernels.trees.boxes import empty_box, join
+from rigcast.kernels.trees.nodes import WIDTH
+from rigcast.kernels.trees.tree import Tree, build_tree
 
-from .boxes import empty_box, join
-from .nodes import WIDTH
-from .tree import Tree, build_tree
+from .arrays import TriangleTree
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

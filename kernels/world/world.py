@@ -12,23 +12,14 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from .geometry import (
-    PATCHES,
-    Geometry,
-    Patch,
-    Plot,
-    Shapes,
-    TriangleBlock,
-    TriangleTree,
-    join_triangle_trees,
-    moved_tree,
-    tree_sizes,
-)
-from .host.upload import Upload
-from .launching.stack import CACHE_LINE
-from .trees.nodes import Node, by_ends
-from .trees.top_trees import TopTrees
-from .trees.unfolded import lead_to_nodes, nodes_of, patches_of
+from rigcast.kernels.geometry import PATCHES, Geometry, Patch, Plot, TriangleBlock
+from rigcast.kernels.host.upload import Upload
+from rigcast.kernels.launching.stack import CACHE_LINE
+from rigcast.kernels.trees.nodes import Node, by_ends
+
+from .arrays import Shapes, TriangleTree, join_triangle_trees, moved_tree, tree_sizes
+from .top_trees import TopTrees
+from .unfolded import lead_to_nodes, nodes_of, patches_of
 
 _SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
 

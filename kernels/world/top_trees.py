@@ -9,11 +9,11 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.launching.slices import launch_over_rays, prepare_over_rays
+from rigcast.kernels.trees.fit import REBUILD_RATIO, Fit
+from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Node, empty_nodes, join_trees
+from rigcast.kernels.trees.tree import build_tree
 
-from .fit import REBUILD_RATIO, Fit
-from .nodes import NO_CHILD, WIDTH, Node, empty_nodes, join_trees
 from .top_level import Boxes, Refit, first_boxes, plant, refit, turn_shapes
-from .tree import build_tree
 
 LEAVES_PER_SLICE = 4096
 """Shapes that one CPU thread fits trees to before it takes more."""

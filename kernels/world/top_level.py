@@ -22,11 +22,10 @@ from rigcast.kernels.poses.scope import (
     pose_at,
     world_of,
 )
+from rigcast.kernels.trees.boxes import Box, empty_box, farthest_finite, join
+from rigcast.kernels.trees.fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
+from rigcast.kernels.trees.nodes import NO_CHILD, OUTWARDS, WIDTH, Node, node_of, vec8
 from rigcast.kernels.vectors import to_float
-
-from .boxes import Box, empty_box, farthest_finite, join
-from .fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from .nodes import NO_CHILD, OUTWARDS, WIDTH, Node, node_of, vec8
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -139,7 +138,7 @@ def end_refit(g: Geometry, span: int, anchor: wp.vec3d, these: Refit) -> None:
 
 @wp.kernel
 def refit(first: int, g: Geometry, these: Refit) -> None:
-    """Fit the nodes of one tree, the last first. On the CPU: rigcast.kernels.trees.refit_in_blocks is CUDA's."""
+    """Fit the nodes of one tree, the last first. On the CPU: rigcast.kernels.world.refit_in_blocks is CUDA's."""
     span = first + wp.tid()
     anchor = anchor_of(g, span, these.anchor_shape)
     root = span * g.top_count

@@ -15,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.host.held import Held
+from rigcast.kernels.launching.slices import TURN, OverTiles
+from rigcast.kernels.launching.turns import turn_of
+from rigcast.kernels.packets.packet import LANES, TILE, Tile, double_lanes
 from rigcast.kernels.rays.coherent import Packets
 
-from .host.held import Held
-from .launching.slices import TURN, OverTiles
-from .launching.turns import turn_of
-from .packets.packet import LANES, TILE, Tile, double_lanes
-from .packing.in_order import Packing, PackingInOrder, by_number, pack_tile
+from .in_order import Packing, PackingInOrder, by_number, pack_tile
 
 Doubles = npt.NDArray[np.float64]
 

@@ -1,0 +1,62 @@
+"""What is tried before any episode is made: a fault that all of them would have is told once."""
+
+from pathlib import Path
+
+from rigcast.dataset.description.config import DatasetConfig
+from rigcast.dataset.description.file import SceneSource, UserController
+from rigcast.dataset.description.functions import FunctionFault
+from rigcast.dataset.storage.manifest import is_finished
+from rigcast.sensors.errors import InputError
+
+from .environment import prepare_warp
+from .episode import open_episode, reason_of
+
+_TRIED = 2  # episodes of a scene: one may fail for its seed
+
+
+def rehearse(config: DatasetConfig, folder: Path, device: str | None) -> None:
+    """Call every function once and cast once, so that workers find the kernels compiled; nothing is written.
+
+    Raises InputError for a function with which the first two episodes of a scene fail, where none of that scene is
+    there yet. Whatever else is wrong with a scene fails its episodes, with the reason.
+    """
+    prepare_warp(config.file.portable)
+    called, has_cast = set[str](), False
+    for scene in config.file.scenes:
+        functions = _functions(config, scene)
+        if has_cast and functions <= called:
+            continue
+        errors = _errors(config, scene, device)
+        if not errors:
+            called, has_cast = called | functions, True
+        elif all(_is_of_function(error, scene) for error in errors) and not _has_begun(config, scene, folder):
+            raise InputError(f"{config.path}: scene {scene.name!r}: {reason_of(errors[0])}")
+
+
+def _functions(config: DatasetConfig, scene: SceneSource) -> set[str]:
+    controller = config.file.episodes.controller
+    names = {controller.function} if isinstance(controller, UserController) else set()
+    return names if scene.python is None else {*names, scene.python}
+
+
+def _is_of_function(error: Exception, scene: SceneSource) -> bool:
+    return scene.python is not None or isinstance(error, FunctionFault)
+
+
+def _has_begun(config: DatasetConfig, scene: SceneSource, folder: Path) -> bool:
+    return any(is_finished(folder, config.unit(scene.name, k)) for k in range(config.file.episodes.count))
+
+
+def _errors(config: DatasetConfig, scene: SceneSource, device: str | None) -> list[Exception]:
+    """Why the first episodes of a scene fail at their first step; empty where one does not."""
+    errors = list[Exception]()
+    for number in range(min(_TRIED, config.file.episodes.count)):
+        try:
+            episode = open_episode(config, config.unit(scene.name, number), device)
+            episode.step()
+            episode.rig.sense(episode.data)
+        except Exception as error:  # as one that fails an episode
+            errors.append(error)
+        else:
+            return []
+    return errors
