@@ -1,35 +1,24 @@
 """Lidars: spinning, 2D and solid-state ones with a table of beams, rosettes, and patterns from a file."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Annotated, Any, ClassVar, Literal
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault
-from rigcast.sensors.specs.pattern import Pattern, directions_at, refuse_too_many
+from rigcast.sensors.specs.pattern import Pattern, refuse_too_many
 from rigcast.sensors.specs.sensor_spec import SensorSpec, no_default
 
+from .beam_table import BeamTable
 from .effects import Beam, Detection, Noise, Weather
 from .ray_file import RayFile
 from .rosette import Nodding, Rosette
 
 _PER_ROW = ("azimuth_offset_deg", "firing_time_us", "origin_height")
-_TABLE = frozenset(
-    {
-        "elevation_deg",
-        "columns",
-        "column_period_us",
-        "azimuth_deg",
-        "clockwise",
-        "scan_time",
-        "origin_radius",
-        *_PER_ROW,
-    }
-)
+_TABLE = frozenset(field.name for field in fields(BeamTable)) - {"rate_hz"}
 _PATHS = ("rosette", "nodding", "ray_file")
 
 
@@ -179,10 +168,10 @@ class Lidar(SensorSpec):
         turns = self.rate_hz is not None and self.azimuth_deg is None and self.scan_time is None
         if self.column_period_us is not None and not turns:
             raise ValueError("column_period_us is for full turns at rate_hz, expected columns in place of it")
-        if self._column_count() < 1:
+        if self._beams.column_count < 1:
             raise ValueError(f"column_period_us: must be at most 1 / rate_hz, got {self.column_period_us:g} us")
-        refuse_too_many(self._column_count() * len(self.elevation_deg))
-        duration = self._last_column_time() + max(self.firing_time_us or (0.0,)) * 1e-6
+        refuse_too_many(self._beams.column_count * len(self.elevation_deg))
+        duration = self._beams.duration
         if self.rate_hz is not None and duration * self.rate_hz > 1 + 1e-9:
             raise ValueError(
                 f"a reading takes {duration:g} s, longer than 1 / rate_hz, {1 / self.rate_hz:g} s; "
@@ -224,6 +213,10 @@ class Lidar(SensorSpec):
         """As `motion` says."""
         return self.motion
 
+    @property
+    def _beams(self) -> BeamTable:
+        return BeamTable(**{key: getattr(self, key) for key in _TABLE}, rate_hz=self.rate_hz)
+
     def pattern(self, model: mujoco.MjModel) -> Pattern:  # noqa: ARG002
         """Unit directions (beams, columns, 3) or (rays, 3), x forward and z up, with ring and column of each.
 
@@ -234,70 +227,4 @@ class Lidar(SensorSpec):
             return steered.pattern(self.rate_hz)
         if self.ray_file is not None:
             return self.ray_file.pattern(self.rate_hz, self.phase)
-        return self._table()
-
-    def _table(self) -> Pattern:
-        times, sweep = self._column_times(), self._sweep()
-        fired = 1e-6 * self._per_row(self.firing_time_us)
-        fired -= fired.min()
-        speed = (sweep[-1] - sweep[0]) / times[-1] if times[-1] > 0 else 0.0  # [rad/s] of the head
-        turned = sweep + speed * fired
-        azimuth = turned + np.deg2rad(self._per_row(self.azimuth_offset_deg))
-        elevation = np.deg2rad(self._per_row(self.elevation_deg))
-        index = np.indices(azimuth.shape, dtype=np.int32)
-        firing_times = times + fired
-        return Pattern(
-            directions_at(azimuth, elevation),
-            origins=self._origins(turned),
-            firing_times=firing_times if firing_times.any() else None,
-            ring=index[0],
-            column=index[1],
-        )
-
-    def _origins(self, azimuth: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        if not self.origin_radius and self.origin_height is None:
-            return None
-        origins = self.origin_radius * directions_at(azimuth, np.zeros(1))
-        origins[..., 2] = self._per_row(self.origin_height)
-        return origins
-
-    def _sweep(self) -> NDArray[np.float64]:
-        """(columns,) azimuth of the head [rad]."""
-        count = self._column_count()
-        if self.azimuth_deg is not None:
-            sweep = np.deg2rad(np.linspace(*self.azimuth_deg, count, dtype=np.float64))
-            return sweep[::-1] if self.clockwise else sweep
-        step = 2 * np.pi / count
-        if self.column_period_us is not None and self.rate_hz is not None:
-            step = 2 * np.pi * 1e-6 * self.column_period_us * self.rate_hz
-        return np.arange(count, dtype=np.float64) * (-step if self.clockwise else step)
-
-    def _column_times(self) -> NDArray[np.float64]:
-        """(columns,) when the first row of each column fires [s]."""
-        count = self._column_count()
-        if self.column_period_us is not None:
-            return np.arange(count, dtype=np.float64) * (1e-6 * self.column_period_us)
-        return np.linspace(0.0, self._last_column_time(), count, dtype=np.float64)
-
-    def _last_column_time(self) -> float:
-        """When the first row of the last column fires [s]."""
-        count = self._column_count()
-        if self.scan_time is not None:
-            return self.scan_time
-        if self.column_period_us is not None:
-            return (count - 1) * 1e-6 * self.column_period_us
-        if self.rate_hz is None or count == 1:
-            return 0.0
-        turned = (count - 1) / count
-        if self.azimuth_deg is not None:
-            turned = (self.azimuth_deg[1] - self.azimuth_deg[0]) / 360
-        return turned / self.rate_hz
-
-    def _column_count(self) -> int:
-        if self.column_period_us is None or self.rate_hz is None:
-            return self.columns
-        return int(min(1e6 / (self.column_period_us * self.rate_hz) * (1 + 1e-12), 2.0**53))
-
-    def _per_row(self, values: Sequence[float] | None) -> NDArray[np.float64]:
-        """(rows, 1) of a table with one value per row, 0 where there is none."""
-        return np.zeros((len(self.elevation_deg), 1)) if values is None else np.array(values, dtype=float)[:, None]
+        return self._beams.pattern()
