@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "kernels"))
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "kernels" / "helpers"))
 
 import watertight
 from made_worlds import Doubles, cast_through, unit

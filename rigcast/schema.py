@@ -12,7 +12,7 @@ _REPEAT = {
     "type": "object",
     "minProperties": 1,
     "additionalProperties": {"type": "array", "minItems": 1, "items": {"type": ["string", "number", "boolean"]}},
-    "description": "names with lists of values, as many in each: one copy for each, with $name replaced by the value",
+    "description": "names with lists of values of equal length: one copy per value, with $name replaced by it",
 }
 # With `extends` any key may be left to the file below; sensors are then told apart by their names.
 _PART = {"type": "object", "required": ["name"], "properties": {"name": {"type": "string"}}}

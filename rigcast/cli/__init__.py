@@ -24,30 +24,31 @@ class _About(NamedTuple):
 
 _COMMANDS = {
     "init": _About(
-        "Write a commented rig for a MuJoCo model.", ("rigcast init robot.xml", "rigcast init robot.xml --out rig.yaml")
+        "Write a first rig for a MuJoCo model, with comments.",
+        ("rigcast init robot.xml", "rigcast init robot.xml --out rig.yaml"),
     ),
     "run": _About(
-        "Run a rig on its model and write what its sensors see.",
+        "Simulate a rig on its model and write the frames of its sensors.",
         ("rigcast run rig.yaml --duration 3", "rigcast run rig.yaml --set sensors.top.rate_hz=5 --format ply,npz"),
     ),
     "check": _About(
-        "Compare what a rig's sensors see with MuJoCo's own ray casting.",
+        "Compare a rig's rays with MuJoCo's own ray casting.",
         ("rigcast check rig.yaml --rays 50000", "rigcast check rig.yaml --json check.json"),
     ),
     "validate": _About(
-        "Check a rig and its model; show every mistake, or the sensors.",
+        "Check a rig and its model: show all mistakes, or list the sensors.",
         ("rigcast validate rig.yaml", "rigcast validate rig.yaml --model other.xml --json -"),
     ),
     "watch": _About(
-        "Draw what a rig's sensors see again whenever its files are saved.",
+        "Draw what a rig's sensors see, again whenever its files are saved.",
         ("rigcast watch rig.yaml --out out/watch",),
     ),
     "view": _About(
-        "Look at a rig, at what a run has written, or at a ROS 2 bag.",
+        "Show a rig, a recorded run or a ROS 2 bag.",
         ("rigcast view rig.yaml", "rigcast view out/rig --save view.html", "rigcast view a.mcap --save view.rrd"),
     ),
     "publish": _About(
-        "Run a rig and publish what its sensors see to ROS 2.",
+        "Simulate a rig and publish its frames to ROS 2.",
         ("rigcast publish rig.yaml", "rigcast publish rig.yaml --duration 10 --speed 0.5"),
     ),
     "presets": _About(
@@ -55,11 +56,11 @@ _COMMANDS = {
         ("rigcast presets velodyne_vlp16", "rigcast presets livox_avia --picture avia.png --json -"),
     ),
     "schema": _About(
-        "Print the JSON schema of rig files, or of data sets.",
+        "Print the JSON schema of rig files or of data sets.",
         ("rigcast schema > rig.schema.json", "rigcast schema dataset > dataset.schema.json"),
     ),
     "dataset": _About(
-        "Make a data set: a rig in many scenes and episodes.",
+        "Make a data set: frames of a rig in many scenes and episodes.",
         (
             "rigcast dataset rooms.yaml",
             "rigcast dataset rooms.yaml --engine processes",
@@ -73,7 +74,7 @@ _COMMANDS = {
 }
 _EXIT_CODES = (
     "Exit codes: 0 done, 1 a ray is wrong (check), an episode failed (dataset) or standard output cannot be written, "
-    "2 a mistake in what was given, 130 interrupted, 141 nobody reads standard output."
+    "2 a mistake in the input, 130 interrupted, 141 standard output was closed."
 )
 _UNREAD = 141  # 128 + SIGPIPE, as of any other program in a pipe; 1, which typer and rich exit with, is a wrong ray
 

@@ -53,24 +53,26 @@ def bench(
     caster: Annotated[
         list[str] | None, typer.Option(help=f"any of {', '.join(CASTERS)}  [default: those installed]")
     ] = None,
-    rounds: Annotated[int, typer.Option(min=1, help="times that each caster is timed")] = 7,
+    rounds: Annotated[int, typer.Option(min=1, help="how often each caster is timed")] = 7,
     threads: Annotated[int | None, typer.Option(min=1, max=9999, help="CPU threads  [default: all]")] = None,
-    triangles: Annotated[int, typer.Option(min=2, help="of the largest height field")] = 1_000_000,
+    triangles: Annotated[int, typer.Option(min=2, help="triangles of the largest height field")] = 1_000_000,
     worlds: Annotated[
         list[int] | None,
-        typer.Option(min=1, help="of `worlds`, how many  [default: 64 to 16384 on CUDA, else 16 and 64]"),
+        typer.Option(min=1, help="numbers of worlds for `worlds`  [default: 64 to 16384 on CUDA, else 16 and 64]"),
     ] = None,
-    device: Annotated[str | None, typer.Option(help="of `worlds`: cpu, cuda:0...  [default: CUDA if present]")] = None,
+    device: Annotated[
+        str | None, typer.Option(help="device for `worlds`: cpu, cuda:0...  [default: CUDA if present]")
+    ] = None,
     json_file: JsonFile = None,
-    chart: Annotated[Path | None, typer.Option(help="PNG file for bars of the casters' speeds")] = None,
+    chart: Annotated[Path | None, typer.Option(help="PNG file for a bar chart of the casters' speeds")] = None,
     scaling_chart: Annotated[Path | None, typer.Option(help="PNG file for plots of `scaling`")] = None,
     worlds_chart: Annotated[Path | None, typer.Option(help="PNG file for a plot of `worlds`")] = None,
 ) -> None:
-    """Time rigcast beside other ray casters on the CPU, on the same rays in the same run, and compare their hits.
+    """Time rigcast and other ray casters on the CPU, interleaved on the same rays, and compare their hits.
 
-    warehouse is the demo; g1, aloha_pot, room and hills are other scenes to cast in. patterns, outputs, origins,
-    update, small, trees, memory and start measure rigcast alone, scaling its speed as things grow. worlds is a lidar of
-    1024 rays on the g1 in each of many worlds, beside mujoco_warp, on CUDA where there is a GPU.
+    warehouse is the demo's scene; g1, aloha_pot, room and hills are other scenes. patterns, outputs, origins, update,
+    small, trees, memory and start measure rigcast alone; scaling measures its speed as scenes grow. worlds casts a
+    lidar of 1024 rays on the g1 in each of many worlds, beside mujoco_warp, on CUDA if there is a GPU.
     """
     parts = _as_parts(what or ["warehouse"])
     if threads is not None:

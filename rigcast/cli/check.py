@@ -23,12 +23,12 @@ COUNTS = ("rays", "agree", "edge", "wrong")
 def check(
     rig: RigPath,
     model: ModelPath = None,
-    rays: Annotated[int, typer.Option(min=1, help="rays in all, over sensors and states")] = 20_000,
+    rays: Annotated[int, typer.Option(min=1, help="total number of rays, over all sensors and states")] = 20_000,
     json_file: JsonFile = None,
     device: Device = None,
     overrides: Overrides = None,
 ) -> None:
-    """Compare every sensor's rays with MuJoCo's own, ray by ray. Exits with 1 if any is wrong."""
+    """Compare the rays of every sensor with MuJoCo's own ray casting. Exits with 1 if any ray is wrong."""
     console = console_beside(json_file)
     config, compiled = open_rig(rig, model, overrides or ())
     data = initial_data(compiled, config.keyframe)

@@ -30,22 +30,26 @@ EngineName = Literal["in-process", "processes", "ray"]
 def dataset(
     config: Annotated[Path, typer.Argument(help="the data set, a YAML file", show_default=False)],
     out: Annotated[
-        str | None, typer.Option(help="folder to write to, with --verify also a URL  [default: out/<config>]")
+        str | None, typer.Option(help="folder to write to; with --verify also a URL  [default: out/<config>]")
     ] = None,
     engine: Annotated[EngineName, typer.Option(help="where episodes are made")] = "in-process",
     workers: Annotated[
-        int | None, typer.Option(min=1, help="of processes or ray, at a time  [default: one per CPU]")
+        int | None, typer.Option(min=1, help="number of workers for processes and ray  [default: one per CPU]")
     ] = None,
-    address: Annotated[str | None, typer.Option(help="of a Ray cluster to join, such as auto; implies ray")] = None,
-    shard: Annotated[str | None, typer.Option(metavar="I/N", help="only the I-th of N parts, from 1 to N")] = None,
+    address: Annotated[
+        str | None, typer.Option(help="address of a Ray cluster to join, or auto; implies --engine ray")
+    ] = None,
+    shard: Annotated[
+        str | None, typer.Option(metavar="I/N", help="make only the I-th of N parts, I from 1 to N")
+    ] = None,
     device: Device = None,
-    verify: Annotated[bool, typer.Option("--verify", help="only compare what is there with its checksums")] = False,
+    verify: Annotated[bool, typer.Option("--verify", help="only compare existing files with their checksums")] = False,
     overrides: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="in place of the file's own, such as episodes.count=3"),
+        typer.Option("--set", metavar="KEY=VALUE", help="override a key of the file, such as episodes.count=3"),
     ] = None,
 ) -> None:
-    """Make a data set, or what is missing of it; the same command goes on after any interruption."""
+    """Make a data set, or the missing part of it. After an interruption, run the same command again."""
     console = Console(highlight=False)
     if verify:
         _verify(console, out if out is not None and is_url(out) else _folder(config, out))

@@ -15,11 +15,11 @@ from rigcast.sensors.errors import InputError
 
 
 def init(
-    model: Annotated[Path, typer.Argument(help="the MuJoCo model, MJCF, URDF or MJB", show_default=False)],
-    out: Annotated[Path | None, typer.Option(help="file to write  [default: <model>.yaml, here]")] = None,
-    force: Annotated[bool, typer.Option("--force", help="write over a file that is there")] = False,
+    model: Annotated[Path, typer.Argument(help="MuJoCo model: MJCF, URDF or MJB", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="file to write  [default: <model>.yaml in this folder]")] = None,
+    force: Annotated[bool, typer.Option("--force", help="overwrite an existing file")] = False,
 ) -> None:
-    """Write a commented rig for a model: a depth camera on each of its cameras, a lidar on sites named like one."""
+    """Write a first rig for a model, with comments: a depth camera on each camera, a lidar on sites named like one."""
     compiled = compile_model(model)
     path = Path(f"{model.stem}.yaml") if out is None else out
     make_room_for(path)

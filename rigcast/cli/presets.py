@@ -21,13 +21,15 @@ def presets(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="show its card; or a file .yaml", show_default=False, autocompletion=lambda: list(preset_names())
+            help="preset, or a preset file (.yaml), to show",
+            show_default=False,
+            autocompletion=lambda: list(preset_names()),
         ),
     ] = None,
-    picture: Annotated[Path | None, typer.Option(help="PNG file to draw the card to")] = None,
+    picture: Annotated[Path | None, typer.Option(help="PNG file for a picture of the card")] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """List the device presets, or show the card of one: its rays, figures, where they are from, which are assumed."""
+    """List the device presets, or show the card of one: its rays, figures, their sources and what is assumed."""
     console = console_beside(json_file)
     if name is None:
         if picture is not None:

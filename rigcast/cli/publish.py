@@ -21,13 +21,13 @@ from rigcast.simulation import initial_data
 def publish(
     rig: RigPath,
     model: ModelPath = None,
-    duration: Annotated[float | None, typer.Option(help="time to simulate, s  [default: until Ctrl-C]")] = None,
-    speed: Annotated[float, typer.Option(help="simulated seconds per second, at most")] = 1.0,
+    duration: Annotated[float | None, typer.Option(help="time to simulate [s]  [default: until Ctrl-C]")] = None,
+    speed: Annotated[float, typer.Option(help="simulated seconds per second at most")] = 1.0,
     device: Device = None,
     seed: Seed = None,
     overrides: Overrides = None,
 ) -> None:
-    """Run a rig on its model and publish what its sensors see to ROS 2."""
+    """Simulate a rig on its model and publish its frames to ROS 2."""
     if not speed > 0.0:
         raise InputError(f"--speed: got {speed}, expected a positive number")
     require_ros()

@@ -29,16 +29,18 @@ def run(
     rig: RigPath,
     model: ModelPath = None,
     out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<rig>]")] = None,
-    duration: Annotated[float, typer.Option(help="time to simulate, s")] = 3.0,
+    duration: Annotated[float, typer.Option(help="time to simulate [s]")] = 3.0,
     formats: Annotated[
         str | None,
-        typer.Option("--format", help=f"of {','.join(FORMATS)}  [default: exr for cameras, ply for the others]"),
+        typer.Option(
+            "--format", help=f"one or more of {','.join(FORMATS)}  [default: exr for cameras, ply for others]"
+        ),
     ] = None,
     device: Device = None,
     seed: Seed = None,
     overrides: Overrides = None,
 ) -> None:
-    """Run a rig on its model and write what its sensors see."""
+    """Simulate a rig on its model and write the frames of its sensors."""
     console = Console(highlight=False)
     began = perf_counter()
     config, compiled = open_rig(rig, model, overrides or ())

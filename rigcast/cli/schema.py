@@ -11,7 +11,7 @@ _SCHEMAS = {"rig": rig_schema, "dataset": dataset_schema}
 
 
 def schema(
-    of: Annotated[Literal["rig", "dataset"], typer.Argument(help="of which kind of file")] = "rig",
+    of: Annotated[Literal["rig", "dataset"], typer.Argument(help="kind of file")] = "rig",
 ) -> None:
-    """Print the JSON schema of rig files, or of data sets (for `# yaml-language-server: $schema=...`)."""
+    """Print the JSON schema of rig files or of data sets (for `# yaml-language-server: $schema=...`)."""
     typer.echo(json.dumps(_SCHEMAS[of](), indent=2, allow_nan=False))

@@ -19,7 +19,7 @@ def validate(
     json_file: JsonFile = None,
     overrides: Overrides = None,
 ) -> None:
-    """Check a rig and its model; show every mistake, or the sensors."""
+    """Check a rig and its model: show all mistakes, or list the sensors."""
     config, compiled = open_rig(rig, model, overrides or ())
     table = Table("sensor", "type", "rays", "rate", "mount")
     for sensor in config.sensors:

@@ -33,19 +33,19 @@ class _Seen(NamedTuple):
 
 
 def view(
-    target: Annotated[Path, typer.Argument(help="a rig, a folder of `rigcast run` or a ROS bag", show_default=False)],
+    target: Annotated[Path, typer.Argument(help="a rig, a folder of `rigcast run` or a ROS 2 bag", show_default=False)],
     save: Annotated[
-        Path | None, typer.Option(help="write a page (.html) or a rerun recording (.rrd) in place of showing it")
+        Path | None, typer.Option(help="write a page (.html) or a rerun recording (.rrd) instead of showing it")
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="time to simulate of a rig, s  [default: 1]")] = None,
+    duration: Annotated[float | None, typer.Option(help="time to simulate a rig [s]  [default: 1]")] = None,
     model: ModelPath = None,
     device: Device = None,
     overrides: Overrides = None,
 ) -> None:
-    """Show clouds and depth images over time: in rerun where that is installed, else as a page in the browser.
+    """Show point clouds and depth images over time: in rerun if it is installed, else as a page in the browser.
 
-    Of a folder, frames written as npz, exr or ply are shown, else its bag; of any ROS 2 bag, point clouds, scans and
-    depth images.
+    A folder's frames are shown if they are npz, exr or ply, else its bag. From any ROS 2 bag, point clouds, scans and
+    depth images are shown.
     """
     console = Console(highlight=False)
     suffix = _suffix(save)

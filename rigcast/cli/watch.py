@@ -26,9 +26,9 @@ def watch(
     device: Device = None,
     overrides: Overrides = None,
 ) -> None:
-    """Draw what every sensor sees at the start, again whenever the rig, what it extends or its model is saved.
+    """Draw what every sensor sees at the start, again whenever the rig, a file that it extends or its model is saved.
 
-    Writes DIR/<sensor>.png until Ctrl-C. A mistake is shown, and the pictures stay until it is mended.
+    Writes DIR/<sensor>.png until Ctrl-C. A mistake is shown, and the last pictures are kept until it is fixed.
     """
     console = Console(highlight=False)
     folder = Path("out") / rig.stem if out is None else out

@@ -16,12 +16,12 @@ class Export(Spec):
     """
 
     exr_compression: Literal["none", "rle", "zips", "zip", "piz"] = Field(
-        default="zip", description="compression of OpenEXR files, all without loss; every reader knows zip"
+        default="zip", description="compression of OpenEXR files, all lossless; every reader supports zip"
     )
     point_layout: PointLayout = Field(
         default="auto",
-        description="fields of a ROS PointCloud2: those of a maker's driver, or all that a frame has; "
-        "auto: the maker's of the sensor's preset, else full",
+        description="fields of a ROS PointCloud2: those of a maker's driver, or full: all that a frame has; "
+        "auto: by the maker of the sensor's preset, else full",
     )
     depth_encoding: Literal["32FC1", "16UC1"] = Field(
         default="32FC1",

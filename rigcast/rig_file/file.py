@@ -28,7 +28,7 @@ class RigFile(Spec):
     """A rig: the sensors that are mounted on one MuJoCo model."""
 
     extends: Annotated[str | tuple[str, ...] | None, BeforeValidator(_as_names)] = Field(
-        default=None, description="another rig file that this one is laid over, or several; paths relative to this file"
+        default=None, description="rig file that this one extends, or several; paths relative to this file"
     )
     model: str | None = Field(
         default=None, description="the MuJoCo model, MJCF, URDF or MJB; a path relative to this file"
@@ -36,22 +36,22 @@ class RigFile(Spec):
     seed: int = Field(default=0, ge=0, lt=2**63, description="seed of all random numbers")
     keyframe: str | None = Field(default=None, description="name of the keyframe at which a run begins")
     on_unsupported: Literal["error", "warn"] = Field(
-        default="error", description="what to do about geometry that rays cannot hit: refuse it, or leave it out"
+        default="error", description="geometry that rays cannot hit yet: refuse the model, or warn and leave it out"
     )
     props: tuple[Prop, ...] = Field(
-        default=(), description="meshes that rays hit and the model does not have, each with a name of its own"
+        default=(), description="meshes that rays hit but that are not in the model; names must be unique"
     )
     surfaces: tuple[Surface, ...] = Field(
-        default=(), description="how things reflect, in place of the model's colours; the last entry for one counts"
+        default=(), description="reflectance, instead of the model's colours; the last entry for a thing counts"
     )
     classes: Mapping[str, Sequence[str]] = Field(
         default={},
-        description="classes for segmentation: names of geoms, bodies, flexes, skins and props by class; a body stands "
-        "for all below it, * and ? match as in a shell",
+        description="classes for segmentation: names of geoms, bodies, flexes, skins and props by class; a body "
+        "includes everything below it, * and ? match as in a shell",
     )
     export: Export = Field(default=Export(), description="how frames are written")
     sensors: tuple[AnySensor, ...] = Field(
-        description="the sensors, each with a name of its own", json_schema_extra={"minItems": 1}
+        description="the sensors; names must be unique", json_schema_extra={"minItems": 1}
     )
 
     @field_validator("sensors")

@@ -13,7 +13,6 @@ from rigcast.sensors.names import expected_one_of, require_different
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
 from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
-from rigcast.sensors.scene.same_model import PLACES, SHAPES, require_same_model
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.enclosed import enclosed
@@ -25,17 +24,12 @@ from rigcast.sensors.specs.surface import Surface
 
 from .capacity import require_out
 from .frame import Frame
+from .kinematics import Kinematics
 from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import sense_worlds
 from .reading import read_frames
 from .timing.schedule import Schedule
 from .under_way import UnderWay
-
-_STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
-"""What poses are worked out of."""
-_SLEEP = mujoco.mjtEnableBit.mjENBL_SLEEP.value
-_KINEMATICS = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_camlight)
-"""What poses are worked out by: those of bodies by the first alone, of flexes and cameras by all."""
 
 
 class Rig:
@@ -84,15 +78,12 @@ class Rig:
             raise InputError("\n".join(faults))
         self.model = model
         self.scene = Scene(model, device, self.props, surfaces=surfaces, on_unsupported=on_unsupported)
-        self._data = mujoco.MjData(model)
-        self._kinematics = _KINEMATICS if model.ncam or model.nflex else _KINEMATICS[:1]
         self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
-        self._optics = {
-            m.mount.id: _optics(model, m.mount.id)
-            for m in self._mounted.values()
-            if isinstance(m.spec, DepthCamera) and m.spec.takes_optics
-        }
-        self._warn_of_enclosed()
+        optics = [m for m in self._mounted.values() if isinstance(m.spec, DepthCamera) and m.spec.takes_optics]
+        self._kinematics = Kinematics(model, [m.mount.id for m in optics])
+        # once, here: where sensors are in their own bodies is the same in every frame
+        for sentence in enclosed(model, self._kinematics.data, self.sensors):
+            warn_user(sentence, UserWarning)
         self._begin(seed)
 
     def _begin(self, seed: int) -> None:
@@ -160,7 +151,7 @@ class Rig:
             return {m.spec.name: frame for m, frame in zip(mounted, frames, strict=True)}
         if not is_batch(data):
             raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
-        self._require_same_optics()
+        self._kinematics.require_same_optics()
         worlds = as_worlds(data)
         worlds.require_sensors(self._mounted)
         return sense_worlds(self.scene, mounted, worlds, out, self.seed)
@@ -175,7 +166,7 @@ class Rig:
         steps that it spans, and comes in once its last ray is fired. When the clock goes backwards the schedule starts
         over, and frames that are under way or have not come in are discarded.
         """
-        self._require_own(data)
+        self._kinematics.require_own(data)
         if not data.time >= self._clock:
             self._undelivered.clear()
             self._under_way.start_over()
@@ -194,14 +185,15 @@ class Rig:
 
     def _move_on(self, data: mujoco.MjData, due: list[tuple[float, Mounted]]) -> None:
         """Begin readings of sensors that move; take those whose last ray has been fired."""
-        self._work_out_poses(data)
-        over = self._under_way.step(self._data, [(time, m.at(time)) for time, m in due])
+        self._kinematics.update(data)
+        over = self._under_way.step(self._kinematics.data, [(time, m.at(time)) for time, m in due])
         for begun in over:
             m = begun.mounted
             aim = self._under_way.aim(begun, m.next_arrays(m.pattern.frame_shape))
             self._deliver(m, begun.end, *read_frames([(m, aim)], self.seed))
         if over:
-            self.scene.take(self._data)  # the scene was swept, and sensors that stand still need it as it is now
+            # the scene was swept, and sensors that stand still need it as it is now
+            self.scene.take(self._kinematics.data)
 
     def _deliver(self, mounted: Mounted, taken: float, frame: Frame) -> None:
         """Keep a frame, the last ray of which was fired at `taken` [s], for when it comes in."""
@@ -212,7 +204,7 @@ class Rig:
         """The rays that each of these sensors would cast now."""
         mounted = self._select(names)
         self._look(data)
-        return {m.spec.name: m.at(data.time).world_rays(self._data) for m in mounted}
+        return {m.spec.name: m.at(data.time).world_rays(self._kinematics.data) for m in mounted}
 
     def cast(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Hits]:
         """What the rays of each of these sensors hit now, before any range limit: distances and world normals."""
@@ -220,17 +212,10 @@ class Rig:
         self._look(data)
         return {
             m.spec.name: self.scene.hits(
-                self.scene.cast_rays(m.at(data.time).rays(self._data), m.visible(), np.inf), m.pattern.shape
+                self.scene.cast_rays(m.at(data.time).rays(self._kinematics.data), m.visible(), np.inf), m.pattern.shape
             )
             for m in mounted
         }
-
-    def _warn_of_enclosed(self) -> None:
-        """Once, here: where sensors are in their own bodies is the same in every frame."""
-        for work_out in self._kinematics:
-            work_out(self.model, self._data)
-        for sentence in enclosed(self.model, self._data, self.sensors):
-            warn_user(sentence, UserWarning)
 
     def _select(self, names: Sequence[str] | None) -> list[Mounted]:
         if names is None:
@@ -245,34 +230,9 @@ class Rig:
 
     def _look(self, data: mujoco.MjData) -> None:
         """Bring the scene to the world at data.time."""
-        self._require_own(data)
-        self._work_out_poses(data)
-        self.scene.take(self._data)
-
-    def _work_out_poses(self, data: mujoco.MjData) -> None:
-        """Those at data.time, into the private copy: mj_step has not done so yet."""
-        if self.model.opt.enableflags & _SLEEP:
-            # else what sleeps or cannot move stays where it was when the model was another one
-            mujoco.mj_resetData(self.model, self._data)
-        mujoco.mj_copyState(self.model, data, self._data, _STATE)
-        for work_out in self._kinematics:
-            work_out(self.model, self._data)
-
-    def _require_own(self, data: mujoco.MjData) -> None:
-        require_type("Rig: data", data, mujoco.MjData)
-        if data.signature != self.model.signature:
-            raise InputError(
-                "Rig: data belongs to another model than the rig; one that was compiled anew needs a new Rig"
-            )
-        require_same_model("Rig: data", data.model, self.model, SHAPES + PLACES)
-        self._require_same_optics()
-
-    def _require_same_optics(self) -> None:
-        """Of MJCF cameras, which sensors took when the rig was made."""
-        for camera, optics in self._optics.items():
-            if _optics(self.model, camera) != optics:
-                name = self.model.camera(camera).name
-                raise InputError(f"Rig: the optics of camera {name!r} of the model have changed; make a new Rig")
+        self._kinematics.require_own(data)
+        self._kinematics.update(data)
+        self.scene.take(self._kinematics.data)
 
     def _frames(self, due: Iterable[tuple[float, Mounted]], out: Mapping[str, Frame] | None = None) -> list[Frame]:
         """What sensors read in the world as it stands, each at its time."""
@@ -280,7 +240,7 @@ class Rig:
         for time, mounted in due:
             fired = mounted.at(time)
             arrays = fired.next_arrays(fired.pattern.frame_shape, out)
-            aimed.append((fired, fired.aim(self._data, time, arrays)))
+            aimed.append((fired, fired.aim(self._kinematics.data, time, arrays)))
         return read_frames(aimed, self.seed)
 
 
@@ -290,11 +250,6 @@ class _Delivery(NamedTuple):
     time: float
     rounding: float
     frame: Frame
-
-
-def _optics(model: mujoco.MjModel, camera: int) -> tuple[bytes, ...]:
-    """The figures of an MJCF camera from which its intrinsics follow."""
-    return tuple(getattr(model, name)[camera].tobytes() for name in ("cam_fovy", "cam_sensorsize", "cam_intrinsic"))
 
 
 def _schedule(spec: Sensor, timestep: float, seed: int) -> Schedule:

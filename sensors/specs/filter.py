@@ -19,8 +19,8 @@ _BODY = mujoco.mjtObj.mjOBJ_BODY
 class Filter(Spec):
     """Which geoms rays may hit, on top of MuJoCo's rule that a fully transparent geom is never hit.
 
-    Flexes and skins are treated as geoms are, by their own groups; a skin does not collide. One of several bodies is
-    excluded, or static, when all of its bodies are.
+    Flexes and skins are treated like geoms, by their own groups; a skin does not collide. A flex or skin of several
+    bodies is excluded, or static, if all of its bodies are.
     """
 
     geom_groups: Sequence[Annotated[int, Field(ge=0, le=5)]] | None = Field(

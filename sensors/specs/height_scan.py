@@ -16,8 +16,8 @@ _Length = Annotated[float, Field(gt=0)]
 class HeightScan(SensorSpec):
     """Parallel rays straight down (world -z) from a grid around the mount. Readings have shape (rays,).
 
-    The grid has floor(size / spacing) + 1 points along each axis, centred on the mount and at its height; it
-    keeps the mount's yaw and leaves out its roll and pitch. The points follow x first, then y, each upwards.
+    The grid has floor(size / spacing) + 1 points along each axis, centred on the mount and at its height. It follows
+    the mount's yaw and ignores its roll and pitch. The points are ordered along x first, then along y, both ascending.
     Range is the height of the mount above what is below it.
 
     >>> HeightScan(name="feet", mount=Mount(body="torso"), size=(1.6, 1.0), spacing=0.1)

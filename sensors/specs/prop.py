@@ -26,20 +26,20 @@ def _as_scale(given: Any) -> Any:
 
 
 class Prop(Spec):
-    """A mesh that rays hit and that MuJoCo knows nothing of, fixed to the world or carried by a body.
+    """A mesh that rays hit but that is not in the MuJoCo model, fixed to the world or carried by a body.
 
-    A ray that hits one has its place in the list of props as `prop_id`, the mount's body as `body_id`, and `geom_id`
-    -1. A filter leaves it out with its body (`exclude_bodies`) and, where that cannot move, with `static=False`;
-    geom groups, `geometry` and transparency are not for props.
+    A hit on a prop has its index in the list of props as `prop_id`, the mount's body as `body_id`, and `geom_id` -1. A
+    filter excludes it with its body (`exclude_bodies`), and with `static=False` if the body cannot move. Geom groups,
+    `geometry` and transparency do not apply to props.
     """
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,64}$", description="name of the prop, its own: letters, digits, _ -")
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,64}$", description="unique name of the prop: letters, digits, _ and -")
     file: FilePath = Field(description="mesh file, .stl, .obj, .ply or .glb; in a rig file a path relative to it")
-    mount: Mount = Field(default_factory=Mount, description="where the origin and axes of the mesh are")
+    mount: Mount = Field(default_factory=Mount, description="pose of the mesh's origin and axes")
     scale: Annotated[float | tuple[float, float, float], BeforeValidator(_as_scale)] = Field(
-        default=1.0, description="by which coordinates in the file are multiplied, one number or x, y, z"
+        default=1.0, description="factor on the file's coordinates: one number, or x, y, z"
     )
-    allow_outside: bool = Field(default=False, description="whether a rig file may name a file outside of its folder")
+    allow_outside: bool = Field(default=False, description="whether a rig file may name a file outside its folder")
 
     def faults(self, model: mujoco.MjModel) -> list[Fault]:
         """What keeps this prop from being on `model`: a mount that the model does not have."""

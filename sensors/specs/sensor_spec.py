@@ -60,16 +60,18 @@ class SensorSpec(Spec):
     )
     preset: str | None = Field(
         default=None,
-        description="a device whose figures hold where no other key is given: its name, or a file .yaml beside the rig",
+        description="device whose figures are the defaults of all other keys: its name, or a .yaml file beside the rig",
         json_schema_extra=_list_presets,
     )
     mount: Mount = Field(description="where the sensor is")
     filter: Filter = Field(default=Filter(), description="which geoms its rays may hit")
     rate_hz: float | None = Field(default=None, gt=0, description="readings per second [Hz]; null: every step")
     phase: float = Field(default=0.0, ge=0, description="when the first reading after time 0 begins [s]")
-    latency: float = Field(default=0.0, ge=0, description="how long after its time a reading is given out [s]")
-    jitter: float = Field(default=0.0, ge=0, description="how far at most a reading begins early or late [s]; uniform")
-    frame_loss: float = Field(default=0.0, ge=0, le=1, description="share of the readings that are lost, at random")
+    latency: float = Field(default=0.0, ge=0, description="how long after its time a reading is returned [s]")
+    jitter: float = Field(
+        default=0.0, ge=0, description="largest time by which a reading begins early or late [s], uniformly distributed"
+    )
+    frame_loss: float = Field(default=0.0, ge=0, le=1, description="share of readings lost at random")
     min_range: float = Field(default=0.0, ge=0, description="nearer hits read as -inf [m]")
     max_range: float = Field(
         default=math.inf,

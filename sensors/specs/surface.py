@@ -20,11 +20,11 @@ _OBJECTS = {
 
 
 class Surface(Spec):
-    """How a geom, everything of a material or of a body, or a prop reflects, at the wavelength of the sensors.
+    """Reflectance of a geom, of everything with a material or on a body, or of a prop, at the sensors' wavelength.
 
-    What is not given, here or in another entry, is the model's: reflectivity is the luminance of its rgba (0.2126 r +
-    0.7152 g + 0.0722 b; textures do not count), transmission 1 - alpha, mirror the `reflectance` of its material. A
-    prop has a reflectivity of 0.5. Of several entries for one thing the last counts.
+    What no entry sets comes from the model: reflectivity is the luminance of the rgba (0.2126 r + 0.7152 g + 0.0722 b;
+    textures are ignored), transmission is 1 - alpha, mirror is the `reflectance` of the material. A prop has a
+    reflectivity of 0.5. Of several entries for one thing the last counts.
     """
 
     geom: str | None = Field(default=None, description="name of a geom")
@@ -34,11 +34,11 @@ class Surface(Spec):
     reflectivity: float | None = Field(
         default=None,
         ge=0,
-        description="share of the light thrown back in all directions; retro-reflectors have above 1",
+        description="share of the light reflected diffusely; above 1 for retro-reflectors",
     )
-    transmission: _Share | None = Field(default=None, description="share of the light let through")
+    transmission: _Share | None = Field(default=None, description="share of the light transmitted")
     mirror: _Share | None = Field(
-        default=None, description="share, of the light not let through, reflected as by a mirror"
+        default=None, description="share of the light that is not transmitted which is reflected as by a mirror"
     )
 
     @model_validator(mode="after")

@@ -17,7 +17,7 @@ NAN, INF = np.nan, np.inf
 
 
 def test_hostile_worlds_neither_crash_nor_hang() -> None:
-    script = Path(__file__).with_name("hostile_worlds.py")
+    script = Path(__file__).with_name("helpers") / "hostile_worlds.py"
     done = subprocess.run(
         [sys.executable, "-X", "faulthandler", str(script)], capture_output=True, text=True, timeout=300, check=False
     )

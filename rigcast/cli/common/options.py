@@ -10,15 +10,18 @@ from rigcast.export.files import make_room_for, replacing
 from rigcast.sensors.errors import InputError
 
 RigPath = Annotated[Path, typer.Argument(help="the rig, a YAML file", show_default=False)]
-ModelPath = Annotated[Path | None, typer.Option(help="MuJoCo model in place of the rig's own")]
+ModelPath = Annotated[Path | None, typer.Option(help="MuJoCo model to use instead of the rig's own")]
 Device = Annotated[str | None, typer.Option(help="cpu, cuda:0...  [default: CUDA if present]")]
-Seed = Annotated[int | None, typer.Option(min=0, help="in place of the rig's own")]
+Seed = Annotated[int | None, typer.Option(min=0, help="seed to use instead of the rig's own")]
 Overrides = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="in place of the rig's own, such as sensors.top.rate_hz=5"),
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="override a key of the rig, such as sensors.top.rate_hz=5; repeatable"
+    ),
 ]
 JsonFile = Annotated[
-    Path | None, typer.Option("--json", help="file to write the result to; - for standard output, and nothing else")
+    Path | None,
+    typer.Option("--json", help="JSON file to write the result to; - for standard output, and nothing else there"),
 ]
 
 _STANDARD_OUTPUT = Path("-")

@@ -31,20 +31,20 @@ class SceneSource(Spec):
 
 
 class Passive(Spec):
-    """Physics without anybody at the controls: `ctrl` stays as the rig's keyframe has it."""
+    """Physics without a controller: `ctrl` stays as in the rig's keyframe."""
 
     type: Literal["passive"] = "passive"
 
 
 class RandomActions(Spec):
-    """Every actuator at random within its `ctrlrange`, or -1 to 1 where it has none."""
+    """Random values for every actuator within its `ctrlrange`, or within -1 to 1 if it has none."""
 
     type: Literal["random"]
     hold: float = Field(default=0.1, gt=0, description="time for which an action is held [s]")
 
 
 class RecordedMotion(Spec):
-    """Recorded positions played back, without physics; between two rows joints move evenly."""
+    """Recorded positions played back without physics; between two rows joints move at constant speed."""
 
     type: Literal["recorded"]
     file: str = Field(description="NPY file of (rows, nq) numbers, a qpos in each row; a path relative to this file")
@@ -67,7 +67,7 @@ Controller = Annotated[
 
 
 class Episodes(Spec):
-    """How often each scene is run, for how long, and who is at the controls."""
+    """How often each scene is run, for how long, and with which controller."""
 
     count: int = Field(ge=1, le=10**8, description="episodes of each scene")
     duration: float = Field(gt=0, description="simulated time of an episode [s]")
@@ -75,24 +75,24 @@ class Episodes(Spec):
 
 
 class PoseRange(Spec):
-    """How far a body may stand from where the model, the rig's keyframe or a recorded motion puts it."""
+    """How far a body may be from where the model, the rig's keyframe or a recorded motion puts it."""
 
     pos: tuple[float, float, float] = Field(
-        default=(0.0, 0.0, 0.0), description="at most so far to either side along x, y, z of its parent [m]"
+        default=(0.0, 0.0, 0.0), description="largest displacement either way along its parent's x, y and z [m]"
     )
     euler_deg: tuple[float, float, float] = Field(
-        default=(0.0, 0.0, 0.0), description="at most so far turned either way about fixed x, y, z of its parent [deg]"
+        default=(0.0, 0.0, 0.0), description="largest rotation either way about its parent's fixed x, y and z [deg]"
     )
 
 
 class Randomise(Spec):
-    """What differs from one episode to the next, evenly distributed, by the episode's seed."""
+    """What differs from one episode to the next, uniformly distributed, by the episode's seed."""
 
-    poses: Mapping[str, PoseRange] = Field(default={}, description="by the name of a body, how far it may be moved")
+    poses: Mapping[str, PoseRange] = Field(default={}, description="for each body name, how far the body may be moved")
     rig: Mapping[str, Sequence[float]] = Field(
         default={},
-        description="by the key of any number in the rig, as --set takes it, the range [low, high] that it is drawn "
-        "from: sensors.top.noise.range_std, sensors.*.weather.rain_rate, surfaces[0].reflectivity",
+        description="for any number in the rig, by its key as in --set, the range [low, high] from which it is drawn: "
+        "sensors.top.noise.range_std, sensors.*.weather.rain_rate, surfaces[0].reflectivity",
     )
 
     @field_validator("rig")
@@ -108,33 +108,33 @@ class Output(Spec):
     """How shards are written."""
 
     format: Literal["npz", "zarr"] = Field(
-        default="npz", description="npz: as it is, fastest to read; zarr: compressed, needs the extra zarr"
+        default="npz", description="npz: uncompressed, fastest to read; zarr: compressed, needs the extra zarr"
     )
     exr: bool = Field(default=False, description="write the frames of depth cameras as EXR too")
     fields: Mapping[str, Sequence[str]] = Field(
         default={},
-        description="by the name of a sensor, the fields of its frames that are written beside time and pose; of other "
-        "sensors all are",
+        description="for each sensor name, the fields of its frames that are written besides time and pose; sensors "
+        "not named here write all fields",
         json_schema_extra={"additionalProperties": {"type": "array", "items": {"enum": list(FIELD_NAMES)}}},
     )
 
 
 class DatasetFile(Spec):
-    """A data set: a rig in scenes, and what happens there."""
+    """A data set: a rig, its scenes and episodes."""
 
     rig: str = Field(description="the rig, a YAML file; a path relative to this file")
     scenes: tuple[SceneSource, ...] = Field(
-        description="the models that the rig is mounted on, in place of the rig's own",
+        description="the models that the rig is mounted on, instead of the rig's own",
         json_schema_extra={"minItems": 1},
     )
     episodes: Episodes = Field(description="what happens in each scene")
     randomise: Randomise = Field(default=Randomise(), description="what differs from one episode to the next")
-    seed: int = Field(default=0, ge=0, lt=2**63, description="seed of all random numbers, in place of the rig's own")
+    seed: int = Field(default=0, ge=0, lt=2**63, description="seed of all random numbers, instead of the rig's own")
     output: Output = Field(default=Output(), description="how shards are written")
     portable: bool = Field(
         default=False,
-        description="compile for any CPU of the architecture in place of the one at hand, so that all machines of a "
-        "mixed cluster run the same code",
+        description="compile for any CPU of the architecture, not for the one at hand, so that all machines of a mixed "
+        "cluster run the same code",
     )
 
     @field_validator("scenes")

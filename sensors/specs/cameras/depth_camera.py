@@ -29,17 +29,17 @@ _OPTICAL.setflags(write=False)
 class DepthCamera(SensorSpec):
     """A depth camera. Readings have shape (height, width).
 
-    The optics are `fov_y_deg`, or `fx`, `fy`, `cx` and `cy`, or, on an MJCF camera and with neither given,
-    those of that camera as MuJoCo renders it. Without `distortion` pixel (u, v) looks along
-    ((u + 0.5 - cx) / fx, (v + 0.5 - cy) / fy, 1) in the ROS optical frame: z forward, x right, y down. With it, that
-    is where the lens shows the ray of the pixel. OpenCV puts the centre of pixel (u, v) at (u, v): add 0.5 to its
-    cx and cy.
+    The optics are given by `fov_y_deg`, or by `fx`, `fy`, `cx` and `cy`. With neither, a camera on an MJCF camera has
+    that camera's optics as MuJoCo renders it. Without `distortion` pixel (u, v) looks along
+    ((u + 0.5 - cx) / fx, (v + 0.5 - cy) / fy, 1) in the ROS optical frame: z forward, x right, y down. With
+    `distortion` this is where the lens images the pixel's ray. OpenCV puts the centre of pixel (u, v) at (u, v): add
+    0.5 to its cx and cy.
 
-    With a `readout_time` t (a rolling shutter) row i of n is seen at i t / n after the first, by a camera and at geoms
-    that move meanwhile; points and depths are in the frame of the camera at that time.
+    With a `readout_time` t (rolling shutter) row i of n is seen at i t / n after the first, with the camera and geoms
+    where they are at that time. Points and depths are in the camera's frame at that time.
 
-    `min_range` and `max_range` bound the distance along the ray, not the depth; with `stereo` or `time_of_flight` they
-    bound what is measured.
+    `min_range` and `max_range` limit the distance along the ray, not the depth; with `stereo` or `time_of_flight` they
+    limit what is measured.
 
     >>> DepthCamera(name="front", mount=Mount(camera="head"), resolution=(640, 480), fov_y_deg=58)
     """
@@ -49,10 +49,10 @@ class DepthCamera(SensorSpec):
 
     type: Literal["depth_camera"] = "depth_camera"
     resolution: tuple[Pixels, Pixels] | None = Field(
-        default=None, description="width and height [pixels]; null: that of the MJCF camera it is mounted on"
+        default=None, description="width and height [pixels]; null: those of the MJCF camera it is mounted on"
     )
     fov_y_deg: float | None = Field(
-        default=None, gt=0, lt=180, description="vertical field of view [deg]; pixels square, image centred"
+        default=None, gt=0, lt=180, description="vertical field of view [deg]; square pixels, centred image"
     )
     fx: Focal | None = Field(default=None, description="horizontal focal length [pixels]")
     fy: Focal | None = Field(default=None, description="vertical focal length [pixels]")
@@ -60,14 +60,14 @@ class DepthCamera(SensorSpec):
     cy: Principal | None = Field(default=None, description="principal point from the image's top edge [pixels]")
 
     distortion: AnyLens | None = Field(
-        default=None, description="the lens, with fx, fy, cx and cy or those of the MJCF camera; null: a pinhole"
+        default=None, description="lens distortion, with fx, fy, cx and cy or those of the MJCF camera; null: pinhole"
     )
-    stereo: Stereo | None = Field(default=None, description="measures by stereo or structured light, with its errors")
-    time_of_flight: TimeOfFlight | None = Field(default=None, description="measures by time of flight, with its errors")
+    stereo: Stereo | None = Field(default=None, description="measure by stereo or structured light, with its errors")
+    time_of_flight: TimeOfFlight | None = Field(default=None, description="measure by time of flight, with its errors")
     readout_time: float = Field(
         default=0.0,
         ge=0,
-        description="rolling shutter: time from the first row to where one after the last would be [s]; 0: all at once",
+        description="rolling shutter: time from the first row to one past the last [s]; 0: all rows at once",
     )
     depth_scale: float = Field(default=0.001, gt=0, description="depth of one step of the 16-bit depth image [m]")
 

@@ -14,15 +14,15 @@ Share = Annotated[float, Field(ge=0, le=1)]
 class Ranging(Spec):
     """What all principles of measurement have: pixels that give no reading, NaN."""
 
-    dropout: Share = Field(default=0.0, description="share of pixels that give no reading, at random")
+    dropout: Share = Field(default=0.0, description="share of pixels without a reading, at random")
     max_incidence_deg: float = Field(
-        default=90.0, gt=0, le=90, description="surfaces farther than this from facing the camera give no reading [deg]"
+        default=90.0, gt=0, le=90, description="surfaces at a greater angle of incidence have no reading [deg]"
     )
     min_intensity: float = Field(
         default=0.0,
         ge=0,
-        description="pixels of less infrared intensity give no reading; 1 is a white surface that faces the camera at "
-        "1 m, 1/4 the same at 2 m",
+        description="darker pixels, by infrared intensity, have no reading; 1 is a white surface that faces the "
+        "camera at 1 m, 1/4 the same at 2 m",
     )
 
 
@@ -35,7 +35,7 @@ class Stereo(Ranging):
     """
 
     baseline: float = Field(
-        description="where the second imager or projector is, along the camera's x axis [m]; to the left below 0"
+        description="position of the second imager or projector along the camera's x axis [m]; negative: to the left"
     )
     disparity_std: float = Field(default=0.0, ge=0, description="standard deviation of the disparity [pixels]")
     disparity_step: float = Field(default=0.0, ge=0, description="the disparity is a multiple of this [pixels]; 0: any")
@@ -43,24 +43,24 @@ class Stereo(Ranging):
         default=math.inf,
         gt=0,
         allow_inf_nan=True,
-        description="nearer surfaces, of greater disparity, read as -inf [pixels]; unlimited if not given",
+        description="surfaces of greater disparity, which are nearer, read as -inf [pixels]; unlimited if not given",
         json_schema_extra=no_default,
     )
     shadow: bool = Field(
         default=False,
-        description="whether points that the second imager does not see, hidden or outside of its picture (as large as "
-        "the camera's own), give no reading",
+        description="whether points that the second imager does not see, hidden or outside its image (as large as the "
+        "camera's own), have no reading",
     )
     matching_window: int = Field(
-        default=1, ge=1, description="side of the square that is matched [pixels], odd; edges grow by half of it"
+        default=1, ge=1, description="side of the matched square [pixels], odd; edges grow by half of it"
     )
     untextured_dropout: Share = Field(
-        default=0.0, description="share of pixels that give no reading on surfaces whose material has no texture"
+        default=0.0, description="share of pixels without a reading on surfaces whose material has no texture"
     )
     kinect_v1: Literal["nguyen", "disparity"] | None = Field(
         default=None,
         description="the error of the first Kinect, axial and lateral, as Nguyen et al. (2012) measured it or as "
-        "Barron and Malik (2013) model its disparity; in place of disparity_std and disparity_step",
+        "Barron and Malik (2013) model its disparity; replaces disparity_std and disparity_step",
     )
 
     @field_validator("baseline")
@@ -99,9 +99,9 @@ class TimeOfFlight(Ranging):
         default=1,
         ge=1,
         le=8,
-        description="a pixel is cast as a grid of this many by as many rays and reads the mean of their ranges, each "
-        "by its intensity: at edges that is a flying pixel",
+        description="a pixel is cast as a grid of this many by this many rays and reads the mean of their ranges, "
+        "weighted by intensity, which makes flying pixels at edges",
     )
     modulation_hz: float | None = Field(
-        default=None, gt=0, description="ranges wrap at c / (2 modulation_hz) [Hz]; null: they do not"
+        default=None, gt=0, description="ranges wrap at c / (2 modulation_hz) [Hz]; null: no wrapping"
     )

@@ -13,13 +13,13 @@ _Angle = Annotated[float, Field(gt=0, le=10)]
 
 
 class Noise(Spec):
-    """Errors of the ray and of the range, and returns that are lost at random.
+    """Errors of the ray's direction and of the range, and returns lost at random.
 
     Points and `points_world` lie on the rays as the sensor believes them to be, without the angular noise.
     """
 
     range_std: float = Field(default=0.0, ge=0, description="standard deviation of the range, at any range [m]")
-    range_resolution: float = Field(default=0.0, ge=0, description="ranges are whole multiples of this [m]; 0: of none")
+    range_resolution: float = Field(default=0.0, ge=0, description="ranges are multiples of this [m]; 0: not rounded")
     angle_std_deg: float = Field(
         default=0.0,
         ge=0,
@@ -28,13 +28,13 @@ class Noise(Spec):
     )
     dropout: _Share = Field(default=0.0, description="probability that a return is lost")
     dark_dropout: _Share = Field(
-        default=0.0, description="probability that a return of intensity 0 is lost; less with intensity, linearly"
+        default=0.0, description="probability that a return of intensity 0 is lost; it falls linearly with intensity"
     )
-    dark_limit: float = Field(default=0.8, gt=0, description="intensity from which on dark_dropout loses none")
+    dark_limit: float = Field(default=0.8, gt=0, description="intensity from which on dark_dropout loses no returns")
 
 
 class Detection(Spec):
-    """How far dark and slanted surfaces are seen, and how exactly, from two figures of a data sheet.
+    """How far dark and slanted surfaces are detected, and how accurately, from two figures of a data sheet.
 
     The received power rho cos(theta) exp(-2 a R) / R^2 of a target facing the sensor at `range`, with `reflectivity`,
     is the least that is detected. With `accuracy`, the range of a return with the power P has a standard deviation in
@@ -44,7 +44,9 @@ class Detection(Spec):
     range: float = Field(ge=1e-3, le=1e6, description="range at which a target is just detected [m]")
     reflectivity: float = Field(default=0.1, gt=0, le=1, description="reflectivity of that target")
     accuracy: float | None = Field(
-        default=None, gt=0, description="standard deviation of the range at accuracy_range [m]; null: none by power"
+        default=None,
+        gt=0,
+        description="standard deviation of the range at accuracy_range [m]; null: no error that depends on power",
     )
     accuracy_range: float | None = Field(default=None, gt=0, description="range at which accuracy holds [m]")
     accuracy_reflectivity: float = Field(
@@ -75,25 +77,28 @@ class Detection(Spec):
 
 
 class Beam(Spec):
-    """A beam that widens: cast as sub-rays, whose echoes mix at edges, or are told apart as several returns."""
+    """A diverging beam, cast as sub-rays whose echoes mix at edges or are separated into several returns."""
 
     divergence_deg: tuple[_Angle, _Angle] = Field(
         description="full width across and up at 1 / e^2 of the irradiance [deg]; 1 mrad is 0.0573 deg"
     )
     rings: int = Field(
-        default=2, ge=1, le=6, description="rings of 6, 12, 18, ... sub-rays around the one in the middle"
+        default=2, ge=1, le=6, description="number of rings of 6, 12, 18, ... sub-rays around the middle one"
     )
 
 
 class Weather(Spec):
-    """Rain and fog along the beam: they dim it and send back echoes of their own. Needs `detection`."""
+    """Rain and fog along the beam: they attenuate it and return echoes of their own. Needs `detection`."""
 
     rain_rate: float = Field(default=0.0, ge=0, le=500, description="rain [mm/h]")
     rain_extinction: tuple[Annotated[float, Field(ge=0)], float] | None = Field(
-        default=None, description="a and b of an extinction a R^b [1/m] of rain of R mm/h; null: from its drops"
+        default=None,
+        description="a and b of an extinction a r^b [1/m] in rain of r mm/h; null: computed from the drops",
     )
     rain_range_noise: float = Field(
-        default=0.0, ge=0, description="k in k (1 - exp(-R))^2 times the range, a standard deviation in rain of R mm/h"
+        default=0.0,
+        ge=0,
+        description="k of a range error with standard deviation k (1 - exp(-r))^2 times the range, in rain of r mm/h",
     )
     visibility: float = Field(
         default=math.inf,

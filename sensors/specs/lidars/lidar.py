@@ -1,57 +1,47 @@
 """Lidars: spinning, 2D and solid-state ones with a table of beams, rosettes, and patterns from a file."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Annotated, Any, ClassVar, Literal
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault
-from rigcast.sensors.specs.pattern import Pattern, directions_at, refuse_too_many
+from rigcast.sensors.specs.pattern import Pattern, refuse_too_many
 from rigcast.sensors.specs.sensor_spec import SensorSpec, no_default
 
+from .beam_table import BeamTable
 from .effects import Beam, Detection, Noise, Weather
 from .ray_file import RayFile
 from .rosette import Nodding, Rosette
 
 _PER_ROW = ("azimuth_offset_deg", "firing_time_us", "origin_height")
-_TABLE = frozenset(
-    {
-        "elevation_deg",
-        "columns",
-        "column_period_us",
-        "azimuth_deg",
-        "clockwise",
-        "scan_time",
-        "origin_radius",
-        *_PER_ROW,
-    }
-)
+_TABLE = frozenset(field.name for field in fields(BeamTable)) - {"rate_hz"}
 _PATHS = ("rosette", "nodding", "ray_file")
 
 
 class Lidar(SensorSpec):
     """A lidar. Its rays are a table of beams, a `rosette`, a `nodding` beam, or those of a `ray_file`.
 
-    A table has `len(elevation_deg)` beams, each measured in `columns` directions around +z; readings have shape
-    (beams, columns). Azimuth 0 is +x, counter-clockwise. Column k of n is at 360 k / n deg, or, in a sector, at
-    from + (to - from) k / (n - 1), so that both ends are measured; `clockwise` turns the order around. With
-    `column_period_us` p in place of `columns`, column k is at 360 k p rate_hz deg, and there are as many as a turn has
-    time for. Readings of the others have shape (rays,).
+    Directions: a table has `len(elevation_deg)` beams, each measured in `columns` directions around +z; readings have
+    shape (beams, columns). Azimuth 0 is +x, counter-clockwise. Column k of n is at 360 k / n deg, or in a sector at
+    from + (to - from) k / (n - 1), so that both ends are measured; `clockwise` reverses the order. With
+    `column_period_us` p instead of `columns`, column k is at 360 k p rate_hz deg, and there are as many columns as fit
+    into a turn. Readings of the other patterns have shape (rays,).
 
-    With `rate_hz` the head turns at that rate: column k of n fires k / (n rate_hz) s after the first, in a sector
-    when the head gets there, and row i `firing_time_us[i]` later, by when the head has turned on. `scan_time` is for
-    devices that take another time for a sector, or none. Without either all rays fire at once. With `motion` rays are
-    cast from where the sensor is when they are fired, at geoms where these are then, and points are in that frame.
+    Times: with `rate_hz` the head turns at that rate. Column k of n fires k / (n rate_hz) s after the first (in a
+    sector, when the head gets there), and row i `firing_time_us[i]` later, when the head has turned further.
+    `scan_time` is for devices that take another time for a sector, or none. Without `rate_hz` and `scan_time` all rays
+    fire at once. With `motion` each ray is cast with the poses of sensor and geoms at its firing time, and its point is
+    in the sensor's frame at that time.
 
-    A beam leaves from `origin_radius` [m] off the z axis, towards its column's azimuth without the row's offset, at
-    `origin_height` [m]. `min_range` and `max_range` bound the distance along the ray from there.
+    Origins: a beam starts `origin_radius` [m] from the z axis, towards its column's azimuth without the row's offset,
+    at `origin_height` [m]. `min_range` and `max_range` limit the distance along the ray from there.
 
-    Nothing disturbs the readings unless an option from `noise` on says so. With `returns: dual` readings have
-    a last axis of 2: the strongest return, then the last, or where that is the same the second strongest.
+    Errors: the lidar is ideal unless one of the options from `noise` on is set. With `returns: dual` readings have a
+    last axis of 2: the strongest return, then the last, or if that is the same the second strongest.
 
     >>> Lidar(name="own", mount=Mount(body="torso"), elevation_deg=[-15, 0, 15], columns=1024, rate_hz=10)
     """
@@ -62,7 +52,7 @@ class Lidar(SensorSpec):
     elevation_deg: Sequence[Annotated[float, Field(ge=-90, le=90)]] = Field(
         default=(),
         min_length=1,
-        description="elevation of each row above the x-y plane [deg]; required where no preset is given",
+        description="elevation of each row above the x-y plane [deg]; required without a preset",
         json_schema_extra=no_default,
     )
     azimuth_offset_deg: Sequence[float] | None = Field(
@@ -72,11 +62,11 @@ class Lidar(SensorSpec):
         default=0,
         ge=1,
         le=100_000,
-        description="measurements per row and turn; required where no preset is given",
+        description="measurements per row and turn; required without a preset",
         json_schema_extra=no_default,
     )
     column_period_us: float | None = Field(
-        default=None, gt=0, description="time from a column to the next [us], in place of columns; needs rate_hz"
+        default=None, gt=0, description="time from one column to the next [us], instead of columns; needs rate_hz"
     )
     azimuth_deg: tuple[float, float] | None = Field(
         default=None, description="first and last azimuth of a sector [deg]; null: a full turn"
@@ -86,23 +76,29 @@ class Lidar(SensorSpec):
         default=None, description="when each row fires after the first one of its column [us]; null: all at once"
     )
     scan_time: float | None = Field(
-        default=None, ge=0, description="time from the first column to the last [s]; null: as the head turns"
+        default=None,
+        ge=0,
+        description="time from the first column to the last [s]; null: follows from the head's rotation",
     )
     motion: bool = Field(
         default=False,
-        description="whether sensor and geoms move during a reading of rig.step, each ray from where they are when it "
-        "is fired",
+        description="whether sensor and geoms move during a reading of rig.step; each ray is cast with the poses at "
+        "its own time",
     )
     origin_radius: float = Field(default=0.0, ge=0, description="distance of the beams' origins from the z axis [m]")
     origin_height: Sequence[float] | None = Field(
         default=None, description="height of the origin of each row [m], one value per row; null: 0"
     )
-    rosette: Rosette | None = Field(default=None, description="beams steered by rotating wedges, in place of a table")
-    nodding: Nodding | None = Field(default=None, description="beams that turn and nod, in place of a table")
-    ray_file: RayFile | None = Field(default=None, description="a file of rays, in place of a table")
+    rosette: Rosette | None = Field(default=None, description="beams steered by rotating wedges, instead of a table")
+    nodding: Nodding | None = Field(default=None, description="beams that rotate and nod, instead of a table")
+    ray_file: RayFile | None = Field(default=None, description="a file of rays, instead of a table")
 
-    noise: Noise | None = Field(default=None, description="errors of ray and range, and returns lost at random")
-    detection: Detection | None = Field(default=None, description="how far dark surfaces are seen, and how exactly")
+    noise: Noise | None = Field(
+        default=None, description="errors of ray direction and range, and returns lost at random"
+    )
+    detection: Detection | None = Field(
+        default=None, description="how far dark surfaces are detected, and how accurately"
+    )
     beam: Beam | None = Field(default=None, description="the beam's divergence, with mixed pixels at edges")
     returns: Literal["first", "last", "strongest", "dual"] = Field(
         default="strongest", description="which of a beam's returns are reported; dual: strongest and last"
@@ -111,14 +107,17 @@ class Lidar(SensorSpec):
         default=5e-9, gt=0, le=1e-6, description="tau [s]: echoes less than c tau / 2 apart are one return"
     )
     max_surfaces: int = Field(
-        default=1, ge=1, le=4, description="surfaces that a beam meets one behind the other, where they are transparent"
+        default=1,
+        ge=1,
+        le=4,
+        description="number of surfaces that a beam meets one behind the other, if they are transparent",
     )
-    mirrors: bool = Field(default=False, description="whether mirror-like surfaces show what is seen in them")
+    mirrors: bool = Field(default=False, description="whether mirrors show reflections")
     mirror_lobe_deg: float = Field(
         default=0.5,
         ge=0,
         le=90,
-        description="angle of incidence up to which a mirror sends light back to the sensor [deg]",
+        description="angle of incidence up to which a mirror reflects light back to the sensor [deg]",
     )
     weather: Weather | None = Field(default=None, description="rain and fog")
 
@@ -169,10 +168,10 @@ class Lidar(SensorSpec):
         turns = self.rate_hz is not None and self.azimuth_deg is None and self.scan_time is None
         if self.column_period_us is not None and not turns:
             raise ValueError("column_period_us is for full turns at rate_hz, expected columns in place of it")
-        if self._column_count() < 1:
+        if self._beams.column_count < 1:
             raise ValueError(f"column_period_us: must be at most 1 / rate_hz, got {self.column_period_us:g} us")
-        refuse_too_many(self._column_count() * len(self.elevation_deg))
-        duration = self._last_column_time() + max(self.firing_time_us or (0.0,)) * 1e-6
+        refuse_too_many(self._beams.column_count * len(self.elevation_deg))
+        duration = self._beams.duration
         if self.rate_hz is not None and duration * self.rate_hz > 1 + 1e-9:
             raise ValueError(
                 f"a reading takes {duration:g} s, longer than 1 / rate_hz, {1 / self.rate_hz:g} s; "
@@ -214,6 +213,10 @@ class Lidar(SensorSpec):
         """As `motion` says."""
         return self.motion
 
+    @property
+    def _beams(self) -> BeamTable:
+        return BeamTable(**{key: getattr(self, key) for key in _TABLE}, rate_hz=self.rate_hz)
+
     def pattern(self, model: mujoco.MjModel) -> Pattern:  # noqa: ARG002
         """Unit directions (beams, columns, 3) or (rays, 3), x forward and z up, with ring and column of each.
 
@@ -224,70 +227,4 @@ class Lidar(SensorSpec):
             return steered.pattern(self.rate_hz)
         if self.ray_file is not None:
             return self.ray_file.pattern(self.rate_hz, self.phase)
-        return self._table()
-
-    def _table(self) -> Pattern:
-        times, sweep = self._column_times(), self._sweep()
-        fired = 1e-6 * self._per_row(self.firing_time_us)
-        fired -= fired.min()
-        speed = (sweep[-1] - sweep[0]) / times[-1] if times[-1] > 0 else 0.0  # [rad/s] of the head
-        turned = sweep + speed * fired
-        azimuth = turned + np.deg2rad(self._per_row(self.azimuth_offset_deg))
-        elevation = np.deg2rad(self._per_row(self.elevation_deg))
-        index = np.indices(azimuth.shape, dtype=np.int32)
-        firing_times = times + fired
-        return Pattern(
-            directions_at(azimuth, elevation),
-            origins=self._origins(turned),
-            firing_times=firing_times if firing_times.any() else None,
-            ring=index[0],
-            column=index[1],
-        )
-
-    def _origins(self, azimuth: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        if not self.origin_radius and self.origin_height is None:
-            return None
-        origins = self.origin_radius * directions_at(azimuth, np.zeros(1))
-        origins[..., 2] = self._per_row(self.origin_height)
-        return origins
-
-    def _sweep(self) -> NDArray[np.float64]:
-        """(columns,) azimuth of the head [rad]."""
-        count = self._column_count()
-        if self.azimuth_deg is not None:
-            sweep = np.deg2rad(np.linspace(*self.azimuth_deg, count, dtype=np.float64))
-            return sweep[::-1] if self.clockwise else sweep
-        step = 2 * np.pi / count
-        if self.column_period_us is not None and self.rate_hz is not None:
-            step = 2 * np.pi * 1e-6 * self.column_period_us * self.rate_hz
-        return np.arange(count, dtype=np.float64) * (-step if self.clockwise else step)
-
-    def _column_times(self) -> NDArray[np.float64]:
-        """(columns,) when the first row of each column fires [s]."""
-        count = self._column_count()
-        if self.column_period_us is not None:
-            return np.arange(count, dtype=np.float64) * (1e-6 * self.column_period_us)
-        return np.linspace(0.0, self._last_column_time(), count, dtype=np.float64)
-
-    def _last_column_time(self) -> float:
-        """When the first row of the last column fires [s]."""
-        count = self._column_count()
-        if self.scan_time is not None:
-            return self.scan_time
-        if self.column_period_us is not None:
-            return (count - 1) * 1e-6 * self.column_period_us
-        if self.rate_hz is None or count == 1:
-            return 0.0
-        turned = (count - 1) / count
-        if self.azimuth_deg is not None:
-            turned = (self.azimuth_deg[1] - self.azimuth_deg[0]) / 360
-        return turned / self.rate_hz
-
-    def _column_count(self) -> int:
-        if self.column_period_us is None or self.rate_hz is None:
-            return self.columns
-        return int(min(1e6 / (self.column_period_us * self.rate_hz) * (1 + 1e-12), 2.0**53))
-
-    def _per_row(self, values: Sequence[float] | None) -> NDArray[np.float64]:
-        """(rows, 1) of a table with one value per row, 0 where there is none."""
-        return np.zeros((len(self.elevation_deg), 1)) if values is None else np.array(values, dtype=float)[:, None]
+        return self._beams.pattern()

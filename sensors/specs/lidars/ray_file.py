@@ -25,15 +25,15 @@ class RayFile(Spec):
     `ring`, in any order, each alone or followed by / or _ and its unit, as in Livox's `Time/s,Azimuth/deg,Zenith/deg`.
     Rows are in the order of their times, and the first one fires at the time of the reading.
 
-    A file that is longer than 1 / rate_hz is spread evenly over successive readings, and begins anew after its last;
-    rows that are left over, fewer than there are readings, are not used.
+    A file longer than 1 / rate_hz is spread evenly over successive readings and starts again after the last of them.
+    Rows left over, fewer than there are readings, are not used.
     """
 
     path: FilePath = Field(description="the file, .csv or .npy; in a rig file a path relative to it")
     sample_rate_hz: float | None = Field(
         default=None,
         gt=0,
-        description="rows per second [Hz], in place of the file's times, which only count; null: as in the file",
+        description="rows per second [Hz], for files whose times are only counters; null: use the file's times",
     )
 
     @field_validator("path")

@@ -36,9 +36,9 @@ class Steered(Spec):
 
     sample_rate_hz: float = Field(gt=0, description="measurements of each line per second [Hz]")
     line_elevation_deg: Sequence[float] = Field(
-        default=(0.0,), min_length=1, description="elevation of each line before it is steered [deg]"
+        default=(0.0,), min_length=1, description="elevation of each line before it is deflected [deg]"
     )
-    start: float = Field(default=0.0, description="how far along its path the beam is at time 0 [s]")
+    start: float = Field(default=0.0, description="position along the beam's path at time 0 [s]")
 
     def samples(self, rate_hz: float) -> int:
         """Measurements of each line in a reading; a reading ends before the next begins."""
@@ -74,10 +74,10 @@ class Steered(Spec):
 class Wedge(Spec):
     """A rotating wedge of glass in air, one face square to the x axis and the other tilted."""
 
-    rpm: float = Field(description="turns per minute, counter-clockwise as seen against +x")
+    rpm: float = Field(description="revolutions per minute, counter-clockwise as seen against +x")
     tilt_deg: float = Field(gt=-90, lt=90, description="angle of the tilted face [deg]; it leans to +y at time 0")
     index: float = Field(ge=1, description="refractive index of the glass")
-    tilted_first: bool = Field(description="whether the light meets the tilted face before the other one")
+    tilted_first: bool = Field(description="whether the light meets the tilted face first")
 
     @property
     def speed(self) -> float:
@@ -97,7 +97,7 @@ class Wedge(Spec):
 
 
 class Rosette(Steered):
-    """Beams along +x, each on its line's elevation, bent by rotating wedges one after the other.
+    """Beams along +x, each at its line's elevation, refracted by rotating wedges one after the other.
 
     >>> Rosette(
     ...     wedges=[
@@ -108,7 +108,7 @@ class Rosette(Steered):
     ... )
     """
 
-    wedges: Sequence[Wedge] = Field(min_length=1, description="the wedges, in the order in which the light meets them")
+    wedges: Sequence[Wedge] = Field(min_length=1, description="the wedges, in the light's order")
 
     @model_validator(mode="after")
     def _lets_light_through(self) -> "Rosette":
@@ -147,13 +147,13 @@ class Rosette(Steered):
 
 
 class Nodding(Steered):
-    """Beams that turn around z while they nod, both slowly modulated with the phase p of the nod:
+    """Beams that rotate about z while they nod, both slowly modulated with the phase p of the nod:
 
     elevation = elevation_deg[0] + elevation_deg[1] cos p + elevation_deg[2] cos 2p + ... + that of the line
     azimuth = azimuth_deg[0] + turn + azimuth_deg[1] sin p + azimuth_deg[2] sin 2p + ...
     """
 
-    spin_rpm: float = Field(description="turns around z per minute, counter-clockwise")
+    spin_rpm: float = Field(description="revolutions about z per minute, counter-clockwise")
     nod_hz: float = Field(description="nods per second [Hz]")
     elevation_deg: Sequence[float] = Field(min_length=1, description="mean elevation and cosine coefficients [deg]")
     azimuth_deg: Sequence[float] = Field(default=(0.0,), min_length=1, description="as elevation_deg, with sines [deg]")

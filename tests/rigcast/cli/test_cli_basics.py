@@ -258,11 +258,13 @@ def test_a_folder_in_place_of_a_file_is_told_at_once(
 def test_kernels_that_cannot_be_written_are_told_with_their_folder(
     rig: Path, monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
+    monkeypatch.chdir(rig.parent)
+
     def full(*_arguments: object) -> NoReturn:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(RigConfig, "build", full)
-    code, output = call(command, rig, *(["--out", rig.parent / "out"] if command == "run" else []))
+    code, output = call(command, rig)
     assert code == 2
     assert f"{wp.config.kernel_cache_dir}: kernels cannot be written there: No space left on device; WARP_" in output
 

@@ -6,8 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-
-from .small_datasets import MODULE_NAME, contents, make, write_files
+from small_datasets import MODULE_NAME, contents, make, write_files
 
 
 @contextmanager

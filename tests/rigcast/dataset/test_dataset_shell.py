@@ -4,12 +4,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from small_datasets import MODULE_NAME, contents, edited
 from typer.testing import CliRunner
 
 from rigcast.cli import app
 from rigcast.dataset.description.config import read_dataset
-
-from .small_datasets import MODULE_NAME, contents, edited
 
 
 @pytest.fixture(autouse=True)

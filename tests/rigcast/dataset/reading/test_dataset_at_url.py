@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from small_datasets import make
 from typer.testing import CliRunner
 
 import rigcast
 from rigcast.cli import app
 from rigcast.sensors.errors import InputError
-
-from .small_datasets import make
 
 fsspec: Any = pytest.importorskip("fsspec")
 

@@ -5,12 +5,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from small_datasets import controlled_by, edited
 
 from rigcast.dataset.description.config import read_dataset
 from rigcast.rig_file import load_rig
 from rigcast.sensors.errors import InputError
-
-from .small_datasets import controlled_by, edited
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-from .small_datasets import SECOND_MACHINE, contents, controlled_by, make
+from small_datasets import SECOND_MACHINE, contents, controlled_by, make
 
 BIN = Path(sys.executable).parent
 OPEN = {**os.environ, "RAY_AUTH_MODE": "disabled"}  # a cluster that asks nobody for a token

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 import warp as wp
+from small_datasets import MODULE_NAME, contents, controlled_by, edited, make
 
 from rigcast.dataset.description.config import Unit, read_dataset
 from rigcast.dataset.making.engines import InProcess, Make, Results
@@ -23,8 +24,6 @@ from rigcast.dataset.storage import manifest, shards
 from rigcast.dataset.storage.manifest import write_manifest
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
-
-from .small_datasets import MODULE_NAME, contents, controlled_by, edited, make
 
 
 class Backwards:

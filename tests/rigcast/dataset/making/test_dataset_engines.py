@@ -12,14 +12,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from small_datasets import contents, controlled_by, edited, make
 
 from rigcast.dataset.description.config import Unit, read_dataset
 from rigcast.dataset.making import engines
 from rigcast.dataset.making.engines import Processes, Ray
 from rigcast.dataset.making.episode import Result
 from rigcast.sensors.errors import InputError
-
-from .small_datasets import contents, controlled_by, edited, make
 
 
 @pytest.fixture

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from small_datasets import edited, make
 
 import rigcast
 from rigcast.export.fields import field_names
 from rigcast.sensors.errors import InputError
-
-from .small_datasets import edited, make
 
 
 def test_frames_come_episode_by_episode_in_the_order_of_time(whole_folder: Path) -> None:

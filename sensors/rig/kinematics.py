@@ -1,0 +1,62 @@
+"""Where everything of a model is at `data.time`, worked out on a private copy: `mj_step` has not done so yet."""
+
+from collections.abc import Iterable
+
+import mujoco
+
+from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.scene.same_model import PLACES, SHAPES, require_same_model
+
+_STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
+"""What poses are worked out of."""
+_SLEEP = mujoco.mjtEnableBit.mjENBL_SLEEP.value
+_STAGES = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_camlight)
+"""What poses are worked out by: those of bodies by the first alone, of flexes and cameras by all."""
+
+
+class Kinematics:
+    """The poses of a model, at first those of its initial state.
+
+    data: the private copy. cameras: ids of MJCF cameras whose optics sensors have taken.
+    """
+
+    def __init__(self, model: mujoco.MjModel, cameras: Iterable[int]) -> None:
+        self.data = mujoco.MjData(model)
+        self._model = model
+        self._stages = _STAGES if model.ncam or model.nflex else _STAGES[:1]
+        self._optics = {camera: _optics(model, camera) for camera in cameras}
+        self._work_out()
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Take the poses at `data.time`; `data` is only read."""
+        if self._model.opt.enableflags & _SLEEP:
+            # else what sleeps or cannot move stays where it was when the model was another one
+            mujoco.mj_resetData(self._model, self.data)
+        mujoco.mj_copyState(self._model, data, self.data, _STATE)
+        self._work_out()
+
+    def require_own(self, data: mujoco.MjData) -> None:
+        """Raise InputError for data of another model, or of an edited copy of it, and for optics that were edited."""
+        require_type("Rig: data", data, mujoco.MjData)
+        if data.signature != self._model.signature:
+            raise InputError(
+                "Rig: data belongs to another model than the rig; one that was compiled anew needs a new Rig"
+            )
+        require_same_model("Rig: data", data.model, self._model, SHAPES + PLACES)
+        self.require_same_optics()
+
+    def require_same_optics(self) -> None:
+        """Raise InputError where an MJCF camera's optics were edited since sensors took them."""
+        for camera, optics in self._optics.items():
+            if _optics(self._model, camera) != optics:
+                name = self._model.camera(camera).name
+                raise InputError(f"Rig: the optics of camera {name!r} of the model have changed; make a new Rig")
+
+    def _work_out(self) -> None:
+        for stage in self._stages:
+            stage(self._model, self.data)
+
+
+def _optics(model: mujoco.MjModel, camera: int) -> tuple[bytes, ...]:
+    """The figures of an MJCF camera from which its intrinsics follow."""
+    return tuple(getattr(model, name)[camera].tobytes() for name in ("cam_fovy", "cam_sensorsize", "cam_intrinsic"))
