@@ -14,16 +14,17 @@ from rigcast.sensors.rig.frame import Frame, as_frames
 
 
 def overlay(viewer: Any, frames: Frame | Iterable[Frame], *, size: float = 0.01, most: int = 5000) -> int:
-    """Draw the points of a frame, or of several, into a MuJoCo viewer, coloured by range; near is warm.
+    """Draw the points of one or several frames in a MuJoCo viewer, coloured by range; near is warm.
 
-    What was drawn before is replaced, so that it can be called after every `rig.step`; without frames it clears.
-    Frames of one world. Call `viewer.sync()` to see it.
+    It replaces what it drew before, so you can call it after every `rig.step`; without frames it clears the points.
+    Frames must be of one world. Call `viewer.sync()` to see the result.
 
     Args:
-        viewer: of `mujoco.viewer.launch_passive`, or an `MjvScene` of one's own, whose geoms are kept.
+        viewer: of `mujoco.viewer.launch_passive`, or your own `MjvScene`, whose geoms are kept.
         frames: one Frame or several.
-        size: half the edge of the box that stands for a point [m].
-        most: points in all; of more than that every second, third, ... is drawn, as MuJoCo draws them one by one.
+        size: half the edge of the box drawn for a point [m].
+        most: largest number of points; of more, only every second, third, ... is drawn, as MuJoCo draws them one by
+            one.
 
     Returns:
         How many points were drawn, at most as many as the scene has room for.

@@ -1,7 +1,9 @@
 """Which Warp device a user means."""
 
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from errno import EACCES
 from pathlib import Path
 
 import warp as wp
@@ -26,15 +28,25 @@ def find_device(device: wp.DeviceLike) -> wp.Device:
     raise InputError(f"no device {str(device)!r}, {expected_one_of(str(device), names)}")
 
 
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Raise InputError where the body, which writes no other files, cannot write a kernel."""
+    try:
+        yield
+    except OSError as error:
+        raise _unwritable(str(wp.config.kernel_cache_dir), error) from None
+
+
 def _start_warp() -> None:
     try:
         wp.init()
     except OSError as error:
-        raise _unwritable(str(error.filename)) from None
+        raise _unwritable(str(error.filename), error) from None
     folder = str(wp.config.kernel_cache_dir)
     if not os.access(folder, os.W_OK) and not any(Path(folder).glob("wp_rigcast.*")):
-        raise _unwritable(folder)
+        raise _unwritable(folder, OSError(EACCES, os.strerror(EACCES)))
 
 
-def _unwritable(folder: str) -> InputError:
-    return InputError(f"{folder}: kernels cannot be written there; WARP_CACHE_PATH can name another folder for them")
+def _unwritable(folder: str, error: OSError) -> InputError:
+    another = "WARP_CACHE_PATH can name another folder for them"
+    return InputError(f"{folder}: kernels cannot be written there: {error.strerror}; {another}")

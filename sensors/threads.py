@@ -9,10 +9,10 @@ _VARIABLE = "RIGCAST_THREADS"
 
 
 def set_threads(count: int | None) -> None:
-    """Build trees and cast with so many CPU threads from now on, in this process and those that it starts.
+    """Set the number of CPU threads for building trees and casting, in this process and those that it starts.
 
-    None: with as many as the process may use, as is so from the start unless RIGCAST_THREADS is set. Neither
-    trees nor frames depend on it, bit for bit.
+    None: as many as the process may use, which is the default unless RIGCAST_THREADS is set. Neither trees nor frames
+    depend on it, bit for bit.
 
     Raises:
         InputError: not a whole number from 1 to 9999.

@@ -54,12 +54,12 @@ class SensorOutput:
 
 
 class Recorder:
-    """Writes the frames of one rig as they come, in constant memory; keeps each sensor's latest frame.
+    """Writes the frames of one rig as they arrive, in constant memory; keeps each sensor's latest frame.
 
-    What an earlier run left under the same names is removed first. Leaving a `with` block calls `finish`.
+    Files of an earlier run with the same names are removed first. Leaving a `with` block calls `finish`.
 
     Args:
-        folder: DIR, created if need be.
+        folder: where to write; created if missing.
         model: the rig's.
         sensors: of the rig whose frames will come.
         formats: any of FORMATS; None is exr for cameras, ply for the others.
@@ -129,10 +129,10 @@ class Recorder:
         self._record(None, [frame])
 
     def step(self, data: mujoco.MjData, frames: Iterable[Frame]) -> None:
-        """Write the frames of one step of the simulation, each in every format of its sensor.
+        """Write the frames of one simulation step, each in every format of its sensor.
 
-        Call it after every step, with or without frames, and once before the first: bags hold the clock and the
-        motion of bodies between frames too. Ctrl-C waits until the frames are written.
+        Call it after every step, with or without frames, and once before the first step: bags also hold the clock and
+        the motion of bodies between frames. Ctrl-C waits until the frames are written.
 
         Raises:
             InputError: no frames of these sensors; or a file cannot be written, and what was saved before.
@@ -142,7 +142,7 @@ class Recorder:
     def finish(self) -> None:
         """Complete all recordings, write frames.npz and a preview of the latest frame of every sensor that had one.
 
-        Once: after that no frame is taken, and another call does nothing.
+        After that no frame is accepted, and another call does nothing.
         """
         if self._index.closed:
             return

@@ -110,14 +110,14 @@ def load_rig(
     """The rig of a YAML file, ready to sense.
 
     Args:
-        path: of the rig file.
-        model: an MjModel, or the path of one, in place of the file's own `model:`.
+        path: the rig file.
+        model: an MjModel, or the path of one, instead of the file's own `model:`.
         device: "cpu", "cuda:0", ...; None picks CUDA if present.
-        seed: in place of the file's.
-        overrides: values in place of the file's, each as `--set` takes it.
+        seed: instead of the file's.
+        overrides: values that override the file's, each as for `--set`.
 
     Raises:
-        InputError: every mistake in the file and in its model, each with its place in the file.
+        InputError: all mistakes in the file and its model, each with its position in the file.
 
     >>> rig = load_rig("rig.yaml", overrides=["sensors.top.rate_hz=5"])
     >>> frames = rig.sense(data)

@@ -21,7 +21,7 @@ from .stream import Message, MessageStream, Topic
 class RosNode:
     """A node that publishes the messages that a bag would hold, on the same topics.
 
-    It starts rclpy where nobody has, and stops it then. Subscribers follow the simulation's clock with
+    It starts rclpy if it is not running, and then stops it too. Subscribers follow the simulation's clock with
     `use_sim_time`. Leaving a `with` block calls `close`.
 
     Args:
@@ -33,8 +33,8 @@ class RosNode:
         name: of the node.
 
     Raises:
-        InputError: rclpy, the packages of its messages or rosbags, which serializes them, are not there; names
-            that ROS does not take.
+        InputError: rclpy, its message packages or rosbags, which serializes them, are not installed; names that ROS
+            does not allow.
 
     >>> with RosNode(model, rig.sensors) as node:
     ...     mujoco.mj_step(model, data)

@@ -44,14 +44,14 @@ class Frame:
 
     Per-ray fields are Warp arrays on the device, `frame.range.numpy()` on the host, of the sensor's `shape`:
     (beams, columns) for a lidar with a table of beams, (height, width) for a camera, (rays,) for others. They belong
-    to the frame; a later step does not change them. Fields beyond range, normal and geom_id are worked out from these
-    when asked for; points, depth and body_id sooner, by the next cast, if they were asked of the frame whose arrays it
-    writes over.
+    to the frame; a later step does not change them. Fields other than range, normal and geom_id are computed from these
+    when you ask for them. Points, depth and body_id are written by the next cast itself if they were asked of the frame
+    whose arrays it reuses.
 
-    Of a batch of worlds every field of each ray has a first axis for the world, and time (nworld,) and pose (nworld, 4,
-    4) are Warp arrays of float64; `world(k)` is the frame of one of them. Frames of worlds that are not active are NaN.
-    With two returns as well, vectors are vec3 and vec3d, as Warp's arrays have at most four axes: only `numpy()` and
-    DLPack show the fifth.
+    For a batch of worlds every per-ray field has a first axis for the world, and time (nworld,) and pose (nworld, 4, 4)
+    are Warp arrays of float64; `world(k)` is the frame of one world. Frames of worlds that are not active are NaN. With
+    two returns in a batch, vectors are arrays of vec3 and vec3d, because Warp arrays have at most four axes; `numpy()`
+    and DLPack show the fifth.
 
     Where `range` is not finite: points are NaN, ids -1, normals 0. A hit on a flex, skin or prop has `geom_id` -1.
     """

@@ -41,12 +41,12 @@ class Rig:
         device: a Warp device; None takes CUDA if it is present, else "cpu".
         seed: of all random numbers of the rig, 0 to 2^63 - 1.
         props: meshes that are not in the model, as for `Scene`.
-        surfaces: how some of the model and props reflects, as for `Scene`.
+        surfaces: reflectance of parts of the model and of props, as for `Scene`.
         on_unsupported: "error" or "warn", as for `Scene`.
 
-    A sensor within a geom of its own body, or of what is fixed to that, sees little else: it is named in a warning.
+    A sensor inside a geom of its own body, or of a body fixed to that, sees little else; it is named in a warning.
 
-    They are attributes of the rig as well: `model`, `sensors`, `props`, `seed`; and `scene`, on which it casts.
+    Attributes: `model`, `sensors`, `props` and `seed` as given, and `scene`, on which the rig casts.
 
     Raises:
         InputError: two sensors of one name, mounts or filters that name what the model does not have (all of
@@ -100,10 +100,10 @@ class Rig:
         return self._seed
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin anew with this seed (None: the same): what follows is what a rig made just now gives, bit for bit.
+        """Start again with this seed (None: the same): what follows is, bit for bit, what a new rig gives.
 
-        Readings are counted from the first again, those that are under way or have not come in are discarded. Without
-        it a clock that goes backwards starts the schedule over, but random numbers go on.
+        Readings are counted from the first again; those under way or not yet returned are discarded. Without a reset,
+        a clock that goes backwards restarts the schedule, but random numbers continue.
 
         Raises:
             InputError: the seed is not from 0 to 2^63 - 1.
@@ -127,16 +127,16 @@ class Rig:
     ) -> dict[str, Frame]:
         """One frame of each of these sensors (None: of all).
 
-        Of an MjData: of the world at `data.time`. Kinematics are worked out on a private copy; `data` is only read.
-        The world stands still for it, with `motion` and rolling shutters too: only `step` knows how it moves.
+        With an MjData the frames show the world at `data.time`. Kinematics are computed on a private copy; `data` is
+        only read. The world stands still, also for `motion` and rolling shutters: only `step` knows how it moves.
 
-        Of a batch of worlds, which is whatever `Worlds` takes, or a `Worlds`: frames of all of them, with a first axis
-        for the world. Poses are taken as they stand, as `mj_ray` does: after a step they lag `qpos` by that step.
+        With a batch of worlds (a `Worlds`, or anything that `Worlds` takes) frames have a first axis for the world.
+        Poses are taken as they are, as `mj_ray` does: after a step they lag `qpos` by that step.
 
-        out: frames of an earlier reading of as many worlds. Their arrays are written over and are those of the frames
-        returned, which alone have the new `time` and `pose` of an MjData; fields that have been asked for are worked
-        out again; after an error what they hold is void. None takes arrays of earlier frames of the sensor that nobody
-        holds any more, or makes new ones.
+        out: frames of an earlier reading of as many worlds. Their arrays are overwritten and belong to the returned
+        frames; with an MjData only the returned frames have the new `time` and `pose`. Fields that have been asked for
+        are computed again. After an error their contents are undefined. None reuses arrays of released frames of the
+        sensor, or allocates new ones.
 
         Raises:
             InputError: no sensor of this name, data of another model or of an edited copy of it, an MJCF camera whose
@@ -157,14 +157,14 @@ class Rig:
         return sense_worlds(self.scene, mounted, worlds, out, self.seed)
 
     def step(self, data: mujoco.MjData) -> list[Frame]:
-        """The frames that came in since the last call, in the order in which they did; call it after each `mj_step`.
+        """The frames that are due since the last call, in order of arrival; call this after each `mj_step`.
 
-        A sensor with `rate_hz` falls due at phase + k / rate_hz for every k on the clock `data.time`, one without it
-        at every call; the frame comes in `latency` later. Each is given out once, however many come in in one step,
-        and is whole whatever the timestep. It shows the world at the step that reached `frame.time`, less than a
-        timestep after it. One of a sensor with `motion` or a rolling shutter shows the world as it moves between the
-        steps that it spans, and comes in once its last ray is fired. When the clock goes backwards the schedule starts
-        over, and frames that are under way or have not come in are discarded.
+        A sensor with `rate_hz` is due at phase + k / rate_hz of `data.time` for every k, one without it at every call;
+        its frame is returned `latency` later. Each frame is returned once, however many arrive in one step, and is
+        complete whatever the timestep. It shows the world at the step that reached `frame.time`, less than a timestep
+        later. With `motion` or a rolling shutter it shows the world as it moves between the steps that it spans, and is
+        returned once its last ray is fired. When the clock goes backwards the schedule restarts, and frames under way
+        or not yet returned are discarded.
         """
         self._kinematics.require_own(data)
         if not data.time >= self._clock:

@@ -31,8 +31,8 @@ class NumpyHits(NamedTuple):
 class Hits:
     """The first hit of each ray, as Warp arrays on the scene's device, of the shape (...) of the rays.
 
-    Ids are looked up when asked for, but those of geoms in a scene that has nothing else. Of a single ray, (3,), the
-    Warp arrays have shape (1,) and those of `numpy()` have none.
+    Ids are looked up when you ask for them, except geom ids in a scene that has only geoms. For a single ray, (3,),
+    Warp arrays have shape (1,) and those of `numpy()` shape ().
     """
 
     shape: tuple[int, ...]

@@ -36,13 +36,13 @@ _NO_FILTER = Filter()
 
 
 class Scene(Stage):
-    """The geoms of a MuJoCo model, ready for rays.
+    """The geometry of a MuJoCo model, ready for casting rays.
 
     Args:
-        model: the model. Its meshes are read now, all the rest at every `update`.
+        model: the model. Its meshes are read now, everything else at every `update`.
         device: a Warp device; None takes CUDA if it is present, else "cpu".
         props: meshes that are not in the model, with different names.
-        surfaces: how some of it reflects, in place of the model's colours; for sensors that measure intensity.
+        surfaces: reflectance instead of the model's colours, for sensors that measure intensity.
         on_unsupported: what to do about geometry that rays cannot hit (SDF geoms without a mesh): "error"
             raises InputError, "warn" warns and leaves it out.
 
@@ -70,21 +70,21 @@ class Scene(Stage):
         raise TypeError("a Scene holds memory of its device: make one of its model in each process")
 
     def update(self, data: mujoco.MjData | Batch) -> None:
-        """Take the world as it stands in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
+        """Take the poses as they are in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
 
-        `data` may be a batch of worlds, whatever `Worlds` takes: they are cast against together.
+        `data` may be a batch of worlds, anything that `Worlds` takes; these are then cast against together.
 
-        After `mj_step` these lag `qpos` by one step; run `mj_kinematics` first to see the world at `data.time`, and
-        for flexes (`flexvert_xpos`) `mj_comPos` and `mj_flex` too.
+        After `mj_step` poses lag `qpos` by one step. To see the world at `data.time`, run `mj_kinematics` first, and
+        for flexes (`flexvert_xpos`) also `mj_comPos` and `mj_flex`.
         A geom whose pose is not finite is never hit, and is named in one warning.
 
-        Of the model, sizes of geoms and height fields are seen anew at every update, colours and groups at every
-        update and `cast`, and meshes when `refresh` says so. Poses of geoms in their bodies need `mj_kinematics` too.
+        Edits of the model: sizes of geoms and height fields are read at every update, colours and groups at every
+        update and `cast`, meshes after `refresh`. Edited poses of geoms in their bodies also need `mj_kinematics`.
 
         Raises:
-            InputError: `data` belongs to another model, or to a copy with other shapes or colours, a size or an
-                elevation that is not finite, or a geom that has got another type, mesh or height field. Where the
-                model is at fault, casting is refused until an update has taken it.
+            InputError: `data` belongs to another model, or to a copy with other shapes or colours; a size or an
+                elevation is not finite; or a geom has another type, mesh or height field. If the model is at fault,
+                casting is refused until an update succeeds.
         """
         if is_batch(data):
             worlds = as_worlds(data)
@@ -103,8 +103,8 @@ class Scene(Stage):
     def refresh(self, name: str) -> None:
         """Say that a mesh (`mesh_vert`, `mesh_face`) or height field of this name has been edited in the model.
 
-        The next `update` reads it anew; casting is refused until then. Height fields, which every update compares
-        with what they were, need no `refresh`.
+        The next `update` reads it again; casting is refused until then. Height fields need no `refresh`, because every
+        update looks for changes in them.
 
         Raises:
             InputError: the model has neither a mesh nor a height field of this name.
@@ -125,17 +125,17 @@ class Scene(Stage):
 
         Args:
             origins: (..., 3) [m], in the world; (3,) is one for all rays.
-            directions: (..., 3), of any length but 0, in the world. Origins and directions are broadcast as numpy does
-                it; after an update with many worlds to (nworld, ..., 3).
+            directions: (..., 3), of any length but 0, in the world. Origins and directions are broadcast as in numpy;
+                after an update with many worlds, to (nworld, ..., 3).
             max_distance: greatest distance at which something is hit, inclusive [m].
             cull: "back" drops hits on surfaces that face along the ray (d . n > 0), "front" those that face it.
-            filter: which geoms may be hit; None: all that are not transparent. Of many worlds it may be a list, one for
-                each.
-            out: hits of an earlier cast of as many rays on this scene's device, which are written over: no arrays are
-                made for the new ones. None makes new arrays.
+            filter: which geoms may be hit; None: all that are not transparent. With many worlds it may be a list, one
+                per world.
+            out: hits of an earlier cast of as many rays on this scene's device, which are overwritten. None allocates
+                new arrays.
 
-        Arrays on the host keep float64 and are checked, on the CPU by the cast itself, which writes to `out`; Warp
-        arrays (vec3 or vec3d, on the scene's device) are not: a ray in them that is not finite gives NaN.
+        Arrays on the host keep float64 and are checked (on the CPU by the cast itself, after it has written to `out`).
+        Warp arrays (vec3 or vec3d, on the scene's device) are not checked: a ray that is not finite gives NaN.
 
         Raises:
             InputError: a shape that does not fit, or a ray that is not finite or has no direction, with its index.

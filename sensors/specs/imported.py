@@ -17,16 +17,16 @@ _ALONG_Z = (0.0, -90.0, 0.0)  # roll, pitch, yaw [deg] that turn the mount's x a
 
 
 def from_model(model: mujoco.MjModel, resolution: tuple[int, int] = (640, 480)) -> list[Lidar | DepthCamera]:
-    """The cameras and `<rangefinder>`s that a model has, as sensors for a `Rig` on it; edit them with `model_copy`.
+    """The cameras and `<rangefinder>`s of a model, as sensors for a `Rig` on it; change them with `model_copy`.
 
-    A camera becomes a depth camera with its optics, of its own resolution or else of `resolution` (width, height);
-    an orthographic one is left out. A rangefinder on a site becomes a lidar of one ray along the site's z axis,
-    shape (1, 1), and one on a camera that camera; neither sees the body it is on. Like MuJoCo's, they read at every
-    step; a `cutoff` becomes `max_range`, beyond which they read +inf, where MuJoCo has the cutoff itself, and -1 for
-    nothing at all. Sampling intervals, delays and noise are not taken over.
+    A camera becomes a depth camera with its optics and its own resolution, or else `resolution` (width, height).
+    Orthographic cameras are left out. A rangefinder on a site becomes a lidar of one ray along the site's z axis, shape
+    (1, 1); one on a camera becomes that camera. Neither sees the body it is on. Like MuJoCo's, they read at every step.
+    A `cutoff` becomes `max_range`, beyond which they read +inf; MuJoCo reads the cutoff itself there, and -1 if nothing
+    is hit. Sampling intervals, delays and noise are not taken over.
 
-    Each has the name it has in the model, with `_` in place of what a sensor's name may not have and a number where
-    two would be the same.
+    Sensors keep their names in the model, with `_` for characters that a sensor's name may not have, and a number where
+    two names would be the same.
 
     Raises InputError for a rangefinder on a body without a name.
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from rigcast.cli.common.options import say
 from rigcast.quiet import quiet_warp
 from rigcast.rig_file import RigConfig
+from rigcast.sensors.device import compiling
 from rigcast.sensors.rig.rig import Rig
 
 _PATIENCE = 1.5  # s; cached kernels load in less
@@ -26,7 +27,7 @@ def ready_rig(
 ) -> Rig:
     """The rig of a file with its kernels compiled: it has cast once, into the state of `data`."""
     quiet_warp()
-    with word_if_compiling(console), _warnings_as_words(console):
+    with word_if_compiling(console), _warnings_as_words(console), compiling():
         rig = config.build(model, device, seed)
         rig.sense(data)
     return rig

@@ -6,6 +6,7 @@ from rigcast.dataset.description.config import DatasetConfig
 from rigcast.dataset.description.file import SceneSource, UserController
 from rigcast.dataset.description.functions import FunctionFault
 from rigcast.dataset.storage.manifest import is_finished
+from rigcast.sensors.device import compiling
 from rigcast.sensors.errors import InputError
 
 from .environment import prepare_warp
@@ -18,7 +19,7 @@ def rehearse(config: DatasetConfig, folder: Path, device: str | None) -> None:
     """Call every function once and cast once, so that workers find the kernels compiled; nothing is written.
 
     Raises InputError for a function with which the first two episodes of a scene fail, where none of that scene is
-    there yet. Whatever else is wrong with a scene fails its episodes, with the reason.
+    there yet, and for kernels that cannot be written. Whatever else is wrong with a scene fails its episodes.
     """
     prepare_warp(config.file.portable)
     called, has_cast = set[str](), False
@@ -26,7 +27,8 @@ def rehearse(config: DatasetConfig, folder: Path, device: str | None) -> None:
         functions = _functions(config, scene)
         if has_cast and functions <= called:
             continue
-        errors = _errors(config, scene, device)
+        with compiling():
+            errors = _errors(config, scene, device)
         if not errors:
             called, has_cast = called | functions, True
         elif all(_is_of_function(error, scene) for error in errors) and not _has_begun(config, scene, folder):
@@ -55,6 +57,8 @@ def _errors(config: DatasetConfig, scene: SceneSource, device: str | None) -> li
             episode = open_episode(config, config.unit(scene.name, number), device)
             episode.step()
             episode.rig.sense(episode.data)
+        except OSError:  # functions and files have errors of their own
+            raise
         except Exception as error:  # as one that fails an episode
             errors.append(error)
         else:

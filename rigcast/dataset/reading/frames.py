@@ -143,13 +143,13 @@ def open_dataset(path: str | Path, *, verify: bool = False) -> Dataset:
     """Open a data set: its frames by number, lazily loaded.
 
     Args:
-        path: a folder, or a URL that fsspec knows, such as "s3://bucket/rooms". From a URL, too, no more comes than
-            what is asked for: the manifest, then of the files of shards their tables of contents and the arrays.
-        verify: compare every file with its checksum first, for which all of it is read.
+        path: a folder, or a URL that fsspec knows, such as "s3://bucket/rooms". Only what you ask for is read, also
+            from a URL: the manifest, then the shards' tables of contents and the arrays.
+        verify: compare every file with its checksum first, which reads all of them.
 
     Raises:
-        InputError: there is no data set, with `verify` a file is not as it was written, or a URL needs a library that
-            is not installed.
+        InputError: there is no data set, with `verify` a file differs from what was written, or a URL needs a library
+            that is not installed.
 
     >>> frames = rigcast.open_dataset("out/rooms").of("top")
     >>> frames[0]["range"]  # float32 [m], +inf where nothing was hit

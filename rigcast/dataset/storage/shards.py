@@ -33,6 +33,7 @@ from rigcast.export.files import require_disk_space
 from rigcast.export.frames.exr import write_exr
 from rigcast.export.ids import Classes, IdTable
 from rigcast.export.zarr_store import ZarrStore
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.rig.rig import Rig
 
@@ -103,7 +104,8 @@ class Shard:
 def appearing(folder: Path, name: str) -> Iterator[Path]:
     """Yield an empty folder that becomes `folder / name` when the body has succeeded, and vanishes when it has not.
 
-    Where another worker has made the same in the meantime, that one stays: it is the same.
+    Where another worker has made the same in the meantime, that one stays: it is the same. Raises InputError where
+    somebody has removed the folder, as `sweep` does that of another job.
     """
     place = folder / name
     temporary = folder / UNFINISHED_NAME / f"{name.replace('/', '-')}.{uuid.uuid4().hex}"
@@ -116,6 +118,11 @@ def appearing(folder: Path, name: str) -> Iterator[Path]:
         except OSError as error:
             if error.errno not in (errno.ENOTEMPTY, errno.EEXIST) or not (place / ENTRY_NAME).is_file():
                 raise
+    except OSError:
+        if temporary.is_dir():
+            raise
+        job = "if another job makes the same episodes here, give each its --shard"
+        raise InputError(f"{temporary.parent} was removed while the episode was written to it; {job}") from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
         with suppress(OSError):  # others are at work

@@ -23,33 +23,35 @@ from .world_mounts import WorldMounts
 
 
 class Worlds:
-    """Many worlds of one model, with what differs between them. Poses are taken as they stand at each reading.
+    """Many worlds of one model, and their differences. Poses are taken as they are at each reading.
 
     Args:
         batch: one of
 
-            - a mujoco_warp `Data` on the rig's device: its arrays are used where they are, and not checked;
+            - a mujoco_warp `Data` on the rig's device: its arrays are used in place and not checked;
             - a list of MjData of the rig's model;
             - a `mujoco.batch.Batch` of it;
             - a mapping of MuJoCo's names to arrays whose first axis is the world: `geom_xpos` (nworld, ngeom, 3) [m]
               and `geom_xmat` (nworld, ngeom, 9) or (..., 3, 3); for sensors and props on bodies, sites and cameras
               `xpos` and `xmat`, `site_xpos` and `site_xmat`, `cam_xpos` and `cam_xmat` too; and `time` (nworld,) [s],
               0 if not given. Arrays on the host keep float64; Warp arrays on the rig's device are used in place, and
-              those of geoms must have no gaps.
+              those of geoms must be contiguous.
         geom_size: (nworld, ngeom, 3) [m], as `MjModel.geom_size`, where sizes differ.
         geom_dataid: (nworld, ngeom), the mesh or height field of each geom, as `MjModel.geom_dataid`, where these
             differ; -1 leaves the geom out.
         visible: (nworld, ngeom) bool, which geoms rays may hit in each world, besides what filters say; all if not
             given.
-        filters: a `Filter` for each world, by name of the sensor, in place of the sensor's own.
-        mounts: a `Mount` for each world likewise, all of a sensor's on bodies, or all on sites, and so on.
+        filters: for each sensor name, a `Filter` per world, instead of the sensor's own.
+        mounts: for each sensor name, a `Mount` per world. All mounts of a sensor must be on bodies, or all on sites,
+            and so on.
         active: (nworld,) bool, which worlds are sensed; frames of the others are NaN, and cost nothing. An array on the
-            device is read anew at each reading.
-        ids: (nworld,) whole numbers from 0 on, of which each world draws its random numbers; 0, 1, 2, ... if not given.
-            One world alone draws those of id 0.
+            device is read again at each reading.
+        ids: (nworld,) integers from 0 on; each world draws the random numbers of its id. 0, 1, 2, ... if not given. A
+            single world draws those of id 0.
 
-    All but poses, times and an `active` on the device is read when this is made. `geom_size` and `geom_dataid` are the
-    fields of a mujoco_warp `Model`; those that a `mujoco.batch.Batch` was given by `expand` count without being named.
+    Everything except poses, times and an `active` on the device is read when this is made. `geom_size` and
+    `geom_dataid` are the fields of a mujoco_warp `Model`. Fields that `expand` gave to a `mujoco.batch.Batch` are used
+    without being passed here.
 
     Raises:
         InputError: a batch of another kind or without worlds, or other than one of something for each world.

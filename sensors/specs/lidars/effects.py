@@ -15,7 +15,7 @@ _Angle = Annotated[float, Field(gt=0, le=10)]
 class Noise(Spec):
     """Errors of the ray's direction and of the range, and returns lost at random.
 
-    Points and `points_world` lie on the rays as the sensor believes them to be, without the angular noise.
+    Points and `points_world` lie on the nominal rays, without the angular noise.
     """
 
     range_std: float = Field(default=0.0, ge=0, description="standard deviation of the range, at any range [m]")

@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import IO, Any, NoReturn
 
 import pytest
+import warp as wp
 from rich.console import Console
 from typer.testing import CliRunner
 
 import rigcast.cli.presets
 from rigcast.cli import app
 from rigcast.cli.common import ready
+from rigcast.rig_file import RigConfig
 from rigcast.rig_file.file import RigFile
 from rigcast.sensors.specs.presets import preset_names
 
@@ -250,6 +252,21 @@ def test_a_folder_in_place_of_a_file_is_told_at_once(
         Path(name).mkdir()
     name = next(name for name in arguments if Path(name).is_dir())
     assert call(*arguments) == (2, f"{name}: is a folder, expected the name of a file")
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_kernels_that_cannot_be_written_are_told_with_their_folder(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(rig.parent)
+
+    def full(*_arguments: object) -> NoReturn:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(RigConfig, "build", full)
+    code, output = call(command, rig)
+    assert code == 2
+    assert f"{wp.config.kernel_cache_dir}: kernels cannot be written there: No space left on device; WARP_" in output
 
 
 @pytest.mark.parametrize("arguments", [["validat"], ["validate"], ["presets", "--bogus"]])

@@ -252,6 +252,23 @@ def test_what_a_killed_worker_leaves_is_swept_away(path: Path, whole: dict[str, 
     assert contents(path.parent / "out") == whole
 
 
+def test_what_another_job_sweeps_away_fails_that_episode(
+    path: Path, whole: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sweeps = iter([shards.sweep])
+
+    def require_disk_space(folder: Path, _size: int) -> None:
+        for sweep in sweeps:
+            sweep(path.parent / "out", [folder.name.rpartition(".")[0].replace("-", "/")])
+
+    with monkeypatch.context() as patched:
+        patched.setattr(shards, "require_disk_space", require_disk_space)
+        (failure,) = make(path).manifest["failed"]
+    assert "unfinished was removed while the episode was written to it; if another job makes" in failure["reason"]
+    make(path)
+    assert contents(path.parent / "out") == whole
+
+
 def test_a_shard_without_its_entry_is_made_anew(path: Path, whole: dict[str, bytes]) -> None:
     """As a copy that was cut off, or a machine that lost its power, leaves one."""
     make(path)
