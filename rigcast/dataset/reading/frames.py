@@ -35,8 +35,9 @@ class StoredFrame(Mapping[str, NDArray[Any]]):
     """A frame of a data set: its arrays by name, read from the files at every access and not kept.
 
     sensor, time [s]: as in Frame. scene, episode, seed: what it was made from. `frame["range"]`, `frame["pose"]` and
-    the other fields that were written have the shapes, units and miss values of Frame. Frames of depth cameras also have
-    `intrinsics` (3, 3), `depth_scale` () and, with a lens, `distortion_model` () and `distortion`, in OpenCV's order.
+    the other fields that were written have the shapes, units and miss values of Frame. Frames of depth cameras also
+    have `intrinsics` (3, 3), `depth_scale` () and, with a lens, `distortion_model` () and `distortion`, in OpenCV's
+    order.
     """
 
     def __init__(self, place: _Place, entry: Mapping[str, Any], archive: Archive) -> None:
