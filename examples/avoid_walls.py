@@ -1,4 +1,4 @@
-"""A policy that sees: a gymnasium environment with a lidar in its observation, and a robot that turns from walls.
+"""A gymnasium environment with a lidar in its observation, and a simple policy that turns the robot away from walls.
 
 pip install 'rigcast[gym]'; python examples/avoid_walls.py [--steps N]
 """

@@ -1,4 +1,4 @@
-"""Which of many plans takes the robot farthest from everything: mujoco.rollout, and a lidar in each state.
+"""Which of many plans keeps the robot farthest from obstacles? mujoco.rollout, with a lidar read in each state.
 
 python examples/clearance_of_rollouts.py [--plans N]
 """

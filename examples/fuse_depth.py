@@ -1,4 +1,4 @@
-"""One point cloud from many depth images: the demo's cameras, fused in the world and thinned to one point a voxel.
+"""One point cloud from many depth images: the demo's cameras, fused in the world frame, one point per voxel.
 
 python examples/fuse_depth.py [--seconds S] [--path CLOUD.ply]
 """

@@ -1,4 +1,4 @@
-"""Learning from ranges that never leave the device: where in a room is the lidar?
+"""Learn from ranges that never leave the device: where in a room is the lidar?
 
 python examples/learn_with_torch.py [--rounds N]
 """

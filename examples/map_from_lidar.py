@@ -1,4 +1,4 @@
-"""An occupancy map from a lidar: the demo robot drives, and a picture of the warehouse from above grows.
+"""An occupancy map from a lidar: the demo robot drives and maps the warehouse from above.
 
 python examples/map_from_lidar.py [--seconds S] [--picture FILE]
 """

@@ -1,7 +1,7 @@
-"""A quadruped on rough ground in many worlds: mujoco_warp moves it, rigcast sees, and no step leaves the device.
+"""A quadruped on rough ground in many worlds: mujoco_warp moves it, rigcast senses, and nothing leaves the device.
 
 The gait lifts the feet higher where the height scan finds rough ground, and slows down where the lidar sees a pillar
-ahead. Robots that fall start anew. What a learner needs of a step, observations and rewards, are arrays on the device.
+ahead. Robots that fall are reset. What a learner needs from a step, observations and rewards, are arrays on the device.
 
 pip install 'rigcast[worlds]'; python examples/walk_many_worlds.py [--worlds N] [--steps N] [--device D]
 """

@@ -20,16 +20,16 @@ __all__ = ["RigObservation"]
 
 
 class RigObservation(gymnasium.ObservationWrapper[Any, Any, Any]):
-    """Adds what a rig sees now to every observation: z-depth of cameras, ranges of other sensors, by sensor name.
+    """Adds the readings of a rig to every observation: z-depth of cameras, ranges of other sensors, by sensor name.
 
-    The observation becomes a dict: the keys of the environment's own if it is one, else "state" for it, and for every
-    sensor a float32 Box of its readings' shape, from 0 to its `max_range` [m]. Policies take no infinities: nothing
-    in range and invalid read as `max_range`, too near reads as 0. Every observation is of the time it is made,
-    whatever the sensors' rates. `reset(seed=...)` resets the rig to that seed too.
+    The observation becomes a dict. It has the keys of the environment's own observation if that is a dict, else "state"
+    for it, and for every sensor a float32 Box of its readings' shape, from 0 to its `max_range` [m]. Policies cannot
+    take infinities: nothing in range and invalid read as `max_range`, too near reads as 0. Sensors are read when the
+    observation is made, whatever their rates. `reset(seed=...)` also resets the rig to that seed.
 
     Args:
-        env: with a MuJoCo `data` of the rig's model in `env.unwrapped`, as gymnasium's own MuJoCo environments have.
-        rig: every sensor needs a finite `max_range`, and a name that is no key of the observation yet.
+        env: has a MuJoCo `data` of the rig's model in `env.unwrapped`, like gymnasium's own MuJoCo environments.
+        rig: every sensor needs a finite `max_range`, and a name that is not a key of the observation.
 
     Raises:
         InputError: a sensor without a finite `max_range`, or a name that is taken; later, an environment without

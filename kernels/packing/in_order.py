@@ -115,11 +115,9 @@ def place_packet(packets: wp.array[Packet], at: int, tile: Tile) -> int:
 
 
 @wp.func
-def pack_tile(these: Packing, t: int) -> None:
-    """Make tile t, which is not dense where its rays are far apart."""
+def gather_packets(these: Packing, t: int, begin: int, end: int) -> wp.vec3d:
+    """Make the packets of tile t of rays begin to end - 1 in order; the sum of their directions."""
     packets = these.packets
-    begin = these.starts[t]
-    end = these.starts[t + 1]
     sum_x = double_lanes()
     sum_y = double_lanes()
     sum_z = double_lanes()
@@ -137,7 +135,16 @@ def pack_tile(these: Packing, t: int) -> None:
                 sum_x[i] = sum_x[i] + x[i]
                 sum_y[i] = sum_y[i] + y[i]
                 sum_z[i] = sum_z[i] + z[i]
-    tile = tile_along(wp.normalize(wp.vec3d(sum_of(sum_x), sum_of(sum_y), sum_of(sum_z))))
+    return wp.vec3d(sum_of(sum_x), sum_of(sum_y), sum_of(sum_z))
+
+
+@wp.func
+def pack_tile(these: Packing, t: int) -> None:
+    """Make tile t, which is not dense where its rays are far apart."""
+    packets = these.packets
+    begin = these.starts[t]
+    end = these.starts[t + 1]
+    tile = tile_along(wp.normalize(gather_packets(these, t, begin, end)))
     tile.ray = these.order[begin]
     tile.across = 1
     apart = int(0)

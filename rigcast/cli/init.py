@@ -19,7 +19,7 @@ def init(
     out: Annotated[Path | None, typer.Option(help="file to write  [default: <model>.yaml in this folder]")] = None,
     force: Annotated[bool, typer.Option("--force", help="overwrite an existing file")] = False,
 ) -> None:
-    """Write a first rig for a model, with comments: a depth camera on each camera, a lidar on sites named like one."""
+    """Write a first rig for a model, with comments: sensors on its cameras and on sites named like one."""
     compiled = compile_model(model)
     path = Path(f"{model.stem}.yaml") if out is None else out
     make_room_for(path)

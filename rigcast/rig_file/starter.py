@@ -25,7 +25,7 @@ def starter_rig(model: mujoco.MjModel, model_path: str, schema: str) -> str:
 def _head(model: mujoco.MjModel, model_path: str, schema: str) -> Iterator[str]:
     yield f"# yaml-language-server: $schema={schema}"
     yield f"# The sensors on {Path(model_path).name}. `rigcast validate` checks this file, `rigcast run` runs it."
-    yield "# Lengths are in metres and times in seconds; a key in another unit says so (_deg, _hz)."
+    yield "# Lengths are in metres and times in seconds; a key in another unit has it in its name (_deg, _hz)."
     yield ""
     yield f"model: {_quoted(model_path)}    # relative to this file"
     keyframes = model_names(model, mujoco.mjtObj.mjOBJ_KEY, model.nkey)
@@ -57,7 +57,7 @@ def _camera(model: mujoco.MjModel, camera: str, name: str) -> Iterator[str]:
     yield "    type: depth_camera"
     yield f"    mount: {{camera: {_quoted(camera)}}}    # looks where that camera looks"
     if model.cam_resolution[index].min() <= 1:
-        yield "    resolution: [640, 480]    # width, height; the model's camera has none of its own"
+        yield "    resolution: [640, 480]    # width, height; the model's camera has no resolution"
     if model.cam_projection[index] == mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC:
         yield "    fov_y_deg: 58    # the model's camera is orthographic"
     yield "    rate_hz: 30"

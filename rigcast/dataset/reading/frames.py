@@ -32,11 +32,12 @@ class _Place(NamedTuple):
 
 
 class StoredFrame(Mapping[str, NDArray[Any]]):
-    """A frame of a data set: its arrays by name, read when asked for and not kept.
+    """A frame of a data set: its arrays by name, read from the files at every access and not kept.
 
     sensor, time [s]: as in Frame. scene, episode, seed: what it was made from. `frame["range"]`, `frame["pose"]` and
-    whatever else of the frame was chosen, in the shapes, units and with the misses of Frame; of a depth camera also
-    `intrinsics` (3, 3), `depth_scale` () and, with a lens, `distortion_model` () and `distortion`, OpenCV's order.
+    the other fields that were written have the shapes, units and miss values of Frame. Frames of depth cameras also
+    have `intrinsics` (3, 3), `depth_scale` () and, with a lens, `distortion_model` () and `distortion`, in OpenCV's
+    order.
     """
 
     def __init__(self, place: _Place, entry: Mapping[str, Any], archive: Archive) -> None:
@@ -65,9 +66,9 @@ class StoredFrame(Mapping[str, NDArray[Any]]):
 
 
 class Dataset(Sequence[StoredFrame]):
-    """The frames of a data set, episode by episode and in each in the order of their times.
+    """The frames of a data set, episode by episode, and within an episode ordered by time.
 
-    manifest: what dataset.json says: statistics, provenance, previews, failed episodes. See `open_dataset`.
+    manifest: the contents of dataset.json: statistics, provenance, previews, failed episodes. See `open_dataset`.
     """
 
     def __init__(self, store: Store, manifest: Mapping[str, Any], sensors: Sequence[str] | None = None) -> None:
@@ -103,7 +104,7 @@ class Dataset(Sequence[StoredFrame]):
         return Dataset(self._store, self.manifest, sensors)
 
     def verify(self) -> list[str]:
-        """What is wrong with the files, a line for each: those that are missing, or are not as they were written."""
+        """A line for each file that is missing or differs from what was written."""
         faults = [fault for entry in self._shards for fault in _shard_faults(self._store, entry)]
         return faults + [fault for scene in self.manifest["scenes"] for fault in self._scene_faults(scene)]
 

@@ -160,9 +160,10 @@ def test_init_names_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     assert f"{tmp_path / 'file'}: the output folder cannot be written" in output
 
 
-def test_the_shipped_schema_is_the_one_that_is_printed() -> None:
-    shipped = json.loads((CONFIGS / "rig.schema.json").read_text())
-    assert shipped == json.loads(call("schema")[1]), "run: rigcast schema > configs/rig.schema.json"
+@pytest.mark.parametrize("kind", ["rig", "dataset"])
+def test_the_shipped_schema_is_the_one_that_is_printed(kind: str) -> None:
+    shipped = json.loads((CONFIGS / f"{kind}.schema.json").read_text())
+    assert shipped == json.loads(call("schema", kind)[1]), f"run: rigcast schema {kind} > configs/{kind}.schema.json"
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
