@@ -34,9 +34,7 @@ class Card:
         """The card of a preset of that name, or in a file .yaml. Raises InputError where there is none."""
         preset, spec = load_preset(name), sensor_of_preset(name)
         pattern = spec.pattern(mujoco.MjModel.from_xml_string("<mujoco/>"))
-        in_mount = pattern.directions.reshape(-1, 3) @ spec.frame_rotation.T
-        azimuth, elevation = azimuth_elevation(in_mount)
-        return Card(preset, spec, pattern, np.rad2deg(azimuth), np.rad2deg(elevation))
+        return Card(preset, spec, pattern, *angles_deg(spec, pattern))
 
     @property
     def title(self) -> str:
@@ -66,11 +64,18 @@ class Card:
 
     def _view(self) -> str:
         low, high = self.elevation_deg.min(), self.elevation_deg.max()
-        width = _arc(self.azimuth_deg)
+        width = arc_deg(self.azimuth_deg)
         return f"{width:.4g} deg across, elevation {low:.4g} to {high:.4g} deg, between the outermost rays"
 
 
-def _arc(azimuth_deg: NDArray[np.float64]) -> float:
+def angles_deg(spec: SensorSpec, pattern: Pattern) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n,) float64 azimuth to the left and elevation up from where the sensor looks, of the rays that there are."""
+    directions = pattern.directions.reshape(-1, 3)
+    azimuth, elevation = azimuth_elevation(directions[np.isfinite(directions).all(axis=1)] @ spec.frame_rotation.T)
+    return np.rad2deg(azimuth), np.rad2deg(elevation)
+
+
+def arc_deg(azimuth_deg: NDArray[np.float64]) -> float:
     """The shortest arc that holds all azimuths; 360 where they leave no gap of more than 5 deg."""
     around = np.sort(np.unique(azimuth_deg.round(3)))
     gap = float(np.diff(around, append=around[0] + 360).max())

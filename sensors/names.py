@@ -13,11 +13,34 @@ if TYPE_CHECKING:
 
 _SHOWN = 12  # names listed in a message before it is cut short
 
+# What other simulators and drivers call our keys, and what does not resemble them, as `_bare` has it.
+_ELSEWHERE = {
+    "elevation_deg": ("channels", "rings", "vertical", "verticalangles", "verticalfov", "verticalfovrange", "vfov"),
+    "azimuth_deg": ("horizontal", "horizontalfovrange", "minangle", "maxangle", "anglemin", "anglemax"),
+    "columns": ("samples", "horizontalsamples", "horizontalres", "horizontalresolution", "width"),
+    "fov_x_deg": ("fov", "hfov", "horizontalfov", "fovh", "horizontalaperture"),
+    "fov_y_deg": ("vfov", "verticalfov", "fovv"),
+    "fx": ("focallength", "intrinsics", "cameramatrix", "k"),
+    "resolution": ("width", "height", "imagesize", "imagewidth", "imageheight", "size"),
+    "spacing": ("resolution", "gridresolution", "step"),
+    "min_range": ("near", "nearplane", "clipnear", "mindistance", "mindepth", "rangemin", "blindzone"),
+    "max_range": ("far", "farplane", "clipfar", "maxdistance", "maxdepth", "rangemax", "cutoff", "cutoffdist"),
+    "rate_hz": ("updaterate", "updateperiod", "frequency", "freq", "fps", "framerate", "period"),
+    "range_std": ("std", "stddev", "sigma", "noisestd", "gaussian"),
+    "pos": ("xyz", "position", "translation", "offset", "location"),
+    "euler_deg": ("rpy", "orientation", "rotation", "euler"),
+    "quat": ("orientation", "rotation", "rot", "quaternion"),
+    "body": ("link", "parent", "frame", "parentlink", "primpath"),
+    "exclude_bodies": ("bodyexclude", "ignore", "excludelinks"),
+    "geom_groups": ("geomgroup", "groups"),
+}
+
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """The end of a message that proposes the nearest of `names`, or "" when none is near."""
     candidates = list(names)
     nearest = [candidate for candidate in candidates if _bare(candidate) == _bare(name)]
+    nearest += [candidate for candidate in candidates if _bare(name) in _ELSEWHERE.get(candidate, ())]
     nearest += difflib.get_close_matches(name, candidates, n=1)
     nearest += [candidate for candidate in candidates if _bare(name) and _bare(name) in _bare(candidate)]
     return f"; did you mean {nearest[0]!r}?" if nearest else ""

@@ -19,8 +19,8 @@ float32 each of a and b has the rounding of two differences and a quotient, and 
 normal is off by 4u, u = eps / 2, apart from its length, which t = w . n / (d . n) does not depend on. Where a or b
 overflows or a side is 0 m long, it is 0 or NaN, which leaves the distance to float64.
 
-All of this is the CPU's, which stores the plots of small fields as nodes, too (see rigcast.kernels.world.world). CUDA
-stores patches, and plots as nodes.
+All of this is the CPU's, which stores the plots of small fields as nodes, too (see
+rigcast.kernels.world.stored_trees). CUDA stores patches, and plots as nodes.
 """
 
 import warp as wp

@@ -5,26 +5,20 @@ Triangle trees are copied there once. Poses are taken at every update, and the t
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from rigcast.kernels.geometry import PATCHES, Geometry, Patch, Plot, TriangleBlock
+from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.host.upload import Upload
-from rigcast.kernels.launching.stack import CACHE_LINE
-from rigcast.kernels.trees.nodes import Node, by_ends
 
-from .arrays import Shapes, TriangleTree, join_triangle_trees, moved_tree, tree_sizes
+from .arrays import Shapes, TriangleTree
+from .stored_trees import StoredTrees
 from .top_trees import TopTrees
-from .unfolded import lead_to_nodes, nodes_of, patches_of
 
 _SINGLE, _DOUBLE = (wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d)
-
-MOST_STORED = 2**14
-"""Plots up to which they are stored as nodes on a CPU, too: these fit its cache, and need not be made."""
 
 Poses = npt.NDArray[np.floating[Any]] | wp.array
 
@@ -32,20 +26,23 @@ Poses = npt.NDArray[np.floating[Any]] | wp.array
 class World:
     """Triangle trees and the shapes that place them, ready to be cast against as `geometry`.
 
-    There may be many worlds of these shapes; each update says how many. `trees`: as given, but on the CPU their
-    triangles are those of `geometry`.
+    There may be many worlds of these shapes; each update says how many.
     """
 
     def __init__(self, trees: Sequence[TriangleTree], shapes: Shapes, device: wp.DeviceLike) -> None:
         self.device = wp.get_device(device)
         self.geometry = Geometry()
-        self.trees = list(trees)
-        self._join_trees()
+        self._trees = StoredTrees(self.geometry, trees, self.device)
         self._count = len(shapes.kind)
         self._uploads: tuple[Upload, Upload] | None = None
         self._part: slice | None = None
         self.set_shapes(shapes)
         self._top = TopTrees(self.geometry, self.device)
+
+    @property
+    def trees(self) -> list[TriangleTree]:
+        """As given, but on the CPU their triangles are those of `geometry`."""
+        return self._trees.trees
 
     @property
     def bytes_per_world(self) -> int:
@@ -80,11 +77,7 @@ class World:
 
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
-        old, self.trees[index] = self.trees[index], tree
-        if tree_sizes(old) == tree_sizes(tree) and old.columns == tree.columns:
-            self._overwrite_tree(index)
-        else:
-            self._join_trees()
+        if not self._trees.take(index, tree):
             self._take_trees()
             self._take_shapes(self._taken)
 
@@ -95,68 +88,15 @@ class World:
             is_whole = part == slice(0, values.size)
             setattr(self.geometry, name, values if is_whole else values[part])
 
-    def _join_trees(self) -> None:
-        g = self.geometry
-        nodes, blocks, plots, sides, self._places = join_triangle_trees(self.trees)
-        plots = _on_cache_lines(plots)
-        g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self.device, copy=False)
-        self._first_plot: int | None = None  # of nodes that are plots
-        if self.device.is_cpu:
-            g.plots = wp.array(plots, dtype=Plot, device=self.device, copy=False)
-            g.sides = wp.array(sides, dtype=float, device=self.device, copy=False)
-        if not self.device.is_cpu or len(plots) <= MOST_STORED:
-            self._first_plot = len(nodes)
-            patches = patches_of(plots, sides)
-            nodes = np.concatenate([lead_to_nodes(nodes, len(nodes)), nodes_of(patches)])
-            if not self.device.is_cpu:
-                g.patches = wp.array(patches, dtype=Patch, device=self.device)
-        g.nodes = self._on_device(nodes)
-        # the triangles of all trees are held once
-        self.trees = [
-            replace(
-                tree,
-                blocks=blocks[place.block : place.block + len(tree.blocks)],
-                plots=plots[place.plot : place.plot + len(tree.plots)],
-                sides=sides[place.side : place.side + len(tree.sides)],
-                first_side=place.side,
-            )
-            for tree, place in zip(self.trees, self._places, strict=True)
-        ]
-
-    def _on_device(self, nodes: npt.NDArray[np.void]) -> wp.array:
-        return wp.array(nodes if self.device.is_cpu else by_ends(nodes), dtype=Node, device=self.device, copy=False)
-
-    def _overwrite_tree(self, index: int) -> None:
-        place, g = self._places[index], self.geometry
-        tree = moved_tree(self.trees[index], place)
-        nodes = tree.nodes if self._first_plot is None else lead_to_nodes(tree.nodes, self._first_plot)
-        wp.copy(g.nodes, self._on_device(nodes), dest_offset=place.node)
-        wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=self.device), dest_offset=place.block)
-        if not len(tree.plots):
-            return
-        if self.device.is_cpu:
-            wp.copy(g.plots, wp.array(tree.plots, dtype=Plot, device="cpu"), dest_offset=place.plot)
-            wp.copy(g.sides, wp.array(tree.sides, dtype=float, device="cpu"), dest_offset=place.side)
-        if self._first_plot is not None:
-            self._overwrite_plots(tree, place.plot, self._first_plot + place.plot)
-
-    def _overwrite_plots(self, tree: TriangleTree, first: int, first_node: int) -> None:
-        """Those of a tree as nodes and, on CUDA, as patches."""
-        g, first_patch = self.geometry, PATCHES * first
-        patches = patches_of(tree.plots, tree.sides, tree.first_side)
-        wp.copy(g.nodes, self._on_device(nodes_of(patches, first_patch)), dest_offset=first_node)
-        if not self.device.is_cpu:
-            wp.copy(g.patches, wp.array(patches, dtype=Patch, device=self.device), dest_offset=first_patch)
-
     def _take_trees(self) -> None:
         """Say which tree each shape has; closed forms have any."""
-        roots, columns = [place.node for place in self._places], [tree.columns for tree in self.trees]
-        root, cells = (np.array([*values, 0], np.int32)[self._tree_of_shape] for values in (roots, columns))
+        columns = [tree.columns for tree in self.trees]
+        root, cells = (np.array([*each, 0], np.int32)[self._tree_of_shape] for each in (self._trees.roots, columns))
         self._of_shapes |= {
             "root": wp.array(root, dtype=int, device=self.device),
             "columns": wp.array(cells, dtype=int, device=self.device),
         }
-        are_in_plots = self._first_plot is None and (cells.reshape(-1, max(1, self._count)) > 0).any(axis=0)
+        are_in_plots = not self._trees.have_nodes_of_plots and (cells.reshape(-1, max(1, self._count)) > 0).any(axis=0)
         self.geometry.fields = wp.array(np.flatnonzero(are_in_plots), dtype=int, device=self.device)
 
     def update(self, position: Poses, rotation: Poses, part: slice | None = None) -> None:
@@ -232,15 +172,6 @@ class World:
         positions.write(position)
         rotations.write(rotation)
         return positions.array, rotations.array
-
-
-def _on_cache_lines(values: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """A copy that begins on a cache line, in memory of numpy's, which is in huge pages, where Warp's is not."""
-    room = np.empty(values.nbytes + CACHE_LINE, np.uint8)
-    first = -room.ctypes.data % CACHE_LINE
-    copy = room[first : first + values.nbytes].view(values.dtype)
-    copy[...] = values
-    return copy
 
 
 def _twins(kind: npt.NDArray[np.int32], tree: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:

@@ -3,13 +3,17 @@
 import json
 
 import mujoco
+import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
+from rigcast.card import angles_deg, arc_deg
 from rigcast.cli.common.options import JsonFile, ModelPath, Overrides, RigPath, console_beside, counted, say, write_json
 from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.mount import Mount
+from rigcast.sensors.specs.pattern import Pattern
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.simulation import initial_data
 
 
@@ -21,11 +25,12 @@ def validate(
 ) -> None:
     """Check a rig and its model: show all mistakes, or list the sensors."""
     config, compiled = open_rig(rig, model, overrides or ())
-    table = Table("sensor", "type", "rays", "rate", "mount")
+    table = Table("sensor", "type", "rays", r"view \[deg]", "rate", "mount")
     for sensor in config.sensors:
-        rays = " x ".join(str(extent) for extent in sensor.pattern(compiled).shape)
+        pattern = sensor.pattern(compiled)
+        rays = " x ".join(str(extent) for extent in pattern.shape)
         rate = "every step" if sensor.rate_hz is None else f"{sensor.rate_hz:g} Hz"
-        table.add_row(sensor.name, sensor.type, rays, rate, escape(_place(sensor.mount)))
+        table.add_row(sensor.name, sensor.type, rays, _view(sensor, pattern), rate, escape(_place(sensor.mount)))
     console = console_beside(json_file)
     console.print(table)
     data = initial_data(compiled, config.keyframe)
@@ -53,6 +58,14 @@ def as_json(config: RigConfig, model: mujoco.MjModel) -> str:
         ],
     }
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def _view(sensor: SensorSpec, pattern: Pattern) -> str:
+    """How far its outermost rays are apart, across and up: who gives radians for degrees sees it."""
+    if sensor.yaw_aligned:
+        return "down"
+    azimuth, elevation = angles_deg(sensor, pattern)
+    return f"{arc_deg(azimuth):.3g} x {np.ptp(elevation):.3g}"
 
 
 def _place(mount: Mount) -> str:

@@ -15,7 +15,9 @@ def prepare_streams() -> None:
         try:
             os.fstat(stream)
         except OSError:
-            os.open(os.devnull, os.O_RDONLY)  # takes the lowest number that is free; writing still fails
+            # takes the lowest number that is free; an answer still cannot be written
+            opened = os.open(os.devnull, os.O_RDONLY if stream == 1 else os.O_RDWR)
+            os.set_inheritable(opened, True)
     if sys.stdout is None:
         sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     encoding = "utf-8" if sys.stderr is None else sys.stderr.encoding

@@ -20,6 +20,7 @@ Pixels = Annotated[int, Field(ge=1)]
 Focal = Annotated[float, Field(ge=1e-6)]
 Principal = Annotated[float, Field(ge=-1e9, le=1e9)]
 _FOCAL = ("fx", "fy", "cx", "cy")
+_VIEW = ("fov_x_deg", "fov_y_deg")
 
 # Columns: the optical frame's right, down and forward in the mount's axes (x forward, y left, z up).
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -29,8 +30,8 @@ _OPTICAL.setflags(write=False)
 class DepthCamera(SensorSpec):
     """A depth camera. Readings have shape (height, width).
 
-    The optics are given by `fov_y_deg`, or by `fx`, `fy`, `cx` and `cy`. With neither, a camera on an MJCF camera has
-    that camera's optics as MuJoCo renders it. Without `distortion` pixel (u, v) looks along
+    The optics are given by `fov_x_deg` or `fov_y_deg`, or by `fx`, `fy`, `cx` and `cy`. Without them, a camera on an
+    MJCF camera has that camera's optics as MuJoCo renders it. Without `distortion` pixel (u, v) looks along
     ((u + 0.5 - cx) / fx, (v + 0.5 - cy) / fy, 1) in the ROS optical frame: z forward, x right, y down. With
     `distortion` this is where the lens images the pixel's ray. OpenCV puts the centre of pixel (u, v) at (u, v): add
     0.5 to its cx and cy.
@@ -45,11 +46,14 @@ class DepthCamera(SensorSpec):
     """
 
     frame_rotation: ClassVar[NDArray[np.float64]] = _OPTICAL
-    _alternatives: ClassVar[tuple[frozenset[str], ...]] = (frozenset({"fov_y_deg"}), frozenset(_FOCAL))
+    _alternatives: ClassVar[tuple[frozenset[str], ...]] = (*(frozenset({key}) for key in _VIEW), frozenset(_FOCAL))
 
     type: Literal["depth_camera"] = "depth_camera"
     resolution: tuple[Pixels, Pixels] | None = Field(
         default=None, description="width and height [pixels]; null: those of the MJCF camera it is mounted on"
+    )
+    fov_x_deg: float | None = Field(
+        default=None, gt=0, lt=180, description="horizontal field of view [deg]; square pixels, centred image"
     )
     fov_y_deg: float | None = Field(
         default=None, gt=0, lt=180, description="vertical field of view [deg]; square pixels, centred image"
@@ -84,7 +88,7 @@ class DepthCamera(SensorSpec):
     @property
     def takes_optics(self) -> bool:
         """Whether its optics are those of the MJCF camera that it is mounted on."""
-        return self.mount.camera is not None and self.fov_y_deg is None and self.fx is None
+        return self.mount.camera is not None and all(getattr(self, key) is None for key in (*_VIEW, *_FOCAL))
 
     @field_validator("resolution")
     @classmethod
@@ -109,15 +113,16 @@ class DepthCamera(SensorSpec):
 
     @model_validator(mode="after")
     def _one_kind_of_optics(self) -> "DepthCamera":
-        given = [key for key in _FOCAL if getattr(self, key) is not None]
-        if given and self.fov_y_deg is not None:
-            raise ValueError(f"give fov_y_deg or fx, fy, cx and cy, got fov_y_deg and {', '.join(given)}")
+        view, given = ([key for key in keys if getattr(self, key) is not None] for keys in (_VIEW, _FOCAL))
+        if len(view) + bool(given) > 1:
+            got = ", ".join([*view, *given])
+            raise ValueError(f"give one of fov_x_deg, fov_y_deg, and fx, fy, cx and cy, got {got}")
         if given and len(given) < len(_FOCAL):
             raise ValueError(f"give all of fx, fy, cx and cy, got only {', '.join(given)}")
-        if self.distortion is not None and self.fov_y_deg is not None:
-            raise ValueError("fx, fy, cx and cy required with distortion, got fov_y_deg")
-        if self.mount.camera is None and not given and self.fov_y_deg is None:
-            raise ValueError("fov_y_deg, or fx, fy, cx and cy, required unless mounted on an MJCF camera")
+        if self.distortion is not None and view:
+            raise ValueError(f"fx, fy, cx and cy required with distortion, got {view[0]}")
+        if self.mount.camera is None and not given and not view:
+            raise ValueError("fov_x_deg or fov_y_deg, or fx, fy, cx and cy, required unless mounted on an MJCF camera")
         if self.mount.camera is None and self.resolution is None:
             raise ValueError("resolution required unless mounted on an MJCF camera")
         return self
@@ -143,7 +148,7 @@ class DepthCamera(SensorSpec):
                 Fault(
                     ("mount", "camera"),
                     f"camera {self.mount.camera!r} of the model is orthographic, expected a perspective one, "
-                    "or fov_y_deg, or fx, fy, cx and cy",
+                    "or fov_x_deg or fov_y_deg, or fx, fy, cx and cy",
                 )
             )
         return faults
@@ -181,13 +186,15 @@ class DepthCamera(SensorSpec):
         return int(width), int(height)
 
     def _intrinsics(self, mount: BoundMount, model: mujoco.MjModel, width: int, height: int) -> NDArray[np.float64]:
+        if self.fov_x_deg is not None:
+            return _centred(_focal_length(self.fov_x_deg, width), width, height)
         if self.fov_y_deg is not None:
-            return _from_fov(self.fov_y_deg, width, height)
+            return _centred(_focal_length(self.fov_y_deg, height), width, height)
         if self.fx is not None:
             return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
         if model.cam_sensorsize[mount.id].all():
             return _from_sensor(model, mount.id, width, height)
-        return _from_fov(float(model.cam_fovy[mount.id]), width, height)
+        return _centred(_focal_length(float(model.cam_fovy[mount.id]), height), width, height)
 
 
 def pixel_rays(
@@ -218,9 +225,13 @@ def _fold_faults(directions: NDArray[np.float64]) -> list[Fault]:
     return [Fault(("distortion",), f"{message}; expected coefficients that hold over the whole image")]
 
 
-def _from_fov(fov_y_deg: float, width: int, height: int) -> NDArray[np.float64]:
-    """Square pixels and a centred principal point: f = (height / 2) / tan(fov_y / 2)."""
-    focal = 0.5 * height / np.tan(np.deg2rad(fov_y_deg) / 2)
+def _focal_length(fov_deg: float, pixels: int) -> float:
+    """f = (n / 2) / tan(fov / 2) [pixels], where n pixels span the field of view."""
+    return float(0.5 * pixels / np.tan(np.deg2rad(fov_deg) / 2))
+
+
+def _centred(focal: float, width: int, height: int) -> NDArray[np.float64]:
+    """Square pixels and a centred principal point."""
     return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
 
 

@@ -69,7 +69,8 @@ class Lidar(SensorSpec):
         default=None, gt=0, description="time from one column to the next [us], instead of columns; needs rate_hz"
     )
     azimuth_deg: tuple[float, float] | None = Field(
-        default=None, description="first and last azimuth of a sector [deg]; null: a full turn"
+        default=None,
+        description="azimuth of the first and of the last column [deg]; null: evenly over a full turn",
     )
     clockwise: bool = Field(default=False, description="whether columns follow each other clockwise, seen from above")
     firing_time_us: Sequence[Annotated[float, Field(ge=0)]] | None = Field(

@@ -58,7 +58,7 @@ RAYS = 20_000
 
 @pytest.fixture(autouse=True, params=[0, 2**14], ids=["plots are opened", "plots are stored as nodes"])
 def most_stored(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rigcast.kernels.world.world.MOST_STORED", request.param)
+    monkeypatch.setattr("rigcast.kernels.world.stored_trees.MOST_STORED", request.param)
 
 
 EPS = 2.0**-23

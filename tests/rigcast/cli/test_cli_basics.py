@@ -71,8 +71,29 @@ def test_help_loads_no_command() -> None:
 def test_validate_shows_the_sensors(rig: Path) -> None:
     code, output = call("validate", rig)
     assert code == 0, output
-    assert "│ top │ lidar │ 16 x 1808 │ 10 Hz │ body torso │" in output
-    assert "│ front │ depth_camera │ 48 x 64 │ every step │ world │" in output
+    assert "┃ sensor ┃ type ┃ rays ┃ view [deg] ┃ rate ┃ mount ┃" in output
+    assert "│ top │ lidar │ 16 x 1808 │ 360 x 30 │ 10 Hz │ body torso │" in output
+    assert "│ front │ depth_camera │ 48 x 64 │ 72.1 x 57 │ every step │ world │" in output
+
+
+@pytest.mark.parametrize(
+    ("sensor", "view"),
+    [
+        ("type: lidar, elevation_deg: [-0.26, 0.26], columns: 9, azimuth_deg: [-3.14, 3.14]", "6.28 x 0.52"),
+        ("type: lidar, elevation_deg: [10], columns: 1", "0 x 0"),
+        ("type: height_scan, size: [1, 1], spacing: 0.5", "down"),
+        (
+            "type: depth_camera, resolution: [9, 9], fx: 2, fy: 2, cx: 4.5, cy: 4.5, distortion: {type: "
+            "kannala_brandt}",
+            "331 x 172",
+        ),
+    ],
+)
+def test_validate_shows_how_far_a_sensor_sees_around(rig: Path, sensor: str, view: str) -> None:
+    rig.write_text(f"model: robot.xml\nsensors: [{{name: s, mount: {{}}, {sensor}}}]\n")
+    code, output = call("validate", rig)
+    assert code == 0, output
+    assert f" │ {view} │ " in output
 
 
 def test_a_sensor_within_a_geom_of_its_own_body_is_named(rig: Path) -> None:

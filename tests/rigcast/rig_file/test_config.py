@@ -163,7 +163,7 @@ FAULTS = [
     (ONE + ", §max_rnge: 3}", r"sensors\[0\].max_rnge: unknown key .*did you mean 'max_range'?"),
     (
         CAMERA.replace("§", "")[:-1] + ", §width: 640}",
-        "unknown key 'width', expected one of resolution, fov_y_deg, .*, type,",
+        "unknown key 'width', expected one of resolution, fov_x_deg, .*did you mean 'resolution'",
     ),
     (ONE + ", §lidar: 3}", r"sensors\[0\].lidar: unknown key 'lidar', expected one of"),
     (ONE + ", §fov_y_deg: 60}", r"sensors\[0\].fov_y_deg: unknown key 'fov_y_deg', which depth_camera has, expected"),
