@@ -86,16 +86,18 @@ _HOME = {
 __all__ = list(_HOME)
 
 
-def __getattr__(name: str) -> Any:
-    # on first use: the command line starts without waiting for Warp
-    if name == "__version__":
-        return import_module("importlib.metadata").version("rigcast")
-    if name not in _HOME:
-        raise AttributeError(f"module 'rigcast' has no attribute {name!r}")
-    with paused_collector():
-        value = getattr(import_module(f"rigcast.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # which would have every name by it
+
+    def __getattr__(name: str) -> Any:
+        # on first use: the command line starts without waiting for Warp
+        if name == "__version__":
+            return import_module("importlib.metadata").version("rigcast")
+        if name not in _HOME:
+            raise AttributeError(f"module 'rigcast' has no attribute {name!r}")
+        with paused_collector():
+            value = getattr(import_module(f"rigcast.{_HOME[name]}"), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:
