@@ -32,5 +32,6 @@ def require_same_model(what: str, other: mujoco.MjModel, model: mujoco.MjModel, 
 
 def require_posed(what: str, data: mujoco.MjData) -> None:
     """Raise InputError for data without poses, as it is made or reset: all is at the origin, and nothing is turned."""
-    if not data.xquat[0].any():
+    rotation = data.geom_xmat
+    if len(rotation) and not (rotation[0].any() or rotation.any()):
         raise InputError(f"{what}: poses have not been worked out, expected mj_forward or mj_kinematics first")
