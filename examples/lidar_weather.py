@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 import rigcast
-from rigcast.kernels.effects.weather import fog_extinction, rain_extinction
+from rigcast.kernels.effects.lidars.weather import fog_extinction, rain_extinction
 from rigcast.sensors.preview.colour import BACKGROUND, FAINT, GRID, TEXT, Scale
 from rigcast.sensors.preview.page import font
 

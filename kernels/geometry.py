@@ -91,7 +91,9 @@ class Geometry:
     size: wp.array[wp.vec3]
     root: wp.array[int]  # node of the triangle tree's root
     columns: wp.array[int]  # how many cells of a height field are in a row
-    fields: wp.array[int]  # shapes that are height fields whose plots are not stored as nodes; see packets.plots
+    fields: wp.array[
+        int
+    ]  # shapes that are height fields whose plots are not stored as nodes; see packets.traverse.plots
     center: wp.array[wp.vec3]  # of the shape's box in its own frame, and the half size
     half: wp.array[wp.vec3]
     reach: wp.array[float]  # largest |coordinate| of the shape in its own frame

@@ -1,1 +1,1 @@
-"""What sensors make of hits: beams, echoes, weather, stereo, time of flight, noise that can be repeated."""
+"""What sensors make of hits: light, and noise that can be repeated; by kind of sensor what only that has."""

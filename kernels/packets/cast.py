@@ -9,6 +9,9 @@ from rigcast.kernels.hits.arrays import BYTES_PER_HIT
 from rigcast.kernels.launching.slices import OverTiles
 from rigcast.kernels.launching.stack import align_stack
 from rigcast.kernels.launching.turns import end_of_run, take_run
+from rigcast.kernels.packets.hits.places import Places, place_packet, stage_packet
+from rigcast.kernels.packets.hits.staging import PacketOut, end_stream, stage_misses, write_part
+from rigcast.kernels.packets.traverse.tile import cast_tile
 from rigcast.kernels.poses.scope import scope_of
 from rigcast.kernels.rays.arrays import RayArrays, firing_of, origin_of, span_of
 from rigcast.kernels.rays.coherent import Packets
@@ -16,10 +19,7 @@ from rigcast.kernels.single.cast import Job, is_castable
 from rigcast.kernels.trees.nodes import Node
 
 from .packet import PACKETS, Directions, Facets, Packet, PacketHits, Tile, TileRays, Vectors, axis_ray
-from .places import Places, place_packet, stage_packet
 from .prefetch import prefetch_out, prefetch_packet, prefetch_tile
-from .staging import PacketOut, end_stream, stage_misses, write_part
-from .tile import cast_tile
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

@@ -271,7 +271,7 @@ def cast_through_field(
 def cast_through_fields(
     g: wp.array[Geometry], ray: Ray, stack: wp.array[int], composed: wp.array[TriangleBlock], best: Hit
 ) -> Hit:
-    """The ray against all visible fields that are in plots, after all else, as rigcast.kernels.packets.plots says."""
+    """The ray against all visible fields that are in plots, after all else; see packets.traverse.plots."""
     scope = ray.scope
     for k in range(g[0].fields.shape[0]):
         shape = int_at(g[0].fields, k)

@@ -54,7 +54,7 @@ def as_json(rig: Path, report: Report) -> str:
 
 def _table(report: Report) -> Table:
     table = Table("sensor", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    table.caption = "worst, 99.9 %: |t - t_ref| [µm] of rays that agree; of allowed: the most of the bound"
+    table.caption = "worst, 99.9 %: |t - t_ref| [µm] of rays that agree; of allowed: largest share of the tolerance"
     table.add_column("hit", no_wrap=True)
     for column in ("rays", "agree", "edge band", "wrong", "worst", "99.9 %", "of allowed"):
         table.add_column(column, justify="right", no_wrap=True)
@@ -95,4 +95,4 @@ def _hit(hit: Hit) -> str:
 def _verdict(rig: Path, report: Report) -> str:
     rays, edge, wrong = (report.total(name) for name in ("rays", "edge", "wrong"))
     band = f"{edge} in the edge band ({edge / rays:.3%})"
-    return f"{rig}: {wrong or 'no'} wrong of {rays} rays in {len(report.times)} states, {band}"
+    return f"{rig}: {wrong} of {rays} rays are wrong, in {len(report.times)} states; {band}"

@@ -64,7 +64,7 @@ def dataset(
     count = len(read.units()[part[0] - 1 :: part[1]])
     say(console, f"{config}: {len(missing)} of {count} episodes to make, {chosen.workers} at a time, in {folder}")
     for place in without_entry(folder, [unit.name for unit in missing]):
-        say(console, f"{place}: has no {ENTRY_NAME}, so it is not whole: made anew")
+        say(console, f"{place}: has no {ENTRY_NAME}, so it is incomplete: made again")
     if missing:
         with word_if_compiling(console):
             rehearse(read, folder, device)
@@ -73,7 +73,7 @@ def dataset(
         try:
             done = make_dataset(read, folder, chosen, device=device, part=part, report=reported)
         except KeyboardInterrupt:
-            say(console, f"{folder}: episodes that are finished stay, and the same command goes on")
+            say(console, f"{folder}: finished episodes are kept; run the same command again to continue")
             raise
     _tell(console, read, folder, done, chosen.workers)
     if done.manifest["failed"]:
@@ -125,7 +125,7 @@ def _verify(console: Console, place: str | Path) -> None:
     shards = read.manifest["shards"]
     files = counted(sum(len(entry["files"]) for entry in shards), "file")
     found = f"{files} of {counted(len(shards), 'episode')}, {counted(len(read), 'frame')}"
-    words = f"{len(faults)} wrong" if faults else "all as they were written"
+    words = f"{len(faults)} wrong" if faults else "all unchanged"
     say(console, f"{place}: {found}, {words}")
     if faults:
         raise typer.Exit(1)

@@ -24,7 +24,7 @@ def init(
     path = Path(f"{model.stem}.yaml") if out is None else out
     make_room_for(path)
     if path.exists() and not force:
-        raise InputError(f"{path}: is there already; --force writes over it")
+        raise InputError(f"{path}: already exists; --force overwrites it")
     schema = str(files("rigcast.configs") / "rig.schema.json")
     with replacing(path) as temporary:
         temporary.write_text(starter_rig(compiled, _beside(path, model), schema), encoding="utf-8")

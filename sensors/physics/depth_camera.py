@@ -6,10 +6,10 @@ from functools import partial
 
 import warp as wp
 
-from rigcast.kernels.effects import kinect_v1, stereo, time_of_flight
+from rigcast.kernels.effects.cameras import kinect_v1, stereo, time_of_flight
+from rigcast.kernels.effects.cameras.losses import Losses, lose
 from rigcast.kernels.effects.draws import BYTES_PER_DRAW
 from rigcast.kernels.effects.light import SPEED_OF_LIGHT, infrared
-from rigcast.kernels.effects.losses import Losses, lose
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.hits.reading import bound, read

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 import warp as wp
 
-from rigcast.kernels.effects import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.draws import BYTES_PER_DRAW
+from rigcast.kernels.effects.lidars import beams, echoes, ranging, returns, weather
 from rigcast.kernels.effects.light import SPEED_OF_LIGHT
 from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import warp as wp
 
-from rigcast.kernels.effects.beams import repeated
+from rigcast.kernels.effects.lidars.beams import repeated
 from rigcast.kernels.packing.firings import groups_of, repeat_firing
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.rays.coherent import Packets

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.effects.echoes import SurfaceArrays
+from rigcast.kernels.effects.lidars.echoes import SurfaceArrays
 from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.surface import Surface
 
@@ -19,7 +19,7 @@ _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # of a geom in MJCF; its material's colour
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Of each shape, on the device: surfaces as in `rigcast.kernels.effects.echoes`, textured (n,) bool.
+    """Of each shape, on the device: surfaces as in `rigcast.kernels.effects.lidars.echoes`, textured (n,) bool.
 
     has_transparent, has_mirrors: whether any lets light through, or reflects some as a mirror.
     """

@@ -12,7 +12,8 @@ from rigcast.collector import paused_collector
 
 HEAVY = ["numpy", "mujoco", "warp", "pydantic", "ruamel", "PIL", "trimesh", "OpenEXR", "rich"]
 OF_NUMPY = ["numpy.ma"] if np.lib.NumpyVersion(np.__version__) >= "2.0.0" else []  # which NumPy 1 imports itself
-EFFECTS = ["beams", "kinect_v1", "losses", "ranging", "returns", "stereo", "time_of_flight", "weather"]
+EFFECTS = ["cameras.kinect_v1", "cameras.losses", "cameras.stereo", "cameras.time_of_flight"]
+EFFECTS += ["lidars.beams", "lidars.ranging", "lidars.returns", "lidars.weather"]
 RIG = """
 import mujoco
 from rigcast import DepthCamera, HeightScan, Lidar, Mount, Rig

@@ -74,7 +74,7 @@ def make_dataset(
     try:
         for result in results:
             if result.stops:
-                raise InputError(f"{result.failed}; episodes that are finished stay, and the same command goes on")
+                raise InputError(f"{result.failed}; finished episodes are kept; run the same command again to continue")
             note_failure(folder, result.unit, result.failed)
             done.add(result)
             report(result)

@@ -9,7 +9,7 @@ from made_worlds import Doubles, Hits, assert_same, random_plan, random_rotation
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import cast
-from rigcast.kernels.effects.stereo import StereoPair, second_view
+from rigcast.kernels.effects.cameras.stereo import StereoPair, second_view
 from rigcast.kernels.packets.packet import LANES, PACKETS
 from rigcast.kernels.packing.firings import groups_of
 from rigcast.kernels.packing.in_order import pack_in_order

@@ -140,7 +140,7 @@ def test_init_writes_over_nothing_unless_forced(tmp_path: Path) -> None:
     rig.write_text("mine")
     code, output = call("init", CONFIGS / "minimal.xml", "--out", rig)
     assert (code, rig.read_text()) == (2, "mine")
-    assert "is there already; --force writes over it" in output
+    assert "already exists; --force overwrites it" in output
     assert call("init", CONFIGS / "minimal.xml", "--out", rig, "--force")[0] == 0
     assert "robot" in rig.read_text()
 

@@ -11,8 +11,8 @@ from lidar_scenes import ahead, bubble, model_of, sense, wall, wide
 from numpy.typing import NDArray
 
 from rigcast import Beam, Detection, Surface, Weather
-from rigcast.kernels.effects.beams import hexagonal_rings
-from rigcast.kernels.effects.weather import fog_extinction, rain_extinction
+from rigcast.kernels.effects.lidars.beams import hexagonal_rings
+from rigcast.kernels.effects.lidars.weather import fog_extinction, rain_extinction
 
 TWO_THIRDS_GLASS = "0.5 0.5 0.5 0.3333333333333333"
 PANES = "".join(wall(f"pane{k}", 2.0 * k, TWO_THIRDS_GLASS) for k in range(1, 7))

@@ -235,7 +235,7 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
 
     with monkeypatch.context() as patched:
         patched.setattr(shards, "require_disk_space", require_disk_space)
-        with pytest.raises(InputError, match="No space left on device; episodes that are finished stay"):
+        with pytest.raises(InputError, match="No space left on device; finished episodes are kept"):
             make(path)
     manifest = json.loads((path.parent / "out/dataset.json").read_text())
     assert (len(manifest["shards"]), manifest["failed"], manifest["missing"]) == (1, [], 3)

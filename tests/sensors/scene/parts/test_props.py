@@ -351,5 +351,5 @@ def test_rigcast_check_judges_props(
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 0
-    assert "no wrong of" in capsys.readouterr().out
+    assert ": 0 of" in capsys.readouterr().out
     assert json.loads(found.read_text())["wrong"] == 0

@@ -8,7 +8,7 @@ import warp as wp
 from confidence import assert_normal, assert_uncorrelated
 from numpy.typing import NDArray
 
-from rigcast.kernels.effects.beams import aim, hexagonal_rings, repeated
+from rigcast.kernels.effects.lidars.beams import aim, hexagonal_rings, repeated
 from rigcast.kernels.effects.random import random_source
 from rigcast.kernels.rays.arrays import Rays
 

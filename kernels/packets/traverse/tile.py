@@ -3,17 +3,10 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.poses.scope import is_doubled, pose_of
-from rigcast.kernels.shapes.patches import is_in_plots
-from rigcast.kernels.shapes.solids import SHEET, has_triangles
-from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
-from rigcast.kernels.trees.nodes import Node, vec8
-from rigcast.kernels.trees.traverse import Entered, traversal
-from rigcast.kernels.vectors import larger, lowest_bit, smaller
-
-from .beginning import begin_packets
-from .frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box
-from .packet import (
+from rigcast.kernels.packets.intersect.frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box
+from rigcast.kernels.packets.intersect.solids import triage_closed_forms
+from rigcast.kernels.packets.intersect.sought import packet_among_triangles
+from rigcast.kernels.packets.packet import (
     LANES,
     PACKETS,
     TileRays,
@@ -24,9 +17,16 @@ from .packet import (
     round_vectors,
     view_from,
 )
+from rigcast.kernels.poses.scope import is_doubled, pose_of
+from rigcast.kernels.shapes.patches import is_in_plots
+from rigcast.kernels.shapes.solids import SHEET, has_triangles
+from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE
+from rigcast.kernels.trees.nodes import Node, vec8
+from rigcast.kernels.trees.traverse import Entered, traversal
+from rigcast.kernels.vectors import larger, lowest_bit, smaller
+
+from .beginning import begin_packets
 from .plots import cast_tile_through_fields
-from .solids import triage_closed_forms
-from .sought import packet_among_triangles
 from .triangles import cast_packet_through_triangles
 
 

@@ -33,11 +33,11 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.effects.light import SPEED_OF_LIGHT
+from rigcast.kernels.effects.random import RandomSource, as_uniform, log_of, random_bits
 from rigcast.kernels.launching.slices import launch_over_runs
 
 from .echoes import Echoes, spread_power
-from .light import SPEED_OF_LIGHT
-from .random import RandomSource, as_uniform, log_of, random_bits
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

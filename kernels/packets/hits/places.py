@@ -5,14 +5,9 @@ import warp as wp
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits.hit import NO_SHAPE, distance_of, middle
 from rigcast.kernels.hits.out import Out
-from rigcast.kernels.poses.scope import pose_of
-from rigcast.kernels.shapes.facets import FIRST_IN_PATCHES, facet_at
-from rigcast.kernels.shapes.solids import LARGEST, PLANE, SHEET, has_triangles
-from rigcast.kernels.shapes.triangle import GRAZING
-from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double
-
-from .lanes import lane_bits
-from .packet import (
+from rigcast.kernels.packets.intersect.solids import closed_form_normals
+from rigcast.kernels.packets.lanes import lane_bits
+from rigcast.kernels.packets.packet import (
     ALL_LANES,
     LANES,
     TileRays,
@@ -23,7 +18,12 @@ from .packet import (
     round_vectors,
     world_ray,
 )
-from .solids import closed_form_normals
+from rigcast.kernels.poses.scope import pose_of
+from rigcast.kernels.shapes.facets import FIRST_IN_PATCHES, facet_at
+from rigcast.kernels.shapes.solids import LARGEST, PLANE, SHEET, has_triangles
+from rigcast.kernels.shapes.triangle import GRAZING
+from rigcast.kernels.vectors import larger, lowest_bit, smaller, to_double
+
 from .staging import PacketOut
 from .taken import Places, take_distance, take_facet, take_places
 

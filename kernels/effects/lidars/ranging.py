@@ -15,11 +15,11 @@ reflect instead, 1 for that surface itself in clear air.
 
 import warp as wp
 
+from rigcast.kernels.effects.draws import Draws, drawn
+from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.launching.slices import launch_over_runs
 
-from .draws import Draws, drawn
 from .echoes import Echoes
-from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -17,12 +17,11 @@ A shift of a pixel is made by casting its ray anew.
 
 import warp as wp
 
+from rigcast.kernels.effects.draws import Draws, drawn
+from rigcast.kernels.effects.light import cos_incidence
+from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.vectors import of_ray
-
-from .draws import Draws, drawn
-from .light import cos_incidence
-from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -21,13 +21,13 @@ import warp as wp
 
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.inline import inlined
+from rigcast.kernels.packets.packet import LANES, View, lanes
 from rigcast.kernels.shapes.triangle import GRAZING, ROUNDING, Spans, inside_edges
 from rigcast.kernels.trees.nodes import WIDTH, vec8, vec8i
 from rigcast.kernels.trees.traverse import sign_bits
 from rigcast.kernels.vectors import Interval, interval, larger, norm1, smaller
 
 from .frustum import weighted
-from .packet import LANES, View, lanes
 
 SIDE_ROUNDING = wp.constant(6.0 * 2.0**-23)  # 12u
 DIRECTION_ROUNDING = wp.constant(2.5 * 2.0**-23)  # 5u

@@ -7,14 +7,13 @@ frequency; farther ones wrap.
 
 import warp as wp
 
+from rigcast.kernels.effects.draws import Draws, drawn
+from rigcast.kernels.effects.light import cos_incidence, returned
+from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.hits.out import Out
 from rigcast.kernels.launching.slices import launch_over_rays, launch_over_runs
 from rigcast.kernels.vectors import of_ray
-
-from .draws import Draws, drawn
-from .light import cos_incidence, returned
-from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

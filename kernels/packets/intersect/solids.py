@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from rigcast.kernels.packets.packet import LANES, Vectors, lanes
 from rigcast.kernels.shapes.solid_normals import (
     box_normal,
     capsule_normal,
@@ -26,8 +27,6 @@ from rigcast.kernels.shapes.solids import (
     meet_plane,
     meet_sphere,
 )
-
-from .packet import LANES, Vectors, lanes
 
 
 @wp.struct

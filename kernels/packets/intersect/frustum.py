@@ -3,12 +3,11 @@
 import warp as wp
 
 from rigcast.kernels.inline import inlined
+from rigcast.kernels.packets.packet import PACKETS, Tile, View
 from rigcast.kernels.single.ray import MARGIN
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8
 from rigcast.kernels.trees.traverse import Entered
 from rigcast.kernels.vectors import Interval, interval, larger, smaller
-
-from .packet import PACKETS, Tile, View
 
 TINY = wp.constant(1.0e-30)
 LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u

@@ -8,18 +8,24 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.inline import noinline
+from rigcast.kernels.packets.intersect.blocks import FEW, visit_block_of_packet
+from rigcast.kernels.packets.intersect.frustum import packets_at_box
+from rigcast.kernels.packets.intersect.slabs import (
+    EnteredByLanes,
+    enter_any,
+    enter_lane_by_lane,
+    lanes_at_box,
+    slabs_of,
+)
+from rigcast.kernels.packets.intersect.sought import Sought, packet_among_triangles
+from rigcast.kernels.packets.packet import TileRays, view_from
+from rigcast.kernels.packets.prefetch import prefetch_block, prefetch_node, prefetch_plot
 from rigcast.kernels.poses.scope import is_doubled, is_somewhere, pose_of
 from rigcast.kernels.shapes.patches import is_in_plots, open_plot
 from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, WIDTH, vec8
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
 from .beginning import begin_packets
-from .blocks import FEW, visit_block_of_packet
-from .frustum import packets_at_box
-from .packet import TileRays, view_from
-from .prefetch import prefetch_block, prefetch_node, prefetch_plot
-from .slabs import EnteredByLanes, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
-from .sought import Sought, packet_among_triangles
 from .triangles import packet_traversal
 
 

@@ -9,15 +9,20 @@ from typing import Any
 
 import warp as wp
 
+from rigcast.kernels.packets.intersect.blocks import FEW, visit_block_of_packet
+from rigcast.kernels.packets.intersect.slabs import (
+    EnteredByLanes,
+    enter_any,
+    enter_lane_by_lane,
+    lanes_at_box,
+    slabs_of,
+)
+from rigcast.kernels.packets.intersect.sought import Sought
+from rigcast.kernels.packets.packet import ALL_LANES
+from rigcast.kernels.packets.prefetch import prefetch_block, prefetch_node
 from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD
 from rigcast.kernels.trees.traverse import child_of, stack_of_distances, stack_of_ints
 from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
-
-from .blocks import FEW, visit_block_of_packet
-from .packet import ALL_LANES
-from .prefetch import prefetch_block, prefetch_node
-from .slabs import EnteredByLanes, enter_any, enter_lane_by_lane, lanes_at_box, slabs_of
-from .sought import Sought
 
 
 def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..., Any]) -> Any:

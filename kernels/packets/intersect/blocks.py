@@ -9,13 +9,13 @@ import warp as wp
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.hits.hit import APART
 from rigcast.kernels.inline import inlined
+from rigcast.kernels.packets.lanes import direction_of, far_of, near_of
+from rigcast.kernels.packets.packet import TileRays, decide_lane_of_packet, farthest, offer
 from rigcast.kernels.shapes.patches import compose
 from rigcast.kernels.trees.nodes import FIRST_PATCH, WIDTH
 from rigcast.kernels.vectors import count_bits, lowest_bit
 
 from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
-from .lanes import direction_of, far_of, near_of
-from .packet import TileRays, decide_lane_of_packet, farthest, offer
 from .sought import Sought
 
 FEW = wp.constant(6)

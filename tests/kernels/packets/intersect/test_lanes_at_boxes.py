@@ -12,9 +12,14 @@ from made_worlds import random_rotations
 from numpy.typing import NDArray
 
 from rigcast.kernels.hits.hit import APART
-from rigcast.kernels.packets.frustum import LANE_ROUNDING, boxes_from, enter_frustum, frustum_of, packets_at_box
-from rigcast.kernels.packets.packet import ALL_LANES, LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, lanes
-from rigcast.kernels.packets.slabs import (
+from rigcast.kernels.packets.intersect.frustum import (
+    LANE_ROUNDING,
+    boxes_from,
+    enter_frustum,
+    frustum_of,
+    packets_at_box,
+)
+from rigcast.kernels.packets.intersect.slabs import (
     enter_any,
     enter_lane_by_lane,
     lanes_at_box,
@@ -22,6 +27,7 @@ from rigcast.kernels.packets.slabs import (
     slabs_of,
     way_of,
 )
+from rigcast.kernels.packets.packet import ALL_LANES, LANES, PACKETS, Packet, PacketHits, Tile, Vectors, View, lanes
 from rigcast.kernels.single.ray import box_margin
 from rigcast.kernels.trees.nodes import Node, empty_node, vec8
 

@@ -13,12 +13,11 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.effects.draws import Draws, drawn
+from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.launching.slices import launch_over_rays
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.vectors import of_ray
-
-from .draws import Draws, drawn
-from .random import RandomSource
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -4,9 +4,8 @@ import warp as wp
 
 from rigcast.kernels.hits.hit import NO_SHAPE
 from rigcast.kernels.inline import inlined
+from rigcast.kernels.packets.packet import LANES, PacketHits, TileRays, double_lanes
 from rigcast.kernels.vectors import lowest_bit
-
-from .packet import LANES, PacketHits, TileRays, double_lanes
 
 
 @inlined

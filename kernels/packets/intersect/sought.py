@@ -4,11 +4,11 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry, TriangleBlock
 from rigcast.kernels.inline import inlined
+from rigcast.kernels.packets.packet import PacketRays, TileRays, Vectors, View, packet_of
 from rigcast.kernels.trees.nodes import Node
 
 from .edges import side_rounding
 from .frustum import LANE_ROUNDING
-from .packet import PacketRays, TileRays, Vectors, View, packet_of
 from .slabs import Way, margin_of_lanes, way_of
 
 
@@ -28,7 +28,7 @@ class Sought:
     middle: wp.vec3
     spread: wp.vec3
     widest: float  # the largest 1 + |p| + |q|
-    side_rounding: float  # as of rigcast.kernels.packets.edges
+    side_rounding: float  # as of rigcast.kernels.packets.intersect.edges
     margin: float  # by which boxes are widened
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigcast.kernels.effects.echoes import Echoes, new_echoes
-from rigcast.kernels.effects.returns import DUAL, FIRST, LAST, STRONGEST, choose
+from rigcast.kernels.effects.lidars.echoes import Echoes, new_echoes
+from rigcast.kernels.effects.lidars.returns import DUAL, FIRST, LAST, STRONGEST, choose
 
 SEED = 5
 GAP = 0.75

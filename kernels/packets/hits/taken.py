@@ -6,7 +6,7 @@ masked store, which takes longer than all else here.
 
 import warp as wp
 
-from .packet import Facets, Vectors, int_lanes, lanes
+from rigcast.kernels.packets.packet import Facets, Vectors, int_lanes, lanes
 
 
 @wp.struct

@@ -8,8 +8,7 @@ without being read, past the cache: streamed.
 import warp as wp
 
 from rigcast.kernels.hits.out import Out
-
-from .packet import LANES, PACKETS, TileRays, int_lanes, lanes
+from rigcast.kernels.packets.packet import LANES, PACKETS, TileRays, int_lanes, lanes
 
 
 @wp.struct

@@ -10,8 +10,8 @@ import warp as wp
 from confidence import assert_counts, assert_share
 from numpy.typing import NDArray
 
-from rigcast.kernels.effects import weather
-from rigcast.kernels.effects.echoes import new_echoes
+from rigcast.kernels.effects.lidars import weather
+from rigcast.kernels.effects.lidars.echoes import new_echoes
 from rigcast.kernels.effects.random import random_source
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -10,14 +10,14 @@ import warp as wp
 
 from rigcast.kernels.hits.hit import APART
 from rigcast.kernels.inline import inlined
+from rigcast.kernels.packets.lanes import far_of, lane_bits, least_of, most_of
+from rigcast.kernels.packets.packet import LANES, Packet, PacketHits, Vectors, View, int_lanes, lanes
 from rigcast.kernels.single.ray import MARGIN, inverse_of
 from rigcast.kernels.trees.nodes import WIDTH, Node, vec8, vec8i
 from rigcast.kernels.trees.traverse import sign_bits
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
 from .frustum import LANE_ROUNDING
-from .lanes import far_of, lane_bits, least_of, most_of
-from .packet import LANES, Packet, PacketHits, Vectors, View, int_lanes, lanes
 
 
 @wp.struct

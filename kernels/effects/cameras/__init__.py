@@ -1,0 +1,1 @@
+"""What depth cameras make of hits: stereo, time of flight, readings that are lost."""

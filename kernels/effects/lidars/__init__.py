@@ -1,0 +1,1 @@
+"""What lidars make of hits: beams, echoes and returns, ranges, weather."""

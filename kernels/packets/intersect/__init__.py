@@ -1,0 +1,1 @@
+"""What packets are held against: boxes, edges and planes of triangles, solids."""

@@ -1,0 +1,1 @@
+"""Tiles and packets on their way through trees and height fields."""
