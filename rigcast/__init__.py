@@ -49,6 +49,13 @@ if TYPE_CHECKING:
 
     __version__: str
 
+# Of the rooms here each imports from those above it only:
+#     export, oracle                       files of frames and what all output has in common; the judge of casts
+#     rig_file, ros                        rigs from YAML; messages, bags and a node of ROS
+#     recording, bench                     folders of runs; measurements
+#     dataset                              runs of a rig in many scenes
+#     view, cli                            looking at what was written; the command line
+
 _HOME = {
     "Beam": "sensors.specs.lidars.effects",
     "BrownConrady": "sensors.specs.lens",
