@@ -49,6 +49,13 @@ if TYPE_CHECKING:
 
     __version__: str
 
+# Of the rooms here each imports from those above it only:
+#     export, oracle                       files of frames and what all output has in common; the judge of casts
+#     rig_file, ros                        rigs from YAML; messages, bags and a node of ROS
+#     recording, bench                     folders of runs; measurements
+#     dataset                              runs of a rig in many scenes
+#     view, cli                            looking at what was written; the command line
+
 _HOME = {
     "Beam": "sensors.specs.lidars.effects",
     "BrownConrady": "sensors.specs.lens",
@@ -86,16 +93,18 @@ _HOME = {
 __all__ = list(_HOME)
 
 
-def __getattr__(name: str) -> Any:
-    # on first use: the command line starts without waiting for Warp
-    if name == "__version__":
-        return import_module("importlib.metadata").version("rigcast")
-    if name not in _HOME:
-        raise AttributeError(f"module 'rigcast' has no attribute {name!r}")
-    with paused_collector():
-        value = getattr(import_module(f"rigcast.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # which would have every name by it
+
+    def __getattr__(name: str) -> Any:
+        # on first use: the command line starts without waiting for Warp
+        if name == "__version__":
+            return import_module("importlib.metadata").version("rigcast")
+        if name not in _HOME:
+            raise AttributeError(f"module 'rigcast' has no attribute {name!r}")
+        with paused_collector():
+            value = getattr(import_module(f"rigcast.{_HOME[name]}"), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

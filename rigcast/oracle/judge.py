@@ -32,6 +32,7 @@ from rigcast.oracle.edge_band import in_edge_band
 from rigcast.oracle.ray import Floats, Ints, RayHits, flat_rays
 from rigcast.oracle.things import Things
 from rigcast.oracle.world import World
+from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 
@@ -82,7 +83,8 @@ def compare(
     origins (3,) or (..., 3) and directions (..., 3): the rays, in the world frame; hits: the caster's answer, an
     object with distance (...), geom_id (...) and normal (..., 3) as arrays, and flex_id, skin_id, prop_id where it
     knows these (`Hits.numpy()`); props: of the caster's scene. Poses, vertices of flexes and bones of skins are those
-    of `data` as they stand. Rays are flat and in C order in the result.
+    of `data` as they stand. Rays are flat and in C order in the result. Raises InputError as `Oracle` does, and for
+    hits of another number of rays.
     """
     world = World(model, data, filter, props)
     starts, unit = flat_rays(origins, directions)
@@ -101,5 +103,5 @@ def _hits_of(hits: Any, things: Things, rays: int) -> RayHits:
     flat = RayHits.of(hits)._replace(geom_id=things.numbers(hits))
     lengths = tuple(len(part) for part in flat)
     if lengths != (rays, rays, rays):
-        raise ValueError(f"hits of {rays} rays expected, got distances, ids, normals of {lengths}")
+        raise InputError(f"hits of {rays} rays expected, got distances, ids, normals of {lengths}")
     return flat

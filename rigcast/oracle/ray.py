@@ -2,12 +2,16 @@
 
 import copy
 import functools
+from types import NoneType
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from rigcast.sensors.errors import InputError, require_type
+from rigcast.sensors.faults import refuse
+from rigcast.sensors.scene.same_model import require_posed
 from rigcast.sensors.specs.filter import Filter
 
 Floats = npt.NDArray[np.float64]
@@ -50,10 +54,11 @@ class Oracle:
 
     Groups, static geoms and one excluded body are mj_ray's own arguments. What they cannot say (several
     bodies, subtrees, visual or collision geometry) is hidden in a private copy of the model, as alpha 0
-    without a material.
+    without a material. Raises InputError for data of another model or without poses, and for unknown bodies.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, filter: Filter | None = None) -> None:
+        require_answerable(model, data, filter)
         filter = filter or Filter()
         bodies = _excluded_bodies(model, filter)
         self.count = int(model.ngeom)
@@ -67,7 +72,7 @@ class Oracle:
         """Return what rays in the world frame hit.
 
         origins (3,) or (..., 3) [m]; directions (..., 3), any non-zero length. The answer is flat, in C
-        order. Raises ValueError for a zero or non-finite direction, which would end the process inside
+        order. Raises InputError for a zero or non-finite direction, which would end the process inside
         mj_ray.
         """
         starts, unit = flat_rays(origins, directions)
@@ -116,6 +121,17 @@ def cast(
     return Oracle(model, data, filter).cast(origins, directions)
 
 
+def require_answerable(model: mujoco.MjModel, data: mujoco.MjData, filter: Filter | None) -> None:
+    """Raise InputError where mj_ray would answer of other things than are meant, or end the process."""
+    require_type("oracle: model", model, mujoco.MjModel)
+    require_type("oracle: data", data, mujoco.MjData)
+    require_type("oracle: filter", filter, Filter, NoneType)
+    if data.signature != model.signature:
+        raise InputError("oracle: data belongs to another model than that given")
+    require_posed("oracle: data", data)
+    refuse("oracle: filter", [] if filter is None else filter.faults(model))
+
+
 def _excluded_bodies(model: mujoco.MjModel, filter: Filter) -> set[int]:
     """Return the ids of the bodies whose geoms the filter excludes."""
     bodies = {model.body(name).id for name in filter.exclude_bodies}
@@ -156,10 +172,12 @@ def _with_hidden(model: mujoco.MjModel, hidden: Bools) -> mujoco.MjModel:
 def flat_rays(origins: npt.ArrayLike, directions: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Return origins and unit directions, (n, 3) each, C-contiguous."""
     directions = np.asarray(directions, np.float64)
+    if directions.shape[-1:] != (3,) or np.shape(origins)[-1:] != (3,):
+        raise InputError(f"oracle: got origins {np.shape(origins)}, directions {directions.shape}; expected (..., 3)")
     starts = np.broadcast_to(np.asarray(origins, np.float64), directions.shape).reshape(-1, 3)
     flat = directions.reshape(-1, 3)
     length = np.linalg.norm(flat, axis=1, keepdims=True)
     bad = np.flatnonzero(~(np.isfinite(starts).all(axis=1) & np.isfinite(length[:, 0]) & (length[:, 0] > 0)))
     if bad.size:
-        raise ValueError(f"ray {bad[0]}: got origin {starts[bad[0]]}, direction {flat[bad[0]]}; expected finite, not 0")
+        raise InputError(f"ray {bad[0]}: got origin {starts[bad[0]]}, direction {flat[bad[0]]}; expected finite, not 0")
     return np.ascontiguousarray(starts), flat / length

@@ -9,7 +9,7 @@ import numpy as np
 
 from rigcast.oracle import deformable
 from rigcast.oracle.props import props_oracle
-from rigcast.oracle.ray import Floats, Ints, Oracle, RayHits
+from rigcast.oracle.ray import Floats, Ints, Oracle, RayHits, require_answerable
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 
@@ -35,6 +35,7 @@ class World:
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, filter: Filter | None = None, props: Sequence[Prop] = ()
     ) -> None:
+        require_answerable(model, data, filter)
         filter = filter or Filter()
         self._parts: dict[int, _Part] = {0: Oracle(_with_meshes_for_sdf(model), data, filter)}
         if model.nflex and deformable.CAN_JUDGE:

@@ -1,4 +1,4 @@
-"""Whether data of a copy of a model can be looked at with that model: rays are cast on one of them only."""
+"""Whether data can be looked at with a model: it may be of a copy, and rays are cast on one of them only."""
 
 import mujoco
 import numpy as np
@@ -28,3 +28,10 @@ def require_same_model(what: str, other: mujoco.MjModel, model: mujoco.MjModel, 
                 f"{what} is of a copy of the model that has another {name}; expected the model of the rig or scene to "
                 "have it too, as rays are cast on that one"
             )
+
+
+def require_posed(what: str, data: mujoco.MjData) -> None:
+    """Raise InputError for data without poses, as it is made or reset: all is at the origin, and nothing is turned."""
+    rotation = data.geom_xmat
+    if len(rotation) and not (rotation[0].any() or rotation.any()):
+        raise InputError(f"{what}: poses have not been worked out, expected mj_forward or mj_kinematics first")

@@ -26,7 +26,7 @@ from .hits import Hits
 from .parts.model_geometry import refuse_unsupported
 from .rays.given import take_rays
 from .rays.placed import in_world, in_worlds, world_frame
-from .same_model import SHAPES, require_same_model
+from .same_model import SHAPES, require_posed, require_same_model
 from .stage import Stage
 
 Cull = Literal["none", "back", "front"]
@@ -82,9 +82,9 @@ class Scene(Stage):
         update and `cast`, meshes after `refresh`. Edited poses of geoms in their bodies also need `mj_kinematics`.
 
         Raises:
-            InputError: `data` belongs to another model, or to a copy with other shapes or colours; a size or an
-                elevation is not finite; or a geom has another type, mesh or height field. If the model is at fault,
-                casting is refused until an update succeeds.
+            InputError: `data` belongs to another model, or to a copy with other shapes or colours, or has no poses yet,
+                as it is made or reset; a size or an elevation is not finite; or a geom has another type, mesh or height
+                field. If the model is at fault, casting is refused until an update succeeds.
         """
         if is_batch(data):
             worlds = as_worlds(data)
@@ -98,6 +98,7 @@ class Scene(Stage):
                 f"{len(data.geom_xpos)} geoms, expected {self.model.signature:#x} with {self.model.ngeom}"
             )
         require_same_model("Scene.update: data", data.model, self.model, SHAPES)
+        require_posed("Scene.update: data", data)
         self.take(data)
 
     def refresh(self, name: str) -> None:

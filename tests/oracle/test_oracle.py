@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scenes
 
-from rigcast import oracle
+from rigcast import InputError, oracle
 from rigcast.oracle import RayHits, Verdict
 from rigcast.sensors.specs.filter import Filter
 
@@ -76,6 +76,32 @@ def test_distances_are_metres_and_a_miss_is_inf_and_no_geom() -> None:
     np.testing.assert_allclose(got.distance, [3, 3, np.inf], rtol=1e-12)
     assert got.geom_id.tolist() == [BOX, BOX, -1]
     np.testing.assert_allclose(got.normal, [(-1, 0, 0), (-1, 0, 0), (0, 0, 0)], atol=1e-15)
+
+
+DATA = mujoco.MjData(MODEL)
+mujoco.mj_kinematics(MODEL, DATA)
+OTHER = mujoco.MjModel.from_xml_string("<mujoco/>")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((OTHER, DATA, (0, 0, 0), (1, 0, 0)), "oracle: data belongs to another model than that given"),
+        ((MODEL, mujoco.MjData(MODEL), (0, 0, 0), (1, 0, 0)), "oracle: data: poses have not been worked out, expected"),
+        ((DATA, MODEL, (0, 0, 0), (1, 0, 0)), "oracle: model: got MjData, expected MjModel"),
+        ((MODEL, DATA, (0, 0, 0), (1, 0)), r"oracle: got origins (3,), directions (2,); expected (..., 3)"),
+        ((MODEL, DATA, 0.0, (1, 0, 0)), r"oracle: got origins (), directions (3,); expected (..., 3)"),
+        ((MODEL, DATA, (0, 0, 0), (1, 0, 0), {"static": True}), "oracle: filter: got dict, expected Filter or None"),
+        (
+            (MODEL, DATA, (0, 0, 0), (1, 0, 0), Filter(exclude_bodies=("amr",))),
+            "oracle: filter: exclude_bodies[0]: no body 'amr' in the model, expected one of world, arm, hand; did you",
+        ),
+    ],
+)
+def test_what_mj_ray_would_answer_wrongly_is_refused(arguments: tuple[Any, ...], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        oracle.cast(*arguments)
+    assert str(caught.value).startswith(message)
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 0), (np.nan, 0, 1), (np.inf, 0, 0)])

@@ -72,7 +72,9 @@ def test_colours_edited_at_run_time_are_seen(model: mujoco.MjModel) -> None:
     before = looks(scene)
     model.geom_rgba[0] = [1, 1, 1, 0.5]
     assert before["reflectivity"][0] == 0.5
-    scene.update(mujoco.MjData(model))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    scene.update(data)
     assert looks(scene)["reflectivity"][0] == 1.0
     assert looks(scene)["transmission"][0] == 0.5
 

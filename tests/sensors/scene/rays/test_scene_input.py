@@ -98,6 +98,22 @@ def test_data_of_another_model_is_refused_and_changes_nothing(row: Scene) -> Non
     assert row.cast((0, 0, 0), (1, 0, 0)).numpy().distance == np.float32(0.9)
 
 
+@pytest.mark.parametrize("way", ["made", "reset"])
+def test_data_without_poses_is_refused(way: str) -> None:
+    model = model_of('<geom size="1" pos="3 0 0"/>')
+    data, scene = mujoco.MjData(model), Scene(model)
+    if way == "reset":
+        mujoco.mj_forward(model, data)
+        mujoco.mj_resetData(model, data)
+    with pytest.raises(
+        InputError, match=r"Scene\.update: data: poses have not been worked out, expected mj_forward or"
+    ):
+        scene.update(data)
+    mujoco.mj_kinematics(model, data)
+    scene.update(data)
+    assert scene.cast((0, 0, 0), (1, 0, 0)).numpy().distance == 2
+
+
 LINE = '<flexcomp name="line" dim="1" type="grid" count="2 1 1" spacing="1 1 1" radius="0.1" rigid="true"/>'
 
 
