@@ -6,6 +6,8 @@ from typing import Any
 
 import warp as wp
 
+from .launch import command_for
+
 
 def recorded(
     kernel: wp.Kernel,
@@ -19,9 +21,7 @@ def recorded(
 
     It reads what structs among the arguments hold by then. block_dim: threads of a block, on CUDA.
     """
-    command = wp.launch(
-        kernel, count, inputs=inputs, outputs=outputs, device=device, record_cmd=True, block_dim=block_dim
-    )
+    command = command_for(kernel, count, inputs, outputs, device, block_dim)
     return (_OnCpu if wp.get_device(device).is_cpu else _OnCuda)(command, (*inputs, *outputs))
 
 
