@@ -38,7 +38,7 @@ FIELD_NAMES = ("points", "depth", "body_id")
 """Of the arrays that a cast writes."""
 
 
-# without a return type, which Warp 1.12 would take for that of a value
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native("""
     out.distance.data[i] = distance;
     out.shape.data[i] = shape;

@@ -132,7 +132,7 @@ def depth_in_steps(first: int, run: int, depth: wp.array[float], scale: float, s
         i += 1
 
 
-# without a return type, which Warp 1.12 would take for that of a value
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native("""
     const unsigned count = table.shape[0];
     for (int i = begin; i < end; ++i) {
