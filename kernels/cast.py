@@ -121,6 +121,6 @@ def _prepare_alone(geometry: Geometry, job: Job, which: wp.array, count: int) ->
 
 
 def _in_threads(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Launch]:
-    from .single.threads.cast import InThreads  # here, as nothing but CUDA needs it
+    from .single.threads.launches import InThreads  # here, as nothing but CUDA needs it
 
     return [InThreads(geometry, job, which, count)] if count else []

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from .collector import paused_collector
 
 if TYPE_CHECKING:
+    from .checking import check as check
     from .dataset.reading import open_dataset as open_dataset
     from .export.options import Export as Export
     from .overlay import overlay as overlay
@@ -83,6 +84,7 @@ _HOME = {
     "TimeOfFlight": "sensors.specs.cameras.ranging",
     "Weather": "sensors.specs.lidars.effects",
     "Worlds": "sensors.scene.batch.worlds",
+    "check": "checking",
     "from_model": "sensors.specs.imported",
     "load_rig": "rig_file",
     "open_dataset": "dataset.reading",
@@ -93,16 +95,18 @@ _HOME = {
 __all__ = list(_HOME)
 
 
-def __getattr__(name: str) -> Any:
-    # on first use: the command line starts without waiting for Warp
-    if name == "__version__":
-        return import_module("importlib.metadata").version("rigcast")
-    if name not in _HOME:
-        raise AttributeError(f"module 'rigcast' has no attribute {name!r}")
-    with paused_collector():
-        value = getattr(import_module(f"rigcast.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # which would have every name by it
+
+    def __getattr__(name: str) -> Any:
+        # on first use: the command line starts without waiting for Warp
+        if name == "__version__":
+            return import_module("importlib.metadata").version("rigcast")
+        if name not in _HOME:
+            raise AttributeError(f"module 'rigcast' has no attribute {name!r}")
+        with paused_collector():
+            value = getattr(import_module(f"rigcast.{_HOME[name]}"), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

@@ -39,7 +39,9 @@ RIGS = [(page, name) for page, name, block in FILES if re.search("^(sensors:$|ex
 
 
 def script(page: str) -> str:
-    return "".join(block for kind, block in BLOCKS[page] if kind == "python")
+    """All Python of a page, and calls of what it has for pytest."""
+    code = "".join(block for kind, block in BLOCKS[page] if kind == "python")
+    return code + "".join(f"{name}()\n" for name in re.findall(r"^def (test_\w+)\(", code, re.MULTILINE))
 
 
 @pytest.fixture(scope="module")

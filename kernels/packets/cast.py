@@ -25,12 +25,12 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 
 STREAMED_FROM = 2**20
-"""Bytes of hits that are written past the cache: fewer stay in it until they are read."""
+"""Size of all hits [bytes] from which they are streamed past the cache; smaller results stay cached until read."""
 
 
 @wp.struct
 class InPackets:
-    """Tiles of packets, those of every world, and scratch of each thread."""
+    """The tiles to cast, the same in every world, and the scratch of each thread."""
 
     worlds: int
     is_streamed: bool
@@ -51,7 +51,7 @@ class InPackets:
 
 @wp.func
 def equip(rays: wp.array[TileRays], thread: int, held: wp.array[Geometry], job: Job, these: InPackets) -> None:
-    """Write what is the same for all tiles of a thread."""
+    """Set those fields of a thread's TileRays that are the same for all of its tiles."""
     rays[0].limit = job.limit
     rays[0].cull = job.cull
     rays[0].fields = job.fields
@@ -70,7 +70,7 @@ def equip(rays: wp.array[TileRays], thread: int, held: wp.array[Geometry], job: 
 
 @wp.func
 def aim(rays: wp.array[TileRays], held: wp.array[Geometry], own: RayArrays, tiles: wp.array[Tile], at: int) -> None:
-    """Write tile `at` of all worlds, where its rays are."""
+    """Load tile `at`, counted over all worlds, and place its rays in the world."""
     world = at / tiles.shape[0]
     index = at % tiles.shape[0]
     rays[0].tile = tiles[index]
@@ -90,7 +90,7 @@ def aim(rays: wp.array[TileRays], held: wp.array[Geometry], own: RayArrays, tile
 
 @wp.kernel
 def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these: InPackets) -> None:
-    """Tiles that no other thread takes, one after the other, of all worlds. taken: how many were."""
+    """Cast the tiles of all worlds, in runs that each thread claims. taken: number of tiles claimed so far."""
     align_stack()
     g.visible = job.visible
     these.copies[thread, 0] = g
@@ -115,7 +115,7 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
             stage_misses(staged, wp.inf)
             cast_tile(g, rays)
             for k in range(PACKETS):
-                if rays[0].met != 0:  # where no shape is met, the next tile is not likely to meet any
+                if rays[0].met != 0:  # after a tile that met no shape, the next one seldom meets any
                     prefetch_packet(packets, following * PACKETS + k)
                 if rays[0].met & (1 << k) != 0:
                     place_packet(g, rays, places, k)
@@ -136,7 +136,7 @@ def cast_packets(thread: int, taken: wp.array[int], g: Geometry, job: Job, these
 
 
 def prepare_packets(geometry: Geometry, job: Job, packets: Packets, worlds: int) -> OverTiles:
-    """The launch of a cast of all packets in so many worlds."""
+    """A launch that casts all packets in each of the worlds."""
 
     def inputs(threads: int) -> list[Any]:
         these = InPackets()

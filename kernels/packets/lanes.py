@@ -1,4 +1,4 @@
-"""Single rays of a packet, read alone, where Warp would copy all sixteen; and what sixteen numbers are together."""
+"""Access to single lanes, where Warp would copy all sixteen, and reductions over sixteen lanes."""
 
 import warp as wp
 
@@ -15,12 +15,12 @@ def direction_of(vectors: wp.array[Vectors], i: int) -> wp.vec3:
 
 @wp.func_native("return wp::address(best, slot)->near[i];")
 def near_of(best: wp.array[PacketHits], slot: int, i: int) -> float:  # type: ignore[empty-body]
-    """From where on the best hit of ray i may be."""
+    """Nearest possible distance [m] of the best hit of lane i."""
 
 
 @wp.func_native("return wp::address(best, slot)->far[i];")
 def far_of(best: wp.array[PacketHits], slot: int, i: int) -> float:  # type: ignore[empty-body]
-    """Up to where the best hit of ray i may be."""
+    """Farthest possible distance [m] of the best hit of lane i."""
 
 
 @wp.func_native("""
@@ -44,11 +44,11 @@ def far_of(best: wp.array[PacketHits], slot: int, i: int) -> float:  # type: ign
 #endif
 """)
 def lane_bits(a: int_lanes) -> int:  # type: ignore[empty-body]
-    """Bit by bit, which of sixteen numbers are below 0: two instructions, which no loop is turned into."""
+    """Bit mask of the numbers below 0, in two instructions that LLVM does not make of a loop."""
 
 
 def _reduced(name: str) -> str:
-    """Of C++, that finds the least or most of sixteen numbers: those that are not below 0 are in order as integers."""
+    """C++ for the min or max of sixteen floats, none below 0, compared as integers, in which order is the same."""
     return f"""
 #if defined(__CUDA_ARCH__)
     float reduced = a[0];
@@ -73,4 +73,4 @@ def least_of(a: lanes) -> float:  # type: ignore[empty-body]
 
 @wp.func_native(_reduced("max"))
 def most_of(a: lanes) -> float:  # type: ignore[empty-body]
-    """The most of sixteen numbers, none of which is below 0."""
+    """The largest of sixteen numbers, none of which is below 0."""

@@ -23,7 +23,7 @@ double_lanes = wp.types.vector(length=16, dtype=wp.float64)
 
 @wp.struct
 class Tile:
-    """The basis of a tile, unit vectors in the rays' frame, and the packets' ranges of p and q."""
+    """A tile's basis (unit vectors in the rays' frame) and the ranges of p and q of its packets."""
 
     axis: wp.vec3d
     u: wp.vec3d
@@ -32,17 +32,17 @@ class Tile:
     p_high: vec8
     q_low: vec8
     q_high: vec8
-    packets: int  # bit by bit, which of the packets have rays
-    ray: int  # one of them: all have its firing and its origin
-    across: int  # packets side by side, 1 or 4, that share each of its PACKETS rows of LANES rays; 0 if it has no rows
-    rows: vec8i  # the first ray of each row, which the others follow
+    packets: int  # bit mask of the packets that have rays
+    ray: int  # number of one ray of the tile; all share its firing and origin
+    across: int  # packets side by side (1 or 4) that each of the PACKETS rows of LANES rays spans; 0 if without rows
+    rows: vec8i  # number of the first ray of each row; the others follow it
 
 
 @wp.struct
 class Packet:
-    """Rays by their number, or -1, their unit directions in the rays' frame and their places in the tile.
+    """The rays of a packet.
 
-    length is that of a + p u + q v.
+    ray: its number, -1 for none. x, y, z: unit direction in the rays' frame. length: of a + p u + q v.
     """
 
     ray: int_lanes
@@ -73,7 +73,7 @@ class Vectors:
     z: lanes
 
 
-# without a return type, as Warp 1.12 knows none but numbers there
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native("""
     auto* to = wp::address(rounded, 0);
 #if defined(__CUDA_ARCH__)
@@ -98,7 +98,7 @@ class Vectors:
 #endif
 """)
 def round_vectors(rounded: wp.array[Vectors], x: double_lanes, y: double_lanes, z: double_lanes):  # type: ignore[no-untyped-def]
-    """To float32, in whole vectors: a loop over float64 writes halves of them, and to read both as one is to wait."""
+    """Round to float32 in whole vectors. A loop over float64 stores half vectors; loading two as one would stall."""
 
 
 @wp.struct
@@ -112,8 +112,8 @@ class Directions:
 
 @wp.struct
 class Facets:
-    """Of the triangle that each ray of a packet hits, what its plane is in its shape's frame: n, not of unit length,
-    1 / its length, V0 . n; and the number of its face."""
+    """The plane of the triangle that each ray hits, in the shape's frame: normal n, not of unit length, height V0 . n;
+    and the number of its face."""
 
     height: double_lanes
     normal_x: double_lanes
@@ -124,7 +124,7 @@ class Facets:
 
 @wp.struct
 class TileRays:
-    """A tile of rays in the world, and where its hits are kept. Functions have it in an array of one, not copied."""
+    """A tile of rays in the world, and its scratch. Passed in an array of one: Warp copies structs passed by value."""
 
     start: wp.vec3d  # the origin in the rays' frame
     origin: wp.vec3d
@@ -136,26 +136,26 @@ class TileRays:
     scope: Scope
     limit: float
     cull: int
-    met: int  # bit by bit, which of the packets have met a shape: the others are not cleared
-    first_ray: int  # of their world
+    met: int  # bit mask of the packets that have met a shape; the slots of the others are not initialised
+    first_ray: int  # of the tile's world
     first_packet: int
     packets: wp.array[Packet]
     geometry: wp.array[Geometry]
-    first_slot: int  # of PACKETS of this thread
+    first_slot: int  # this thread's first of PACKETS slots in `best` and `directions`
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
-    local: wp.array[Vectors]  # one, of a packet's directions in a shape's frame
-    opened: wp.array[Node]  # one, of a plot
-    composed: wp.array[TriangleBlock]  # one, of a patch
-    plot: int  # the one that is opened, and the patch that is composed, or -1: neighbours often need the same
-    patch: int
-    facets: wp.array[Facets]  # one, of a packet's hits on a shape
+    local: wp.array[Vectors]  # (1,) a packet's directions in a shape's frame
+    opened: wp.array[Node]  # (1,) the node of a plot
+    composed: wp.array[TriangleBlock]  # (1,) the triangles of a patch
+    plot: int  # number of the plot in `opened`, -1 for none; kept because neighbours often need the same
+    patch: int  # number of the patch in `composed`, -1 for none
+    facets: wp.array[Facets]  # (1,) the planes that a packet hits on a shape
     fields: Fields
 
 
 @wp.struct
 class PacketRays:
-    """One packet of a tile: its rays, and where their hits are kept. Small, for functions copy what they are given."""
+    """One packet of a tile and the slot of its hits. Kept small: functions copy the structs passed to them."""
 
     tile: wp.array[TileRays]
     packet: int
@@ -168,16 +168,16 @@ class View:
     """The origin and basis of a tile in the frame of a tree or shape."""
 
     origin: wp.vec3
-    origin_rest: wp.vec3  # what is lost in rounding the origin to float32
+    origin_rest: wp.vec3  # what rounding the origin to float32 loses
     axis: wp.vec3
     u: wp.vec3
     v: wp.vec3
-    margin: float  # by which boxes are widened, as for a single ray
+    margin: float  # by which boxes are widened [m], as for a single ray
 
 
 @wp.func
 def view_from(origin: wp.vec3d, to_local: wp.mat33d, rays: wp.array[TileRays], reach: float) -> View:
-    """A tile as seen in a frame, with the ray's origin there, whose coordinates go up to reach."""
+    """A tile in a local frame. origin: of the rays, in that frame. reach: the largest coordinate there [m]."""
     view = View()
     view.origin = to_float(origin)
     view.origin_rest = to_float(origin - to_double(view.origin))
@@ -214,7 +214,7 @@ def world_ray(rays: wp.array[TileRays], slot: int, i: int) -> WorldRay:
 
 @wp.func
 def axis_ray(rays: wp.array[TileRays]) -> WorldRay:
-    """A ray in the middle of a tile, which is finite if the tile's rays are."""
+    """The ray along a tile's axis; it is finite if the tile's rays are."""
     ray = WorldRay()
     ray.origin = rays[0].origin
     ray.direction = rays[0].axis
@@ -239,7 +239,10 @@ def hit_of_lane(hits: PacketHits, i: int) -> Hit:
 
 @inlined
 def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int, reach: float) -> float:
-    """Let a packet's rays take the hits (near, far) of one shape or triangle where they are first; return its reach."""
+    """Offer hits at distances [near, far] on one shape or triangle to a packet's rays; each keeps the first of the two.
+
+    Where the intervals overlap, float64 decides. Returns the packet's new reach [m].
+    """
     slot = packet.slot
     best_near = packet.best[slot].near
     best_far = packet.best[slot].far
@@ -252,7 +255,7 @@ def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int
         is_open = wp.where(near[i] <= best_far[i] * APART, 1 - is_nearer, 0) & wp.where(near[i] < wp.inf, 1, 0)
         best_near[i] = wp.where(is_nearer == 1, near[i], best_near[i])
         best_far[i] = wp.where(is_nearer == 1, far[i], best_far[i])
-        # as wp.where, of which masked stores are made, that take longer than all else here; none is below 0
+        # in place of wp.where, which becomes masked stores that take longer than all else here; no number is below 0
         kept = is_nearer - 1
         best_shape[i] = wp.max(best_shape[i] & kept, shape & ~kept)
         best_triangle[i] = wp.max(best_triangle[i] & kept, triangle & ~kept)
@@ -275,7 +278,7 @@ def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int
 def decide_lane_of_packet(
     rays: wp.array[TileRays], slot: int, i: int, near: float, far: float, shape: int, triangle: int
 ) -> None:
-    """Float64 decides between the best hit of lane i of a packet and another one."""
+    """Decide in float64 between the best hit of lane i of a packet and another hit; keep the first."""
     hit = hit_within(near, far, shape, triangle)
     hits = rays[0].best[slot]
     first = decided(rays[0].geometry, hit_of_lane(hits, i), hit, world_ray(rays, slot, i))

@@ -1,4 +1,4 @@
-"""Nodes, blocks, packets and hits on their way into the cache of a CPU, before they are needed."""
+"""Prefetches of nodes, blocks, packets and output lines into the CPU's cache."""
 
 import warp as wp
 
@@ -11,7 +11,7 @@ from .packet import LANES, Packet, Tile
 
 
 def _prefetch(array: str) -> str:
-    """Of C++, that asks for all cache lines of element i; a GPU hides latencies by its many threads."""
+    """C++ that prefetches all cache lines of element i; empty on a GPU, which hides latency by its many threads."""
     return f"""
 #if !defined(__CUDA_ARCH__)
     const char* element = (const char*)&{array}.data[i];
@@ -20,30 +20,30 @@ def _prefetch(array: str) -> str:
 """
 
 
-# without a return type, which Warp 1.12 would take for that of a value
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native(_prefetch("nodes"))
 def prefetch_node(nodes: wp.array[Node], i: int):  # type: ignore[no-untyped-def]
-    """Ask for node i."""
+    """Prefetch node i."""
 
 
 @wp.func_native(_prefetch("blocks"))
 def prefetch_block(blocks: wp.array[TriangleBlock], i: int):  # type: ignore[no-untyped-def]
-    """Ask for block i."""
+    """Prefetch block i."""
 
 
 @wp.func_native(_prefetch("plots"))
 def prefetch_plot(plots: wp.array[Plot], i: int):  # type: ignore[no-untyped-def]
-    """Ask for plot i."""
+    """Prefetch plot i."""
 
 
 @wp.func_native(_prefetch("packets"))
 def prefetch_packet(packets: wp.array[Packet], i: int):  # type: ignore[no-untyped-def]
-    """Ask for packet i."""
+    """Prefetch packet i."""
 
 
 @wp.func_native(_prefetch("tiles"))
 def prefetch_tile(tiles: wp.array[Tile], i: int):  # type: ignore[no-untyped-def]
-    """Ask for tile i."""
+    """Prefetch tile i."""
 
 
 @wp.func_native("""
@@ -55,14 +55,14 @@ def prefetch_tile(tiles: wp.array[Tile], i: int):  # type: ignore[no-untyped-def
 #endif
 """)
 def prefetch_hit(out: Out, i: int):  # type: ignore[no-untyped-def]
-    """Ask for where hit i will be written."""
+    """Prefetch the output lines of hit i for writing."""
 
 
 @wp.func
 def prefetch_out(out: Out, packets: wp.array[Packet], at: int, first_ray: int) -> None:
-    """Ask for where the hits of a packet will be written, which are all over the rows of an image.
+    """Prefetch the output lines of a packet's hits, which are spread over the rows of an image.
 
-    first_ray: of its world. Without a ray it asks for what is not there, which harms nothing.
+    first_ray: of the packet's world. Lanes without a ray prefetch an address outside the arrays, which is harmless.
     """
     numbers = packets[at].ray
     for lane in range(LANES):

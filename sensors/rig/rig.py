@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from rigcast.sensors.errors import InputError, require_type, warn_user
+from rigcast.sensors.fixed import fixed
 from rigcast.sensors.names import expected_one_of, require_different
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
 from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
@@ -46,7 +47,8 @@ class Rig:
 
     A sensor inside a geom of its own body, or of a body fixed to that, sees little else; it is named in a warning.
 
-    Attributes: `model`, `sensors`, `props` and `seed` as given, and `scene`, on which the rig casts.
+    Attributes: `model`, `sensors`, `props` and `seed` as given, and `scene`, on which the rig casts. None can be
+    assigned: others need a new rig, another seed `reset`.
 
     Raises:
         InputError: two sensors of one name, mounts or filters that name what the model does not have (all of
@@ -69,30 +71,46 @@ class Rig:
         on_unsupported: Literal["error", "warn"] = "error",
     ) -> None:
         require_type("Rig: model", model, mujoco.MjModel)
-        self.sensors = _as_sensors(sensors)
-        self.props = as_props(props)
+        self._sensors = _as_sensors(sensors)
+        self._props = as_props(props)
         seed = _as_seed(seed)
-        require_different("Rig", [s.name for s in self.sensors])
-        faults = [f"sensor {s.name!r}: {fault}" for s in self.sensors for fault in s.faults(model)]
+        require_different("Rig", [s.name for s in self._sensors])
+        faults = [f"sensor {s.name!r}: {fault}" for s in self._sensors for fault in s.faults(model)]
         if faults:
             raise InputError("\n".join(faults))
-        self.model = model
-        self.scene = Scene(model, device, self.props, surfaces=surfaces, on_unsupported=on_unsupported)
-        self._mounted = {s.name: Mounted.on(self.scene, s) for s in self.sensors}
+        self._model = model
+        self._scene = Scene(model, device, self._props, surfaces=surfaces, on_unsupported=on_unsupported)
+        self._mounted = {s.name: Mounted.on(self._scene, s) for s in self._sensors}
         optics = [m for m in self._mounted.values() if isinstance(m.spec, DepthCamera) and m.spec.takes_optics]
         self._kinematics = Kinematics(model, [m.mount.id for m in optics])
         # once, here: where sensors are in their own bodies is the same in every frame
-        for sentence in enclosed(model, self._kinematics.data, self.sensors):
+        for sentence in enclosed(model, self._kinematics.data, self._sensors):
             warn_user(sentence, UserWarning)
         self._begin(seed)
 
     def _begin(self, seed: int) -> None:
         self._seed = seed
-        self._schedules = {s.name: _schedule(s, self.model.opt.timestep, seed) for s in self.sensors}
+        self._schedules = {s.name: _schedule(s, self._model.opt.timestep, seed) for s in self._sensors}
         rounding = {name: schedule.rounding for name, schedule in self._schedules.items()}
-        self._under_way = UnderWay(self.scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
+        self._under_way = UnderWay(self._scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
+
+    @fixed
+    def model(self) -> mujoco.MjModel:
+        return self._model
+
+    @fixed
+    def sensors(self) -> tuple[Sensor, ...]:
+        return self._sensors
+
+    @fixed
+    def props(self) -> tuple[Prop, ...]:
+        return self._props
+
+    @fixed
+    def scene(self) -> Scene:
+        return self._scene
 
     @property
     def seed(self) -> int:
@@ -116,8 +134,8 @@ class Rig:
         raise TypeError("a Rig holds memory of its device: make one of its model and sensors in each process")
 
     def __repr__(self) -> str:
-        sensors = ", ".join(f"{sensor.name}: {sensor.type}" for sensor in self.sensors)
-        return f"Rig({sensors}; on {self.scene.device})"
+        sensors = ", ".join(f"{sensor.name}: {sensor.type}" for sensor in self._sensors)
+        return f"Rig({sensors}; on {self._scene.device})"
 
     def sense(
         self,
@@ -145,7 +163,7 @@ class Rig:
         mounted = self._select(names)
         if isinstance(data, mujoco.MjData):
             if out is not None:
-                require_out(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self.scene.device)
+                require_out(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self._scene.device)
             self._look(data)
             frames = self._frames([(data.time, m) for m in mounted], out)
             return {m.spec.name: frame for m, frame in zip(mounted, frames, strict=True)}
@@ -154,7 +172,7 @@ class Rig:
         self._kinematics.require_same_optics()
         worlds = as_worlds(data)
         worlds.require_sensors(self._mounted)
-        return sense_worlds(self.scene, mounted, worlds, out, self.seed)
+        return sense_worlds(self._scene, mounted, worlds, out, self.seed)
 
     def step(self, data: mujoco.MjData) -> list[Frame]:
         """The frames that are due since the last call, in order of arrival; call this after each `mj_step`.
@@ -193,7 +211,7 @@ class Rig:
             self._deliver(m, begun.end, *read_frames([(m, aim)], self.seed))
         if over:
             # the scene was swept, and sensors that stand still need it as it is now
-            self.scene.take(self._kinematics.data)
+            self._scene.take(self._kinematics.data)
 
     def _deliver(self, mounted: Mounted, taken: float, frame: Frame) -> None:
         """Keep a frame, the last ray of which was fired at `taken` [s], for when it comes in."""
@@ -211,8 +229,8 @@ class Rig:
         mounted = self._select(names)
         self._look(data)
         return {
-            m.spec.name: self.scene.hits(
-                self.scene.cast_rays(m.at(data.time).rays(self._kinematics.data), m.visible(), np.inf), m.pattern.shape
+            m.spec.name: self._scene.hits(
+                self._scene.cast_rays(m.at(data.time).rays(self._kinematics.data), m.visible(), np.inf), m.pattern.shape
             )
             for m in mounted
         }
@@ -232,7 +250,7 @@ class Rig:
         """Bring the scene to the world at data.time."""
         self._kinematics.require_own(data)
         self._kinematics.update(data)
-        self.scene.take(self._kinematics.data)
+        self._scene.take(self._kinematics.data)
 
     def _frames(self, due: Iterable[tuple[float, Mounted]], out: Mapping[str, Frame] | None = None) -> list[Frame]:
         """What sensors read in the world as it stands, each at its time."""

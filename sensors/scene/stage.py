@@ -18,6 +18,7 @@ from rigcast.kernels.single.alone import CastsAlone
 from rigcast.kernels.world.world import World
 from rigcast.sensors.captured import is_captured, require_as_before, require_on_device
 from rigcast.sensors.errors import InputError
+from rigcast.sensors.fixed import fixed
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
@@ -57,7 +58,7 @@ class Stage:
     def __init__(
         self, model: mujoco.MjModel, device: wp.Device, props: Sequence[Prop], surfaces: Sequence[Surface]
     ) -> None:
-        self.model, self.device = model, device
+        self._model, self._device = model, device
         self._geoms, self._props = Geoms(model), Props(model, props)
         self._parts: list[Part] = [
             self._geoms,
@@ -66,15 +67,15 @@ class Stage:
             *([self._props] if props else []),
         ]
         # where poses of geoms are taken to, to be used there if there is nothing else
-        self._in_place = self._geoms.poses if self.device.is_cpu and self._parts == [self._geoms] else None
+        self._in_place = self._geoms.poses if self._device.is_cpu and self._parts == [self._geoms] else None
         self._world = self._make_world()
         self._alone = CastsAlone(self._world.geometry)
         owners, ids = owners_and_ids(self._parts)
-        self.shape_ids = ShapeIds.of(owners, ids, self.device)
+        self._shape_ids = ShapeIds.of(owners, ids, self._device)
         bodies = np.concatenate([part.bodies for part in self._parts])
         table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
-        self._sight = Sight(model, self._parts, table, self.device)
-        self.body_of_shape = wp.array(bodies, dtype=int, device=self.device)
+        self._sight = Sight(model, self._parts, table, self._device)
+        self._body_of_shape = wp.array(bodies, dtype=int, device=self._device)
         self._stale = "no poses yet"  # why nothing can be cast at, if so
         self._is_whole = True  # whether the world is not half changed
         self._worlds: int | None = None  # how many there are, if it is a batch of them
@@ -85,9 +86,25 @@ class Stage:
         self._differences = _NO_DIFFERENCES
         self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
 
+    @fixed
+    def model(self) -> mujoco.MjModel:
+        return self._model
+
+    @fixed
+    def device(self) -> wp.Device:
+        return self._device
+
+    @fixed
+    def shape_ids(self) -> ShapeIds:
+        return self._shape_ids
+
+    @fixed
+    def body_of_shape(self) -> wp.array:
+        return self._body_of_shape
+
     def _make_world(self) -> World:
         """A world of all parts, which take over its trees: their triangles are held once."""
-        world = World([tree for part in self._parts for tree in part.trees], joined_shapes(self._parts), self.device)
+        world = World([tree for part in self._parts for tree in part.trees], joined_shapes(self._parts), self._device)
         trees = iter(world.trees)
         for part in self._parts:
             part.trees = [next(trees) for _ in part.trees]
@@ -130,8 +147,8 @@ class Stage:
 
     def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
         """Of all parts as they stand in `data`; their sizes and trees are taken."""
-        if self.device.is_cuda:
-            require_on_device("Scene.update: data", "MjData", self.device)
+        if self._device.is_cuda:
+            require_on_device("Scene.update: data", "MjData", self._device)
         self._sight.update()
         snapshots, is_as_it_was = [], self._differences is _NO_DIFFERENCES
         for part in self._parts:
@@ -170,7 +187,7 @@ class Stage:
         Raises:
             InputError: worlds of another model, or a model with flexes or skins.
         """
-        worlds.require_model(self.model)
+        worlds.require_model(self._model)
         self._stale = _UNDER_WAY
         self._sight.update()
         deforming = [part.owner for part in self._parts if part.owner in ("flex", "skin")]
@@ -183,8 +200,8 @@ class Stage:
     def _take_differences(self, worlds: Worlds) -> None:
         """Take what has changed in the model, and the sizes and meshes in which worlds differ."""
         differences = worlds.differences
-        if is_captured(self.device) and (self._geoms.have_changed() or not differences.same_as(self._differences)):
-            require_as_before("Scene: sizes, meshes or what is visible are others", self.device)
+        if is_captured(self._device) and (self._geoms.have_changed() or not differences.same_as(self._differences)):
+            require_as_before("Scene: sizes, meshes or what is visible are others", self._device)
         if differences.dataid is not None and self._geoms.add_assets(differences.dataid):
             self._world, self._differences = self._make_world(), _NO_DIFFERENCES
         renewed = self._geoms.renew()
@@ -202,7 +219,7 @@ class Stage:
 
     def pose_worlds(self, worlds: Worlds, part: slice) -> PosedWorlds:
         """Take some of the worlds that were taken, or all, as they stand. `cast` needs all."""
-        posed = PosedWorlds(worlds, part, self.model, self.device, self._gathered)
+        posed = PosedWorlds(worlds, part, self._model, self._device, self._gathered)
         position, rotation = posed.geoms
         if isinstance(position, np.ndarray):
             self._warn_of_lost(position, rotation, part.start)
@@ -221,15 +238,15 @@ class Stage:
         """Of geoms of worlds from the `first` on."""
         if self._lost_in_worlds.any or not (are_within_reach(position) and are_within_reach(rotation)):
             is_finite = has_finite_pose(position.reshape(-1, 3), rotation.reshape(-1, 9))
-            self._lost_in_worlds.warn(None, is_finite, first * self.model.ngeom)
+            self._lost_in_worlds.warn(None, is_finite, first * self._model.ngeom)
 
     def bytes_per_world(self, worlds: Worlds) -> int:
         """What each of many worlds takes, beside what is read in it: sizes and meshes of its own."""
-        return self.body_of_shape.size * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
+        return self._body_of_shape.size * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
 
     def bytes_per_posed_world(self, worlds: Worlds) -> int:
         """What each of those that stand at one time takes: its poses, and the tree over its shapes."""
-        geoms, props = self.model.ngeom, len(self._props.ids)
+        geoms, props = self._model.ngeom, len(self._props.ids)
         copied = geoms * worlds.bytes_per_pose
         if props:  # the poses of all in one array, and of what carries the props
             copied += (geoms + 2 * props) * BYTES_PER_FRAME
@@ -246,7 +263,7 @@ class Stage:
         Of the worlds that stand.
         """
         visible = self._sight.visible(filter, lambda: self._differences.present(self._geoms))
-        shapes = self.body_of_shape.size
+        shapes = self._body_of_shape.size
         if self._part is None or visible.size == shapes:
             return visible
         return visible[self._part.start * shapes : self._part.stop * shapes]
@@ -268,7 +285,7 @@ class Stage:
         cull: CULL_NONE, CULL_BACK or CULL_FRONT of rigcast.kernels.shapes.triangle.
         """
         geometry = self._world.geometry
-        if rays.packets is not None or not self.device.is_cpu or geometry.instants > 1:
+        if rays.packets is not None or not self._device.is_cpu or geometry.instants > 1:
             return cast(geometry, visible, rays, max_distance, cull, out)
         if self._alone.geometry is not geometry:
             self._alone = CastsAlone(geometry)
@@ -276,8 +293,8 @@ class Stage:
 
     def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
         """A cast whose hits are readings between these limits [m], for as long as `visible` gives these geoms."""
-        return prepare_readings(self._world.geometry, visible, rays, limits, self.body_of_shape)
+        return prepare_readings(self._world.geometry, visible, rays, limits, self._body_of_shape)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """The arrays of a cast, for rays of this shape."""
-        return Hits(shape, arrays, self.shape_ids)
+        return Hits(shape, arrays, self._shape_ids)

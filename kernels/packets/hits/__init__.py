@@ -1,1 +1,1 @@
-"""Where the rays of packets hit, and the way of that to the caller."""
+"""Distances, faces and normals of the hits of packets, and how they are written to the caller's arrays."""

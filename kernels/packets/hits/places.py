@@ -1,4 +1,4 @@
-"""Where the rays of a packet hit, as rigcast.kernels.hits.hit.place_of has it, for one shape at a time."""
+"""Distance, face and normal of each hit of a packet, one shape at a time; the same as hits.hit.place_of per ray."""
 
 import warp as wp
 
@@ -30,7 +30,10 @@ from .taken import Places, take_distance, take_facet, take_places
 
 @wp.func
 def scales_of(last: int, number: int_lanes, x: double_lanes, y: double_lanes, z: double_lanes) -> double_lanes:
-    """1 / the lengths of the normals (x, y, z) of triangles by these numbers, as Facet has it. last: the largest."""
+    """Per lane 1 / the length of the normal (x, y, z) of a triangle, as in Facet; stored normals count as unit.
+
+    number: of each lane's triangle. last: the largest of these numbers.
+    """
     scale = double_lanes()
     if last >= FIRST_IN_PATCHES:
         for i in range(LANES):
@@ -44,7 +47,7 @@ def scales_of(last: int, number: int_lanes, x: double_lanes, y: double_lanes, z:
 
 @wp.func
 def take_facets(rays: wp.array[TileRays], hit: int_lanes, which: int, shape: int) -> int:
-    """Write which triangle of the shape each of these rays hits to the tile's facets; the largest number of one."""
+    """Write the plane and face hit by each lane of `which` to the tile's facets; return the largest triangle number."""
     last = int(0)
     todo = int(which)
     while todo != 0:
@@ -61,7 +64,7 @@ def take_facets(rays: wp.array[TileRays], hit: int_lanes, which: int, shape: int
 def place_triangles(
     g: Geometry, rays: wp.array[TileRays], places: wp.array[Places], k: int, which: int, shape: int
 ) -> None:
-    """Where those rays of a packet hit which hit triangles of one shape."""
+    """Place the hits of those lanes (`which`, a bit mask) of packet k that hit triangles of one shape."""
     slot = rays[0].first_slot + k
     x = rays[0].directions[slot].x
     y = rays[0].directions[slot].y
@@ -79,7 +82,7 @@ def place_triangles(
     scales = scales_of(last, hit, normal_x, normal_y, normal_z)
     is_sheet = g.kind[shape] == SHEET
     distances = double_lanes()
-    grazing = double_lanes()  # below 0 where float64 must find the distance
+    grazing = double_lanes()  # below 0 where the distance must be computed in float64
     for i in range(LANES):
         normal = rotation * wp.vec3d(normal_x[i], normal_y[i], normal_z[i])
         slope = wp.dot(wp.vec3d(x[i], y[i], z[i]), normal)
@@ -111,7 +114,7 @@ def place_triangles(
 
 @wp.func
 def place_closed_form(g: Geometry, rays: wp.array[TileRays], places: wp.array[Places], k: int, shape: int) -> None:
-    """Where those rays of a packet hit which hit one closed form, worked out for all of them at once."""
+    """Place the hits of those lanes of packet k that hit one closed form; computes all lanes, takes those that hit."""
     slot = rays[0].first_slot + k
     near = rays[0].best[slot].near
     far = rays[0].best[slot].far
@@ -136,7 +139,7 @@ def place_closed_form(g: Geometry, rays: wp.array[TileRays], places: wp.array[Pl
 
 @wp.func
 def local_normals(g: Geometry, rays: wp.array[TileRays], slot: int, shape: int, distance: lanes) -> Vectors:
-    """Those of a closed form, in its own frame, at these distances along the rays of a packet."""
+    """Normals of a closed form, in its own frame, at these distances along the rays of a packet."""
     x = rays[0].directions[slot].x
     y = rays[0].directions[slot].y
     z = rays[0].directions[slot].z
@@ -167,7 +170,7 @@ def local_normals(g: Geometry, rays: wp.array[TileRays], slot: int, shape: int, 
 
 @wp.func
 def turn(turned: wp.array[Vectors], rotation: wp.mat33d, x: lanes, y: lanes, z: lanes) -> None:
-    """Turn the vectors of a packet, in float64, and round them."""
+    """Rotate the vectors of a packet in float64 and round them to float32."""
     turned_x = double_lanes()
     turned_y = double_lanes()
     turned_z = double_lanes()
@@ -181,7 +184,7 @@ def turn(turned: wp.array[Vectors], rotation: wp.mat33d, x: lanes, y: lanes, z: 
 
 @wp.func
 def lanes_at(numbers: int_lanes, number: int) -> int:
-    """Bit by bit, which of these is the number."""
+    """Bit mask of the lanes whose number is `number`."""
     same = int_lanes()
     for i in range(LANES):
         same[i] = wp.where(numbers[i] == number, -1, 0)
@@ -190,7 +193,7 @@ def lanes_at(numbers: int_lanes, number: int) -> int:
 
 @wp.func
 def place_packet(g: Geometry, rays: wp.array[TileRays], places: wp.array[Places], k: int) -> None:
-    """Find where the rays of a packet hit, shape by shape."""
+    """Compute where the rays of packet k hit, shape by shape."""
     places[k] = Places()
     shapes = rays[0].best[rays[0].first_slot + k].shape
     todo = ALL_LANES & ~lanes_at(shapes, NO_SHAPE)
@@ -208,7 +211,7 @@ def place_packet(g: Geometry, rays: wp.array[TileRays], places: wp.array[Places]
 def stage_packet(
     staged: wp.array[PacketOut], rays: wp.array[TileRays], places: wp.array[Places], k: int, out: Out
 ) -> None:
-    """Stage what the rays of a packet hit, or read, as rigcast.kernels.hits.out has it."""
+    """Stage the hits of packet k, or its readings if `out.is_read`; see rigcast.kernels.hits.out."""
     x = places[k].normal_x
     y = places[k].normal_y
     z = places[k].normal_z

@@ -1,8 +1,8 @@
-"""The hits of a tile on their way out: staged in the cache of a CPU, and written from there line by line.
+"""Output of a tile's hits: staged in the CPU's cache, then written one whole cache line at a time.
 
-A hit that is written by itself goes to parts of four cache lines, which come from memory for that. Of a lidar's rows,
-and of an image's, a tile has rows of 16 rays that follow each other. Their hits fill whole lines, which can be written
-without being read, past the cache: streamed.
+Writing one hit touches four cache lines in part, and the CPU must read each from memory first. But a tile covers rows
+of 16 consecutive rays of a lidar's or an image's rows. The hits of such a row fill whole cache lines, which can be
+streamed: written past the cache without being read.
 """
 
 import warp as wp
@@ -13,7 +13,7 @@ from rigcast.kernels.packets.packet import LANES, PACKETS, TileRays, int_lanes, 
 
 @wp.struct
 class PacketOut:
-    """What the rays of a packet hit, as in HitArrays, coordinate by coordinate."""
+    """The hits of a packet with the fields of HitArrays, as a structure of arrays."""
 
     distance: lanes
     shape: int_lanes
@@ -23,7 +23,7 @@ class PacketOut:
     normal_z: lanes
 
 
-# these have no return type, which Warp 1.12 would take for that of a value
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native(f"""
     for (int k = 0; k < {PACKETS}; ++k) {{
         auto& hits = staged.data[k];
@@ -38,11 +38,14 @@ class PacketOut:
     }}
 """)
 def stage_misses(staged: wp.array[PacketOut], distance: float):  # type: ignore[no-untyped-def]
-    """Those of a whole tile."""
+    """Stage a miss at this distance (+inf or NaN) for every lane of a tile."""
 
 
 def _interleaved(begin: int) -> tuple[str, str]:
-    """Of C++: what makes 16 of 48 numbers, x, y and z by turns, of 16 of each: those of x and y, and then z to them."""
+    """C++ shuffle masks for numbers begin..begin+15 of 16 interleaved vectors x0 y0 z0 x1 ...
+
+    The first mask picks from x and y (-1 where z belongs), the second adds z to the result.
+    """
     numbers = [divmod(begin + i, 3) for i in range(16)]
     of_xy = ", ".join(str(ray + 16 * axis if axis < 2 else -1) for ray, axis in numbers)
     with_z = ", ".join(str(i if axis < 2 else 16 + ray) for i, (ray, axis) in enumerate(numbers))
@@ -79,8 +82,11 @@ _LINES = f"""
             write([](float* to, line values) {{ *(line_anywhere*)to = values; }});
     }};
 """
-"""C++ for a CPU: lines of 16 rays, in parts of four, and how they get to arrays of which these are the `ends`, past the
-cache if all begin where its lines do."""
+"""C++ for the CPU: gathers a line of 16 rays from four parts of four lanes, and stores it.
+
+`write_lines(write, ends)` streams past the cache if `is_streamed` and all destinations begin on a cache line. `ends` is
+the bitwise or of the destination addresses.
+"""
 
 
 @wp.func_native(f"""
@@ -111,7 +117,7 @@ cache if all begin where its lines do."""
 #endif
 """)
 def write_row(out: Out, ray: int, staged: wp.array[PacketOut], at: int, step: int, is_streamed: bool):  # type: ignore[no-untyped-def]
-    """The hits of 16 rays from this one on: of four at `at`, four at `at` + step, and so on, of a tile's."""
+    """Write the hits of rays `ray` to `ray` + 15, staged in fours at lanes at, at + step, ... of the tile."""
 
 
 _FIELDS_OF_ONE = """
@@ -130,7 +136,7 @@ _FIELDS_OF_ONE = """
         if (fields.body_id.shape[0] > 0) fields.body_id.data[ray] = shape < 0 ? -1 : fields.body_of_shape.data[shape];
     };
 """
-"""C++: what rigcast.kernels.hits.fields.write_fields does, of a ray in a lane of packet k."""
+"""C++: rigcast.kernels.hits.fields.write_fields for one ray, in a lane of packet k."""
 
 
 @wp.func_native(f"""
@@ -191,7 +197,7 @@ _FIELDS_OF_ONE = """
 def write_fields_of_row(  # type: ignore[no-untyped-def]
     rays: wp.array[TileRays], ray: int, staged: wp.array[PacketOut], at: int, step: int, is_streamed: bool
 ):
-    """What follows from the hits of 16 rays from this one on, as in `write_row`."""
+    """Write the derived fields (points, depth, body ids) of rays `ray` to `ray` + 15; arguments as of `write_row`."""
 
 
 @wp.func_native("""
@@ -200,7 +206,7 @@ def write_fields_of_row(  # type: ignore[no-untyped-def]
 #endif
 """)
 def end_stream():  # type: ignore[no-untyped-def]
-    """What was streamed is there before what is written after this: a CPU does not order it otherwise."""
+    """Store fence: streamed stores become visible before any later store, which a CPU does not guarantee by itself."""
 
 
 @wp.func_native("""
@@ -215,8 +221,7 @@ def end_stream():  # type: ignore[no-untyped-def]
     }
 """)
 def write_one_by_one(out: Out, first_ray: int, numbers: int_lanes, staged: wp.array[PacketOut], k: int):  # type: ignore[no-untyped-def]
-    """The hits of packet k, of the rays by these numbers, -1 for none. Native: Warp asks of every index where it begins
-    to count."""
+    """Write the hits of packet k. numbers: ray of each lane, -1 for none. Native: Warp checks every index for < 0."""
 
 
 @wp.func_native(f"""
@@ -228,12 +233,12 @@ def write_one_by_one(out: Out, first_ray: int, numbers: int_lanes, staged: wp.ar
 def write_fields_one_by_one(  # type: ignore[no-untyped-def]
     rays: wp.array[TileRays], numbers: int_lanes, staged: wp.array[PacketOut], k: int
 ):
-    """What follows from the hits of packet k, as in `write_one_by_one`."""
+    """Write the derived fields of packet k; arguments as of `write_one_by_one`."""
 
 
 @wp.func
 def write_part(out: Out, rays: wp.array[TileRays], staged: wp.array[PacketOut], k: int, is_streamed: bool) -> None:
-    """Write what row k of a tile hits, or its packet k where it has no rows, and what follows from that."""
+    """Write hits and derived fields of row k of a tile, or of its packet k if the tile has no rows."""
     across = rays[0].tile.across
     if across > 0:
         at = k * LANES

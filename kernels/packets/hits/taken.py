@@ -1,7 +1,7 @@
-"""What rays of a packet take of what is worked out for all of them at once: those that hit one shape, or triangle.
+"""Masked writes of values computed for all lanes of a packet: only the lanes that hit a shape or triangle take them.
 
-Of a shape they take it by `or`, which begins with 0: of a choice between what was there and what is new LLVM makes a
-masked store, which takes longer than all else here.
+Per-shape results are merged by a bitwise `or` into memory that begins as 0. A choice between the old and the new value
+would become a masked store in LLVM, which takes longer than everything else here.
 """
 
 import warp as wp
@@ -11,7 +11,7 @@ from rigcast.kernels.packets.packet import Facets, Vectors, int_lanes, lanes
 
 @wp.struct
 class Places:
-    """Where the rays of a packet hit; 0 where they hit nothing. Normals are in the world."""
+    """Distance [m], face and world normal of each hit of a packet; 0 in lanes that hit nothing."""
 
     distance: lanes
     face: int_lanes
@@ -20,7 +20,7 @@ class Places:
     normal_z: lanes
 
 
-# these have no return type, which Warp 1.12 would take for that of a value
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native("""
     auto& all = *wp::address(facets, 0);
 #if defined(__CUDA_ARCH__)
@@ -64,12 +64,12 @@ def take_facet(  # type: ignore[no-untyped-def]
     normal: wp.vec3d,
     face: int,
 ):
-    """The triangle by this number is that of all rays that hit it. height: V0 . n."""
+    """Write plane and face of one triangle to all lanes whose number is `number`. height: V0 . n."""
 
 
 @wp.func_native("wp::address(places, k)->distance[i] = distance;")
 def take_distance(places: wp.array[Places], k: int, i: int, distance: float):  # type: ignore[no-untyped-def]
-    """That of ray i of packet k, alone, where Warp would copy all sixteen."""
+    """Write the distance of lane i of packet k alone; Warp would copy all sixteen."""
 
 
 @wp.func_native("""
@@ -108,4 +108,4 @@ def take_places(  # type: ignore[no-untyped-def]
     face: int_lanes,
     normals: wp.array[Vectors],
 ):
-    """Those of the rays of packet k that hit this shape, of what was worked out for all of them."""
+    """Write distance, face and normal to those lanes of packet k that hit this shape."""

@@ -1,1 +1,1 @@
-"""What packets are held against: boxes, edges and planes of triangles, solids."""
+"""Tests of packets against boxes, against edges and planes of triangles, and against solids."""

@@ -1,7 +1,7 @@
 """Packets against the triangles of a leaf.
 
-Many rays are held against one triangle after the other; a few are taken one by one, each against all of a block at
-once.
+If more than FEW rays enter the leaf, its triangles are tested one after the other, each against all lanes at once.
+Otherwise those rays are tested one after the other, each against all eight triangles of the block at once.
 """
 
 import warp as wp
@@ -19,14 +19,14 @@ from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
 from .sought import Sought
 
 FEW = wp.constant(6)
-"""Rays up to which it is faster to take them one by one."""
+"""Number of active rays up to which testing them one by one is faster."""
 
 
 @inlined
 def visit_block_lane_by_lane(
     sought: Sought, index: int, lanes: int, reach: float, blocks: wp.array[TriangleBlock], block: int
 ) -> float:
-    """These rays of a packet against the triangles of one block; returns how far all of its rays still reach."""
+    """Test these lanes (a bit mask), one by one, against a block of triangles; return the packet's new reach [m]."""
     best = sought.packet.best
     slot = sought.packet.slot
     edges = edges_of(blocks[block], sought.view, sought.side_rounding)
@@ -57,9 +57,8 @@ def visit_block_lane_by_lane(
 
 @inlined
 def visit_block_at_once(sought: Sought, index: int, reach: float, blocks: wp.array[TriangleBlock], block: int) -> float:
-    """All rays of a packet against the triangles of one block; returns how far they still reach."""
+    """Test all lanes of a packet against the triangles of one block, one by one; return the packet's new reach [m]."""
     edges = edges_of(blocks[block], sought.view, sought.side_rounding)
-    # fields are taken out of their struct first: an element of a field would be a copy of all of it
     side0_of = edges.side0
     side1_of = edges.side1
     side2_of = edges.side2
@@ -93,7 +92,7 @@ def visit_block_at_once(sought: Sought, index: int, reach: float, blocks: wp.arr
 
 @wp.func
 def compose_patch(rays: wp.array[TileRays], k: int) -> None:
-    """Make the triangles of patch k, unless they are there: neighbours often need the same."""
+    """Make the triangles of patch k, unless the tile already has them: neighbouring packets often need the same."""
     if rays[0].patch != k:
         g = rays[0].geometry
         compose(g[0].plots, g[0].sides, k, rays[0].composed)
@@ -102,7 +101,7 @@ def compose_patch(rays: wp.array[TileRays], k: int) -> None:
 
 @inlined
 def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) -> float:
-    """A packet against the triangles of one block or patch, whose box these rays enter."""
+    """Test a packet against the triangles of one block or patch; return its new reach [m]. lanes: those in the box."""
     blocks = sought.blocks
     block = int(index)
     if index >= FIRST_PATCH:

@@ -1,20 +1,30 @@
 """A packet against the triangles of one block: their edges, then their planes.
 
-A ray with unit direction d passes the edge from Vi to Vj, as seen from its origin, on the side of s = d . (e x V), with
-e = Vi - Vj and V either of them (half of that of rigcast.kernels.shapes.triangle). e x V serves all rays.
+With the vertices relative to the ray's origin, a ray with unit direction d passes the edge from Vi to Vj on the side
+given by the sign of s = d . (e x V), where e = Vi - Vj and V is either vertex. (This is half of the s in
+rigcast.kernels.shapes.triangle.) e x V is computed once for all rays of the packet.
 
-Rounding, u = eps / 2: one of e, two of V, one each of the products and of the difference of e x V make 5u |e|_1 |V|_1;
-d = (a + p u + q v) / length has one each of a, u, v, p and q, one of each product, two of the sums: 5u w, w = 1 + |p| +
-|q|, over the length, which is at least w / sqrt(3), and 3u of length and quotient; the dot product has three. So s is
-within u (11 + 5 min(w, sqrt(3))) |e|_1 |V|_1 of what it should be. 12 in place of 11 is allowed for.
+Rounding of s, in units u = eps / 2:
 
-The distance V0 . n / (d . n) has 5u |V0| of its numerator, and of its denominator 7u t of d as below, 3u t of the
-length and 3u t of the dot product; n is off by 4u at most (rigcast.kernels.shapes.patches), which moves it by 4u (|V0|
-+ t); its quotient and product have two u t, and adding what it may be off by one more. Together 9u |V0| + 20u t, over
-|cos|; 10u |V0| + 24u t are allowed for. As a vector, a + p u + q v is off by u of a, 3u |p| and 3u |q|, as a, u and v
-are unit vectors, and by two u of its length: over the length at most (2 + sqrt(19)) u < 7u.
+- e x V: one rounding of e, two of V, one of the products and one of their difference: 5u |e|_1 |V|_1.
+- d = (a + p u + q v) / length: one rounding each of a, u, v, p and q, one of each product and two of the sums: 5u w,
+  with w = 1 + |p| + |q|, over the length, which is at least w / sqrt(3). Length and quotient add 3u.
+- The dot product adds 3u.
 
-What is too near to call goes to float64, by rigcast.kernels.hits.hit.
+So the error of s is at most u (11 + 5 min(w, sqrt(3))) |e|_1 |V|_1. The code allows for 12 in place of 11.
+
+Rounding of the distance t = V0 . n / (d . n):
+
+- numerator: 5u |V0|;
+- denominator: 7u t of d (below), 3u t of the length, 3u t of the dot product;
+- n is off by at most 4u (rigcast.kernels.shapes.patches), which moves t by 4u (|V0| + t);
+- quotient and product: 2u t; adding the error bound itself: u t.
+
+Together 9u |V0| + 20u t, over |cos|. The code allows for 10u |V0| + 24u t. As a vector, a + p u + q v is off by u of a,
+3u |p| and 3u |q|, because a, u and v are unit vectors, and by 2u of its length: over the length at most
+(2 + sqrt(19)) u < 7u.
+
+Hits too close to call are decided in float64, by rigcast.kernels.hits.hit.
 """
 
 import warp as wp
@@ -37,12 +47,15 @@ SLOPE_ROUNDING = wp.constant(12.0 * 2.0**-23)  # 24u
 
 
 vectors = wp.types.matrix(shape=(3, 8), dtype=wp.float32)
-"""A vector of each of eight triangles."""
+"""One vector for each of eight triangles, as columns."""
 
 
 @wp.struct
 class Edges:
-    """What the triangles of a block are to a packet: e x V of each edge, n, V0 . n, |V0|_1, and the rounding of s."""
+    """A block of triangles relative to a packet's origin.
+
+    side0..2: e x V of each edge. normal: n. height: V0 . n. size: |V0|_1. rounding: bound on the error of s.
+    """
 
     side0: vectors
     side1: vectors
@@ -55,13 +68,13 @@ class Edges:
 
 @wp.func
 def side_rounding(widest: float) -> float:
-    """How far s may be off, over |e|_1 |V|_1; widest: the largest w of a packet."""
+    """Bound on the error of s, over |e|_1 |V|_1. widest: the largest w of a packet."""
     return SIDE_ROUNDING + smaller(DIRECTION_ROUNDING * widest, MOST_ROUNDING)
 
 
 @inlined
 def edges_of(block: TriangleBlock, view: View, rounding_of_sides: float) -> Edges:
-    """Edges of the triangles of a block as the rays of a packet see them."""
+    """The edges of a block's triangles relative to a packet's origin."""
     x0 = block.x0
     y0 = block.y0
     z0 = block.z0
@@ -118,10 +131,11 @@ def edges_of(block: TriangleBlock, view: View, rounding_of_sides: float) -> Edge
 
 @inlined
 def may_be_hit(edges: Edges, middle: wp.vec3, spread: wp.vec3, widest: float) -> int:
-    """Bit by bit, the triangles that rays along middle +- spread may hit; widest: the largest w of a packet.
+    """Bit mask of the triangles that rays along middle +- spread may hit. widest: the largest w of a packet.
 
-    Rounding, per w |e|_1 |V|_1: e x V has 5u; the middle 6u, of a mean, of p, u and their product, and of two sums; its
-    dot product 3u, and the sum with the change one: 15u. What the spread has is less. At least 17u are allowed for.
+    Rounding, per w |e|_1 |V|_1: 5u of e x V; 6u of the middle (a mean, p, u and their product, two sums); 3u of its dot
+    product; 1u of the sum with the change. Together 15u. The error of the spread is smaller. The code allows for at
+    least 17u.
     """
     side0 = edges.side0
     side1 = edges.side1
@@ -144,11 +158,11 @@ def may_be_hit(edges: Edges, middle: wp.vec3, spread: wp.vec3, widest: float) ->
 
 @wp.func
 def span_in_plane(inside: float, slope: float, rounding: float, height: float, size: float, cull: int) -> Interval:
-    """From where to where the distance of a ray to a triangle may be, as triage_triangle has it.
+    """Interval [near, far] of the distance from a ray to a triangle, with the meaning of triage_triangle's.
 
-    Conditions are wp.where of distances: with `and` and `or` loops are not vectorised, with numbers they are slower.
+    Conditions are wp.where of distances: `and` and `or` prevent vectorisation, and wp.where of integers is slower.
     """
-    # how steep 1 / slope may be where the distance is sure: not at all where the origin is nearly in the plane
+    # largest 1 / |slope| at which the distance is sure; 0, so never, where the origin is nearly in the plane
     steepest = wp.where(wp.abs(height) > ROUNDING * size, 1.0 / GRAZING, 0.0)
     per_slope = 1.0 / slope
     t = height * per_slope
@@ -165,7 +179,7 @@ def span_in_plane(inside: float, slope: float, rounding: float, height: float, s
 
 @inlined
 def meet_triangles(edges: Edges, direction: wp.vec3, cull: int, limit: float) -> Spans:
-    """One ray against the triangles of a block, up to a limit."""
+    """Test one ray against the triangles of a block, up to a limit [m]."""
     side0 = edges.side0
     side1 = edges.side1
     side2 = edges.side2
@@ -194,7 +208,7 @@ def meet_triangles(edges: Edges, direction: wp.vec3, cull: int, limit: float) ->
 
 @wp.struct
 class Inside:
-    """How far inside its nearest edge each ray passes a triangle, and whether (some != 0) any may pass through it."""
+    """by: how far inside its nearest edge each ray passes a triangle. some: not 0 if any ray may pass through it."""
 
     by: lanes
     some: int
@@ -202,7 +216,7 @@ class Inside:
 
 @inlined
 def pass_edges(x: lanes, y: lanes, z: lanes, side0: wp.vec3, side1: wp.vec3, side2: wp.vec3, rounding: float) -> Inside:
-    """The rays of a packet, directions (x, y, z), against the edges of one triangle, as Edges has them."""
+    """Test the rays of a packet, with directions (x, y, z), against the edges of one triangle, as in Edges."""
     by = lanes()
     some = int(0)
     for i in range(LANES):
@@ -220,7 +234,7 @@ def pass_edges(x: lanes, y: lanes, z: lanes, side0: wp.vec3, side1: wp.vec3, sid
 
 @wp.struct
 class Met:
-    """From where to where each ray's distance to a triangle may be."""
+    """Interval [near, far] of each ray's distance to a triangle."""
 
     near: lanes
     far: lanes
@@ -238,7 +252,7 @@ def meet_plane(
     size: float,
     cull: int,
 ) -> Met:
-    """The rays of a packet against one triangle, inside whose edges they pass, as triage_triangle has it."""
+    """Distances of a packet's rays to a triangle, whose edges they pass `inside` by so much, as triage_triangle's."""
     near = lanes()
     far = lanes()
     for i in range(LANES):

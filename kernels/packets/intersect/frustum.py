@@ -1,4 +1,4 @@
-"""Boxes held against the side planes and the ranges of the directions of many rays at once."""
+"""Tests of boxes against many rays at once, by the side planes of their frustum and the range of their directions."""
 
 import warp as wp
 
@@ -14,15 +14,15 @@ LANE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
 
 
 Slowness = wp.types.vector(length=5, dtype=wp.float32)
-"""Of many numbers d the least and the largest sign, the least and the largest 1 / |d|. The fifth is not used: see
-Interval."""
+"""For a set of numbers d: least sign, largest sign, least 1 / |d|, largest 1 / |d|. The fifth entry is unused padding:
+see rigcast.kernels.vectors.Interval."""
 
 
 @wp.func
 def slowness_of(a: float, u: float, v: float, p_low: float, p_high: float, q_low: float, q_high: float) -> Slowness:
-    """That of one component of a + p u + q v over a range of p and q.
+    """Slowness of one component of a + p u + q v over a range of p and q.
 
-    Rounded it is within 5u (1 + |p| + |q|) of what it should be; 16u are allowed for.
+    The rounding error of the component is at most 5u (1 + |p| + |q|); the code allows for 16u.
     """
     pu_low = p_low * u
     pu_high = p_high * u
@@ -43,9 +43,9 @@ def slowness_of(a: float, u: float, v: float, p_low: float, p_high: float, q_low
 
 @wp.func
 def in_slab(slow: Slowness, c: float, h: float) -> Interval:
-    """From which t to which t any of these directions d may have c - h <= t d <= c + h, if t >= 0.
+    """Interval of t >= 0 in which any of the directions d may satisfy c - h <= t d <= c + h.
 
-    Where d has both signs, c is taken to be on the side to which each of them goes.
+    Where d takes both signs, c is treated as lying ahead for either sign, which only widens the interval.
     """
     ahead = larger(slow[0] * c, slow[1] * c)
     return interval((ahead - h) * slow[2], (ahead + h) * slow[3])
@@ -53,14 +53,14 @@ def in_slab(slow: Slowness, c: float, h: float) -> Interval:
 
 @wp.struct
 class Frustum:
-    """Where rays of a range of p and q run: points x, as seen from the origin, with right . x <= 0 and so on.
+    """The volume swept by rays over a range of p and q: points x relative to the origin with right . x <= 0 and so on.
 
-    slow_x, slow_y, slow_z: of a + p u + q v, so that rays are t (a + p u + q v) and t is at most the distance.
+    slow_x, slow_y, slow_z: Slowness of a + p u + q v. A ray's points are t (a + p u + q v); t is at most the distance.
 
-    Rounding, u = eps / 2, of the planes: at t (a + p u + q v), left . x is off by 3u |p|, one of u, and one of their
-    difference, at most (4 + sqrt(2)) sqrt(2) u t < 8u t within 45 degrees of the axis. SLACK in p, of
-    rigcast.kernels.packing.sorting, moves it by more than 15u t. With boxes, products with them have 6u of what the
-    view's margin has 8u of.
+    Rounding of the planes, u = eps / 2: at t (a + p u + q v), left . x is off by 3u |p|, one rounding of u and one of
+    their difference, at most (4 + sqrt(2)) sqrt(2) u t < 8u t within 45 degrees of the axis. SLACK in p, of
+    rigcast.kernels.packing.sorting, moves the plane by more than 15u t. Products with boxes have a rounding of 6u,
+    where the view's margin covers 8u.
     """
 
     left: wp.vec3
@@ -90,7 +90,7 @@ def frustum_of(view: View, p_low: float, p_high: float, q_low: float, q_high: fl
 
 @wp.func
 def off_zero(a: wp.vec3) -> wp.vec3:
-    """|a|, never 0, for products with half sizes that may be infinite."""
+    """|a| with no component 0, so that products with infinite half sizes are not NaN."""
     return wp.abs(a) + wp.vec3(TINY, TINY, TINY)
 
 
@@ -101,7 +101,7 @@ def weighted(a: wp.vec3, x: float, y: float, z: float) -> float:
 
 @wp.func
 def boxes_from(node: Node, origin: wp.vec3, margin: float) -> Node:
-    """The boxes of a node as seen from the origin, wider by a margin."""
+    """The boxes of a node relative to the origin, widened by a margin."""
     center_x = node.center_x
     center_y = node.center_y
     center_z = node.center_z
@@ -128,7 +128,7 @@ def boxes_from(node: Node, origin: wp.vec3, margin: float) -> Node:
 
 @wp.func
 def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
-    """The boxes of boxes_from that reach into the frustum no farther than the limit."""
+    """The boxes, as from boxes_from, that the frustum enters no farther than the limit [m]."""
     center_x = boxes.center_x
     center_y = boxes.center_y
     center_z = boxes.center_z
@@ -165,7 +165,7 @@ def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
         in_z = in_slab(slow_z, z, hz)
         enter = larger(larger(in_x[0], in_y[0]), larger(in_z[0], 0.0))
         leave = smaller(smaller(in_x[1], in_y[1]), smaller(in_z[1], limit))
-        # planes without bounds first, as they bound how far all rays reach
+        # unbounded planes come first: their hits limit the reach of all rays
         distance[j] = wp.where(half_x[j] + half_y[j] + half_z[j] < wp.inf, enter, 0.0)
         enters = outside <= 0.0 and enter <= leave and half_x[j] >= 0.0
         children = children | wp.where(enters, 1 << j, 0)
@@ -177,10 +177,10 @@ def enter_frustum(boxes: Node, f: Frustum, limit: float) -> Entered:
 
 @inlined
 def packets_at_box(view: View, tile: Tile, center: wp.vec3, half: wp.vec3, reach: vec8) -> int:
-    """Bit by bit, the packets some of whose rays may enter a box in the view's frame before their reach.
+    """Bit mask of the packets that may enter a box in the view's frame before their reach [m].
 
-    All rounding but that of directions is within box_margin, here of one axis each, as a plane's box is without bounds
-    along two of them.
+    All rounding except that of directions is covered by box_margin, applied here per axis because a plane's box is
+    unbounded along two axes.
     """
     p_low = tile.p_low
     p_high = tile.p_high

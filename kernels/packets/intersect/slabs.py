@@ -1,9 +1,9 @@
-"""Boxes of a tree held against the rays of a packet, slab by slab.
+"""Slab tests of the boxes of a tree against the rays of a packet.
 
-With every axis pointing the way that a ray goes, it enters a box that is between n and f along each, as seen from its
-origin, at max n / |d| and leaves it at min f / |d|. Nearly always all rays of a packet go the same way along an axis.
-Where they do not, a box is taken to be on the side to which each of them goes: that lets its mirror image in as well,
-which few rays enter that do not enter the box, as they all run close to the mirror.
+Flip each axis so that it points the way the ray goes. A box spans [n, f] along each axis, relative to the origin; the
+ray enters it at max n / |d| and leaves it at min f / |d|, over the three axes. The rays of a packet nearly always go
+the same way along an axis. Where they do not, the box is treated as lying ahead of every ray. That also accepts its
+mirror image. Few rays enter the image and not the box, because all of them run close to the mirror plane.
 """
 
 import warp as wp
@@ -22,9 +22,10 @@ from .frustum import LANE_ROUNDING
 
 @wp.struct
 class Way:
-    """Which way the rays of a packet go in the frame of a tree.
+    """Signs and slownesses of a packet's directions d in the frame of a tree.
 
-    low, high: along each axis the least and most sign of d. slowness: 1 / |d|, finite; least, most: of all rays.
+    low, high: least and largest sign of d along each axis. slowness: 1 / |d| per ray, finite. least, most: its least
+    and largest value over all rays.
     """
 
     low: wp.vec3
@@ -36,9 +37,9 @@ class Way:
 
 @inlined
 def way_of(packet: Packet, view: View, middle: wp.vec3, spread: wp.vec3, local: wp.array[Vectors]) -> Way:
-    """The way of a packet in a view; its unit directions there go into local.
+    """The Way of a packet in a view's frame; writes its unit directions in that frame to `local`.
 
-    a + p u + q v of its rays, rounded, is within spread of the middle.
+    For each ray, a + p u + q v after rounding is within `spread` of `middle`.
     """
     p = packet.p
     q = packet.q
@@ -77,19 +78,20 @@ def way_of(packet: Packet, view: View, middle: wp.vec3, spread: wp.vec3, local: 
 
 @wp.func
 def margin_of_lanes(view: View, widest: float) -> float:
-    """By how much to widen the boxes of a tree for single rays of a packet; widest: its largest w = 1 + |p| + |q|.
+    """Margin [m] for tests of single rays of a packet against a tree's boxes. widest: the packet's largest w.
 
-    Rounding, u = eps / 2: d = a + p u + q v is within 5u w in each component, w being larger than any of them, and its
-    length and the quotient within 4u: as far as the box, |c|_1 + |h|_1 at most, a ray is within 9u w (|c|_1 + |h|_1) of
-    where it should be. 16u are allowed for; all else is within the view's margin, as for enter_boxes. That is 8u times
-    the largest coordinates of the origin and of the tree, of which |c|_1 + |h|_1 is at most three times the sum.
+    Rounding, u = eps / 2, w = 1 + |p| + |q|: each component of d = a + p u + q v is off by at most 5u w, w being larger
+    than any of them; the length and the quotient add 4u. So at the distance of the box, at most |c|_1 + |h|_1, a ray is
+    within 9u w (|c|_1 + |h|_1) of where it should be. The code allows for 16u. All other rounding is covered by the
+    view's margin, as for enter_boxes. That margin is 8u times the sum of the largest coordinates of the origin and of
+    the tree, and |c|_1 + |h|_1 is at most three times that sum.
     """
     return view.margin * (1.0 + 3.0 * (LANE_ROUNDING / MARGIN) * widest)
 
 
 @wp.struct
 class Slabs:
-    """From where to where the boxes of a node are along each axis, as seen from the origin the way that the rays go."""
+    """Extents of a node's boxes along each axis, relative to the origin, with the axis pointing the way the rays go."""
 
     near_x: vec8
     near_y: vec8
@@ -101,7 +103,7 @@ class Slabs:
 
 @inlined
 def slabs_of(node: Node, origin: wp.vec3, margin: float, way: Way) -> Slabs:
-    """The boxes of a node, wider by a margin."""
+    """The slabs of a node's boxes, widened by a margin."""
     center_x = node.center_x
     center_y = node.center_y
     center_z = node.center_z
@@ -144,7 +146,7 @@ def slabs_of(node: Node, origin: wp.vec3, margin: float, way: Way) -> Slabs:
 
 @wp.struct
 class EnteredByLanes:
-    """As Entered, of a packet; lanes: bit by bit, which of its rays enter each box."""
+    """Entered, for a packet. lanes: bit mask of the rays that enter each box."""
 
     children: int
     distance: vec8
@@ -153,7 +155,7 @@ class EnteredByLanes:
 
 @inlined
 def enter_any(slabs: Slabs, way: Way, limit: float) -> EnteredByLanes:
-    """The boxes that a packet may enter no farther than the limit; by which rays is left open."""
+    """The boxes that a packet may enter no farther than the limit [m]; does not compute which rays enter them."""
     near_x = slabs.near_x
     near_y = slabs.near_y
     near_z = slabs.near_z
@@ -168,7 +170,7 @@ def enter_any(slabs: Slabs, way: Way, limit: float) -> EnteredByLanes:
         enter = larger(larger(near_x[j] * least[0], near_y[j] * least[1]), larger(near_z[j] * least[2], 0.0))
         leave = smaller(smaller(far_x[j] * most[0], far_y[j] * most[1]), smaller(far_z[j] * most[2], limit))
         distance[j] = enter
-        # the last condition keeps absent children out whatever rays and boxes are: NaN is lost in larger and smaller
+        # the last condition excludes absent children for any ray and box, as larger and smaller drop NaN
         entering[j] = wp.where(enter <= leave and near_x[j] <= far_x[j], -1, 0)
     entered = EnteredByLanes()
     entered.children = sign_bits(entering)
@@ -178,7 +180,7 @@ def enter_any(slabs: Slabs, way: Way, limit: float) -> EnteredByLanes:
 
 @inlined
 def lanes_at_box(slowness: Vectors, limits: lanes, near: wp.vec3, far: wp.vec3) -> int:
-    """Bit by bit, which rays enter a box before their best hits (at most `limits` away). As enter_boxes."""
+    """Bit mask of the rays that enter a box before their best hits, at most `limits` [m] away; see enter_boxes."""
     slow_x = slowness.x
     slow_y = slowness.y
     slow_z = slowness.z
@@ -194,7 +196,7 @@ def lanes_at_box(slowness: Vectors, limits: lanes, near: wp.vec3, far: wp.vec3) 
 def enter_lane_by_lane(
     slabs: Slabs, way: Way, best: wp.array[PacketHits], slot: int, which: int, limit: float
 ) -> EnteredByLanes:
-    """The boxes that these rays enter before the limit and their best hits. As enter_boxes."""
+    """The boxes that rays of the mask `which` enter before the limit [m] and their best hits; see enter_boxes."""
     near_x = slabs.near_x
     near_y = slabs.near_y
     near_z = slabs.near_z

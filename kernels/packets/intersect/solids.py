@@ -1,4 +1,4 @@
-"""The functions of rigcast.kernels.shapes.solids and .solid_normals over the lanes of a packet."""
+"""The functions of rigcast.kernels.shapes.solids and solid_normals, applied to all lanes of a packet."""
 
 from typing import Any
 
@@ -31,14 +31,14 @@ from rigcast.kernels.shapes.solids import (
 
 @wp.struct
 class LaneSpans:
-    """From where to where the distance of every ray of a packet to one shape is."""
+    """Interval [near, far] of each ray's distance to one shape."""
 
     near: lanes
     far: lanes
 
 
 def triages(meet: Any) -> Any:
-    """The span of every lane's direction d, in float32."""
+    """A Warp function that applies meet(origin, d, size, cull, EPS), in float32, to every lane."""
 
     def over_lanes(origin: wp.vec3, d: Vectors, size: wp.vec3, cull: int) -> LaneSpans:
         x = d.x
@@ -60,7 +60,7 @@ def triages(meet: Any) -> Any:
 
 
 def normals(normal: Any) -> Any:
-    """normal(point, direction, distance, size) for every lane."""
+    """A Warp function that applies normal(point, direction, distance, size) to every lane."""
 
     def over_lanes(p: Vectors, d: Vectors, t: lanes, size: wp.vec3) -> Vectors:
         x = p.x

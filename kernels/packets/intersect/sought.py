@@ -1,4 +1,4 @@
-"""Packets, turned once into the frame of a shape, with all that its triangles are held against."""
+"""A packet in the frame of a shape, with everything the shape's boxes and triangles are tested against."""
 
 import warp as wp
 
@@ -14,7 +14,7 @@ from .slabs import Way, margin_of_lanes, way_of
 
 @wp.struct
 class Sought:
-    """A packet as the triangles of one shape see it."""
+    """A packet in the frame of one shape with triangles."""
 
     packet: PacketRays
     nodes: wp.array[Node]
@@ -23,18 +23,18 @@ class Sought:
     cull: int
     view: View
     way: Way
-    local: wp.array[Vectors]  # one, of its unit directions
-    # the middle of a + p u + q v, and how far from it these go:
+    local: wp.array[Vectors]  # (1,) its unit directions
+    # a + p u + q v of every ray lies within middle +- spread:
     middle: wp.vec3
     spread: wp.vec3
     widest: float  # the largest 1 + |p| + |q|
-    side_rounding: float  # as of rigcast.kernels.packets.intersect.edges
-    margin: float  # by which boxes are widened
+    side_rounding: float  # see rigcast.kernels.packets.intersect.edges
+    margin: float  # by which boxes are widened [m]
 
 
 @inlined
 def packet_among_triangles(g: Geometry, rays: wp.array[TileRays], view: View, k: int, shape: int, cull: int) -> Sought:
-    """Packet k of a tile as one shape sees it."""
+    """Packet k of a tile in the frame of one shape."""
     tile = rays[0].tile
     sought = Sought()
     sought.packet = packet_of(rays, k)

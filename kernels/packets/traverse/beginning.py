@@ -1,4 +1,4 @@
-"""Packets before they meet their first shape."""
+"""Initialisation of packets when they meet their first shape."""
 
 import warp as wp
 
@@ -10,7 +10,7 @@ from rigcast.kernels.vectors import lowest_bit
 
 @inlined
 def clear_packet(rays: wp.array[TileRays], k: int) -> None:
-    """No hits yet, and the directions of a packet's rays in the world."""
+    """Clear the hits of packet k and compute its directions in the world."""
     rotation = rays[0].rotation
     slot = rays[0].first_slot + k
     packet = rays[0].packets[rays[0].first_packet + k]
@@ -28,7 +28,7 @@ def clear_packet(rays: wp.array[TileRays], k: int) -> None:
         world_y[i] = d[1]
         world_z[i] = d[2]
         hits.near[i] = wp.inf
-        hits.far[i] = wp.where(numbers[i] >= 0, wp.inf, -wp.inf)  # where there is no ray, nothing is entered
+        hits.far[i] = wp.where(numbers[i] >= 0, wp.inf, -wp.inf)  # -inf: a lane without a ray enters no box
         hits.shape[i] = NO_SHAPE
     rays[0].best[slot] = hits
     rays[0].directions[slot].x = world_x
@@ -38,7 +38,7 @@ def clear_packet(rays: wp.array[TileRays], k: int) -> None:
 
 @wp.func
 def begin_packets(rays: wp.array[TileRays], which: int) -> None:
-    """Clear those packets, which meet their first shape."""
+    """Initialise the packets of mask `which`, which meet their first shape."""
     rays[0].met = rays[0].met | which
     todo = int(which)
     while todo != 0:

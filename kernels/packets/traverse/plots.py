@@ -1,7 +1,7 @@
 """Tiles through large height fields, whose plots are not stored as nodes.
 
-They are met when all else of the scene has been: with a call amid the walk through the shapes, for which registers are
-put aside, all of it would take 3 to 6 % longer.
+These fields are visited after all other shapes. A call in the middle of the traversal of the shapes would need
+registers set aside for it, which makes the whole traversal 3 to 6 % slower.
 """
 
 import warp as wp
@@ -31,7 +31,7 @@ from .triangles import packet_traversal
 
 @wp.func
 def open_plot_of(rays: wp.array[TileRays], k: int) -> None:
-    """Make the node that plot k is, unless it is there: neighbours often need the same."""
+    """Make the node of plot k, unless the tile already has it: neighbouring packets often need the same plot."""
     if rays[0].plot != k:
         g = rays[0].geometry
         open_plot(g[0].plots, g[0].sides, k, rays[0].opened)
@@ -40,7 +40,7 @@ def open_plot_of(rays: wp.array[TileRays], k: int) -> None:
 
 @wp.func
 def in_order(patches: int, turned: int) -> int:
-    """Bit by bit, patches j of a plot, as they are j ^ turned, turned having bits 0 and 1 alike."""
+    """Permute a bit mask of a plot's patches: bit j moves to j ^ turned. Bits 0 and 1 of `turned` are equal."""
     ordered = patches
     if turned & 3 != 0:
         ordered = ((ordered & 0x55) << 1) | ((ordered >> 1) & 0x55)
@@ -52,10 +52,10 @@ def in_order(patches: int, turned: int) -> int:
 
 @wp.func
 def visit_plot_of_packet(sought: Sought, k: int, lanes: int, reach: float) -> float:
-    """A packet against the patches of one plot, whose box these rays enter; returns how far its rays still reach.
+    """Test a packet against the patches of one plot; return its new reach [m]. lanes: those that enter the plot's box.
 
-    Patches come in the order in which rays pass them, which follows from the way that they go: no ray comes from a
-    column or a row to one before.
+    Patches are visited front to back. The order follows from the signs of the directions: no ray returns to an earlier
+    row or column.
     """
     packet = sought.packet
     way = sought.way
@@ -88,7 +88,7 @@ def visit_plot_of_packet(sought: Sought, k: int, lanes: int, reach: float) -> fl
 
 @wp.func
 def visit_leaf_of_field(sought: Sought, index: int, lanes: int, reach: float) -> float:
-    """A packet against a plot, or a block of the triangles beside and below the surface."""
+    """Test a packet against a plot, or against a block of the triangles of the field's sides and bottom."""
     if index >= FIRST_PLOT:
         return visit_plot_of_packet(sought, index - FIRST_PLOT, lanes, reach)
     return visit_block_of_packet(sought, index, lanes, reach)
@@ -110,7 +110,7 @@ cast_packet_through_field = packet_traversal("cast_packet_through_field", visit_
 
 @wp.func
 def cast_tile_through_field(g: Geometry, rays: wp.array[TileRays], shape: int, reach: vec8) -> vec8:
-    """A tile against one visible field; returns how far its packets still reach."""
+    """Cast a tile against one visible field; return the new reach of each packet [m]."""
     pose = pose_of(rays[0].geometry, shape, rays[0].scope)
     if not is_somewhere(pose) or is_doubled(rays[0].geometry, shape, rays[0].scope):
         return reach
@@ -130,7 +130,7 @@ def cast_tile_through_field(g: Geometry, rays: wp.array[TileRays], shape: int, r
 
 @noinline
 def cast_tile_through_fields(rays: wp.array[TileRays], reach: vec8) -> None:
-    """A tile against all visible fields that are in plots, up to where its packets still reach."""
+    """Cast a tile against all visible fields kept in plots. reach: of each packet [m]."""
     g = rays[0].geometry[0]
     scope = rays[0].scope
     for k in range(g.fields.shape[0]):

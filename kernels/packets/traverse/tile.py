@@ -1,4 +1,4 @@
-"""Tiles through the tree over the shapes."""
+"""Traversal of the tree over the shapes by whole tiles."""
 
 import warp as wp
 
@@ -32,7 +32,7 @@ from .triangles import cast_packet_through_triangles
 
 @wp.struct
 class TileSought:
-    """A tile of rays, and the frustum of all of it in the frame of the tree over the shapes, as `view` has it."""
+    """A tile of rays, with its frustum in the frame of the tree over the shapes. view: origin and basis there."""
 
     rays: wp.array[TileRays]
     frustum: Frustum
@@ -49,7 +49,7 @@ def visit_closed_form(
     origin: wp.vec3,
     reach: float,
 ) -> float:
-    """Packet k of a tile against one closed form: lane by lane what a single ray does."""
+    """Test packet k of a tile against one closed form, in each lane as for a single ray; return its new reach [m]."""
     slot = rays[0].first_slot + k
     x = rays[0].directions[slot].x
     y = rays[0].directions[slot].y
@@ -71,7 +71,7 @@ def visit_closed_form(
 
 @wp.func
 def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: float, reach: vec8) -> vec8:  # noqa: ARG001
-    """A tile against one shape, if it is visible; returns how far its packets still reach."""
+    """Cast a tile against one shape, if it is visible; return the new reach of each packet [m]."""
     rays = tile.rays
     kind = g.kind[shape]
     scope = rays[0].scope
@@ -126,7 +126,7 @@ cast_tile_through_shapes = traversal(
 
 @wp.func
 def cast_tile(g: Geometry, rays: wp.array[TileRays]) -> None:
-    """The first hits of a tile's rays among the visible shapes, into its slots; they may lie beyond the limit."""
+    """Find the first hits of a tile's rays among the visible shapes, in its slots; they may lie beyond the limit."""
     tile = rays[0].tile
     rays[0].met = 0
     reach = vec8()

@@ -1,7 +1,8 @@
-"""Packets through the triangles of a shape.
+"""Traversal of a shape's triangle tree by packets.
 
-Of every node and leaf is known which rays of the packet enter its box. Many are held against one box after the other; a
-few are taken one by one, each against all boxes of a node at once.
+Each node and leaf is visited with a mask of the lanes that enter its box. If more than FEW lanes enter a node, its
+boxes are tested one after the other, each against all lanes at once. Otherwise those lanes are tested one after the
+other, each against all eight boxes at once.
 """
 
 from collections.abc import Callable
@@ -26,14 +27,31 @@ from rigcast.kernels.vectors import count_bits, lowest_bit, smaller
 
 
 def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..., Any]) -> Any:
-    """A Warp function that takes a packet through the tree of a shape and returns how far its rays still reach.
+    """A Warp function that takes a packet through the tree of a shape and returns its new reach [m].
 
-    As rigcast.kernels.trees.traverse, but that of every box is known which rays enter it. What belongs to a box is
-    read and written one by one: vectors that are written so and then read as a whole wait for each other in memory.
+    The packet descends into the nearest child that any lane enters and pushes the others. The stack is three parallel
+    arrays; `top` is its height. The children of one node are sorted as they are pushed, the farthest at the bottom:
+
+        index      stack     distances   lanes
+        top - 1    nearest   0.4         0x00f0    popped next, if its distance is within the reach
+        ...        ...       0.9         0x0ff0
+        floor      farthest  1.7         0x0f00    height at which the node's children begin
+        ...                                        children of nodes above, still to be visited
+
+    While the stack is not empty, a leaf that at most FEW lanes enter is deferred, so that its triangles arrive from
+    memory in the meantime:
+
+        prefetch leaf A | test node | visit leaf B in place of A, which now waits | ... | visit what waits last
+
+    `waiting` holds one such leaf and `lanes_of_waiting` its lanes. The next such leaf takes its place and the one that
+    waited is visited. When the stack runs empty, the waiting leaf is visited.
+
+    Entries of a node's vectors (distances, lanes) are read and written one by one: a vector written by elements and
+    then read as a whole would stall on store forwarding.
 
     Args:
-        visit: (sought, leaf, the rays that enter its box, reach) -> reach.
-        prefetch: (sought, child), asks for what will be visited later.
+        visit: (sought, leaf, mask of the lanes that enter its box, reach) -> reach.
+        prefetch: (sought, child), prefetches a child that will be visited later.
     """
 
     def traverse(sought: Sought, root: int, reach: float) -> float:
@@ -44,7 +62,6 @@ def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..
         top = int(0)
         at = int(root)
         entering = int(ALL_LANES)
-        # a leaf that few rays enter waits for the next one, and meanwhile comes from memory
         waiting = int(NO_CHILD)
         lanes_of_waiting = int(0)
         while at != NO_CHILD:
@@ -102,7 +119,7 @@ def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..
                         near = wp.where(is_nearer, distance[j], near)
                         entering = wp.where(is_nearer, who, entering)
                         if farther != NO_CHILD:
-                            # insert where those farther still are below
+                            # insertion sort: entries farther away stay below
                             k = int(top)
                             while k > floor and distances[wp.max(k - 1, 0)] < far:
                                 stack[k] = stack[k - 1]
@@ -130,7 +147,7 @@ def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..
 
 @wp.func
 def prefetch_child(sought: Sought, child: int) -> None:
-    """Of a patch there is nothing to ask for: fields whose plots are nodes fit the cache."""
+    """Prefetch a node or block. Patches need none: fields whose plots are stored as nodes fit in the cache."""
     if child >= 0:
         prefetch_node(sought.nodes, child)
     elif -1 - child < FIRST_PATCH:
