@@ -42,7 +42,7 @@ def norm1(a: wp.vec3) -> float:
 
 @wp.func
 def larger(a: float, b: float) -> float:
-    """The larger number; b if either is NaN. wp.max propagates NaN, which prevents vectorisation of loops over lanes."""
+    """The larger of two; b if either is NaN. wp.max propagates NaN, and LLVM does not vectorise loops with it."""
     return wp.where(a > b, a, b)
 
 

@@ -135,7 +135,7 @@ def moved_nodes(
 
 
 def by_ends(nodes: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """The nodes in CUDA's layout, with boxes by their ends. Rounding shrinks no box: it was made around float32 ends."""
+    """The nodes in CUDA's layout, boxes by their ends. Rounding shrinks no box: each was made around float32 ends."""
     ends = nodes.copy()
     for axis in "xyz":
         center, half = (nodes[f"{name}_{axis}"].astype(np.float64) for name in ("center", "half"))
