@@ -4,6 +4,7 @@ import errno
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -261,6 +262,25 @@ def test_what_newcomers_mistype_is_put_right(
     code, output = call(*arguments)
     assert code == 2
     assert message in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--format", "plu"], "no format 'plu', expected any of exr, .* did you mean 'ply'?"),
+        (["--format", "exr"], "sensor 'top' is a lidar, and got format exr only, for depth cameras"),
+        (["--out", "robot.xml"], "robot.xml: the output folder cannot be written: File exists"),
+        (["--duration", "nan"], "--duration: got nan, expected a positive number of seconds"),
+    ],
+)
+def test_what_a_run_cannot_write_is_told_before_anything_is_compiled(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
+) -> None:
+    monkeypatch.chdir(rig.parent)
+    monkeypatch.setattr(RigConfig, "build", pytest.fail)
+    code, output = call("run", "rig.yaml", *arguments)
+    assert code == 2
+    assert re.search(message.replace("?", "[?]"), output), output
 
 
 @pytest.mark.parametrize("command", ["check", "bench"])
