@@ -54,7 +54,7 @@ def as_json(rig: Path, report: Report) -> str:
 
 def _table(report: Report) -> Table:
     table = Table("sensor", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    table.caption = "worst, 99.9 %: |t - t_ref| [µm] of rays that agree; of allowed: largest share of the tolerance"
+    table.caption = r"worst, 99.9 %: |t - t_ref| \[um] of rays that agree; of allowed: largest share of the tolerance"
     table.add_column("hit", no_wrap=True)
     for column in ("rays", "agree", "edge band", "wrong", "worst", "99.9 %", "of allowed"):
         table.add_column(column, justify="right", no_wrap=True)

@@ -164,6 +164,7 @@ def invoke(*arguments: str) -> Any:
 def test_the_command_prints_a_table_writes_json_and_succeeds(rig_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "check.json"
     result = invoke(str(rig_file), "--rays", "500", "--json", str(out))
+    assert "|t - t_ref| [um] of rays that agree" in " ".join(result.output.split())
     assert result.exit_code == 0, result.output
     assert ": 0 of 500 rays are wrong, in 5 states" in " ".join(result.output.split())
     assert json.loads(out.read_text())["wrong"] == 0

@@ -202,6 +202,15 @@ def test_a_stream_that_is_closed_is_told_apart_from_an_answer_that_is_lost(redir
     assert run_redirected(redirection, "presets", "--json", "-") == code
 
 
+def test_letters_that_the_terminal_does_not_have_are_escaped(rig: Path) -> None:
+    rig = rig.rename(rig.with_name("r\u00e4der.yaml"))
+    command = [sys.executable, "-m", "rigcast", "validate", str(rig)]
+    ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, capture_output=True, env=ascii_only, check=False)
+    assert done.returncode == 0, done.stderr
+    assert b"r\\xe4der.yaml: valid, 2 sensors" in done.stdout
+
+
 def test_no_file_takes_the_number_of_a_closed_stream() -> None:
     """What libraries print would get into it."""
     opens = "import os; from rigcast.cli.common.streams import prepare_streams; prepare_streams()"
