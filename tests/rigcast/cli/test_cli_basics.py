@@ -327,7 +327,8 @@ def test_the_list_counts_figures() -> None:
     for preset in map(load_preset, preset_names()):
         cited = entries[preset.name]["cited"]
         assert set(cited) == preset.cited()
-        assert re.search(rf"│ {preset.name} +│[^│]+│[^│]+│ +{len(cited)} of {len(preset.stated())} │", table), preset.name
+        share = f"{len(cited)} of {len(preset.stated())}"
+        assert re.search(rf"│ {preset.name} +│[^│]+│[^│]+│ +{share} │", table), preset.name
 
 
 def test_unknown_preset_names_the_nearest() -> None:
