@@ -39,7 +39,7 @@ class Packing:
     is_dense: wp.array[wp.bool]
 
 
-# without a return type, as Warp 1.12 knows none but numbers there
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native("""
     auto& packet = these.packets.data[at];
     for (int i = 0; i < 16; ++i) {

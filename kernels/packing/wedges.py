@@ -82,7 +82,7 @@ def lean(wedges: Wedges, k: int, block: int) -> None:
     wedges.z[k, block] = z
 
 
-# without a return type, as Warp 1.12 knows none but numbers there
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native("""
     for (int i = 0; i < count; ++i) directions.data[(begin + i) * lines + line] = wp::vec3d(x[i], y[i], z[i]);
 """)

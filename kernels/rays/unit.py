@@ -7,7 +7,7 @@ from rigcast.kernels.vectors import to_double
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
-# without a return type, which Warp 1.12 would take for that of a value
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
     const auto root = [](double x) { return ::sqrt(x); };

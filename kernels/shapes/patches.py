@@ -36,7 +36,7 @@ _GIVEN = ("x0", "y0", "z0", "x1", "y1", "z1", "x2", "y2", "z2", "normal_x", "nor
 _STORED = "".join(f"__builtin_memcpy(&to->{name}, &{name}, sizeof({name}));" for name in _GIVEN)
 
 
-# without a return type, as Warp 1.12 knows none but numbers there
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native(f"""
 #if !defined(__CUDA_ARCH__)
     typedef float two __attribute__((ext_vector_type(2)));

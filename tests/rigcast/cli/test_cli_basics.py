@@ -22,7 +22,7 @@ from rigcast.cli import app
 from rigcast.cli.common import ready
 from rigcast.rig_file import RigConfig
 from rigcast.rig_file.file import RigFile
-from rigcast.sensors.specs.presets import preset_names
+from rigcast.sensors.specs.presets import load_preset, preset_names
 
 COMMANDS = ("init", "run", "check", "validate", "watch", "view", "presets", "schema", "dataset", "bench")
 MODEL = '<mujoco><worldbody><body name="torso"><geom size="0.1"/></body></worldbody></mujoco>'
@@ -344,6 +344,18 @@ def test_presets_are_listed() -> None:
     code, output = call("presets")
     assert code == 0
     assert all(name in output for name in preset_names())
+
+
+def test_the_list_counts_figures() -> None:
+    code, output = call("presets", "--json", "-")
+    assert code == 0
+    entries = {entry["name"]: entry for entry in json.loads(output)}
+    _, table = call("presets")
+    for preset in map(load_preset, preset_names()):
+        cited = entries[preset.name]["cited"]
+        assert set(cited) == preset.cited()
+        share = f"{len(cited)} of {len(preset.stated())}"
+        assert re.search(rf"│ {preset.name} +│[^│]+│[^│]+│ +{share} │", table), preset.name
 
 
 def test_unknown_preset_names_the_nearest() -> None:
