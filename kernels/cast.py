@@ -1,4 +1,4 @@
-"""The cast: the rays of a sensor, through the geometry, to hits."""
+"""Casts of a sensor's rays against the geometry, in packets, in bundles or singly."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -19,12 +19,12 @@ from .single.cast import Job, prepare_turns
 def cast(
     geometry: Geometry, visible: wp.array, rays: Rays, limit: float, cull: int, out: HitArrays | None = None
 ) -> HitArrays:
-    """Each ray's first hit among the visible shapes, up to and including limit [m].
+    """Find each ray's first hit among the visible shapes, up to and including limit [m].
 
     Args:
-        visible: bool per shape, for all worlds, or for each shape of each world.
+        visible: (n,) of bool per shape for all worlds, or (W n,) for each shape of each world.
         cull: CULL_NONE, CULL_BACK or CULL_FRONT of rigcast.kernels.shapes.triangle.
-        out: where to write; None makes new arrays.
+        out: arrays to write to; None makes new ones.
 
     Returns:
         One entry per ray, world after world.
@@ -35,23 +35,25 @@ def cast(
 
 
 class Launch(Protocol):
-    """A launch for as often as it is wanted."""
+    """A repeatable launch."""
 
     def launch_with(self, others: Sequence[Any]) -> object:
-        """Launch it, and others of its type, all at once. Gives what a graph that repeats that is to hold."""
+        """Launch it together with others of its type. Returns objects that a CUDA graph of these launches must hold."""
         ...
 
 
 class Readings(NamedTuple):
-    """A cast whose hits are readings: launches for as often as it is wanted, that hold no arrays which they write."""
+    """A repeatable cast whose hits are sensor readings. It holds no reference to the arrays that it writes."""
 
     launches: Sequence[Launch]
     job: Job
 
     def turn_to(self, hits: HitArrays, rays: Rays, fields: Mapping[str, wp.array]) -> None:
-        """From now on write these hits and, of rigcast.kernels.hits.out.FIELD_NAMES, these fields.
+        """Direct the cast's output to these hits and fields; the caller must keep all arrays alive.
 
-        rays: those that it was prepared for, wherever they are now. Whoever launches keeps the arrays.
+        Args:
+            rays: those that the cast was prepared for, at their current poses.
+            fields: arrays by name, of rigcast.kernels.hits.out.FIELD_NAMES; those left out are not written.
         """
         job = self.job.__ctype__()
         hits.lend(job.out)
@@ -63,10 +65,10 @@ class Readings(NamedTuple):
 def prepare_readings(
     geometry: Geometry, visible: wp.array, rays: Rays, limits: tuple[float, float], body_of_shape: wp.array
 ) -> Readings:
-    """A cast whose hits are readings between these limits [m], once it is turned to where they go.
+    """Prepare a cast whose hits are readings within these limits [m]; call `turn_to` before the first launch.
 
-    What is nearer is -inf, normals are in the rays' frame. It casts at shapes that stand still as they do by then, and
-    at shapes that move as they do now.
+    Hits nearer than the lower limit become -inf; normals are in the rays' frame. With one instant, shapes are cast at
+    their poses at the time of the launch; with several, along their motion as known now.
     """
     out = Out()
     out.is_read, out.min_range = True, limits[0]
@@ -76,9 +78,9 @@ def prepare_readings(
 
 
 def launch(readings: Iterable[Readings]) -> object:
-    """Cast and read what several sensors see on one device, all at once: on CUDA in one launch of all their rays.
+    """Cast the rays of several sensors on one device at once, on CUDA in one launch; all must share one geometry.
 
-    They cast at one geometry, as it stands. Gives what a graph that repeats that is to hold.
+    Returns objects that a CUDA graph of this launch must hold.
     """
     return _launch([each for reading in readings for each in reading.launches])
 
@@ -114,13 +116,13 @@ def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Launch]:
 
 
 def _prepare_alone(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Launch]:
-    """Cast so many rays one by one: all of them, or those that `which` names, in every world."""
+    """Cast `count` rays one by one: all rays, or those that `which` lists in every world."""
     if which.device.is_cpu:
         return [prepare_turns(geometry, job, which, count)]
     return _in_threads(geometry, job, which, count)
 
 
 def _in_threads(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Launch]:
-    from .single.threads.cast import InThreads  # here, as nothing but CUDA needs it
+    from .single.threads.launches import InThreads  # here, as nothing but CUDA needs it
 
     return [InThreads(geometry, job, which, count)] if count else []

@@ -1,5 +1,5 @@
-"""Elements of arrays without gaps, by an index from 0 on: of every index Warp asks whether it counts from the end, and
-how far apart elements are.
+"""Fast access to elements of contiguous arrays by an index >= 0. Warp's own indexing checks every index for a negative
+one and multiplies it with the array's stride.
 """
 
 import warp as wp

@@ -1,4 +1,4 @@
-"""What LLVM makes of calls, where its own choice is a bad one."""
+"""Decorators that override LLVM's choice whether to inline a function."""
 
 from functools import partial
 from inspect import signature
@@ -8,8 +8,8 @@ import warp as wp
 _CAN_SAY = "inline" in signature(wp.func).parameters
 
 noinline = partial(wp.func, inline=False) if _CAN_SAY else wp.func
-"""As `wp.func`, where Warp can say so: stays a function, which LLVM would put into each of its callers, and optimise
-anew there. Callers copy the structs that they hand over: for what is seldom called."""
+"""`wp.func` that is not inlined, if this version of Warp can say so. For functions that are called seldom: LLVM would
+inline them into every caller and optimise each copy. Callers copy the structs that they pass."""
 
 inlined = partial(wp.func, inline=True) if _CAN_SAY else wp.func
-"""As `wp.func`, where Warp can say so: goes into its callers, for what takes less time than to hand it over."""
+"""`wp.func` that is always inlined, if this version of Warp can say so. For functions cheaper than a call."""

@@ -1,8 +1,8 @@
-"""What is written in CUDA's own language, where Warp has no words for what is wanted."""
+"""Helper for CUDA C++ snippets, for operations that Warp does not offer."""
 
 
 def on_cuda(snippet: str) -> str:
-    """For `wp.func_native`: on the CPU, where it is compiled at most and never called, it gives 0."""
+    """Wrap a snippet for `wp.func_native`; on the CPU, where it may be compiled but is never called, it returns 0."""
     return f"""
 #if defined(__CUDA_ARCH__)
 {snippet}

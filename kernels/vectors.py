@@ -5,8 +5,8 @@ import warp as wp
 from .elements import double_vector_at
 
 Interval = wp.types.vector(length=5, dtype=wp.float32)
-"""From where to where a distance is; the rest is not used. What has up to four floats is returned in vector registers,
-and loops over rays or triangles in which that happens are not vectorised."""
+"""Interval [near, far] of a distance [m] in the first two entries; the rest is padding. LLVM returns up to four floats
+in a vector register, and does not vectorise loops over rays or triangles that call such functions."""
 
 
 @wp.func
@@ -21,7 +21,7 @@ def to_double(a: wp.vec3) -> wp.vec3d:
 
 @wp.func
 def within(k: int, size: int) -> int:
-    """k modulo size, without a division where none is needed."""
+    """The remainder k % size, without a division where none is needed."""
     if k < size:
         return k
     if size == 1:
@@ -31,7 +31,7 @@ def within(k: int, size: int) -> int:
 
 @wp.func
 def of_ray(vectors: wp.array[wp.vec3d], i: int) -> wp.vec3d:
-    """That of ray i of all worlds: there is one for all rays, one for each of a world, or one for each of all."""
+    """The vector of ray i, counted over all worlds. The array has one entry, one per ray of a world, or one per ray."""
     return double_vector_at(vectors, within(i, vectors.shape[0]))
 
 
@@ -42,7 +42,7 @@ def norm1(a: wp.vec3) -> float:
 
 @wp.func
 def larger(a: float, b: float) -> float:
-    """wp.max without its rule for NaN, which keeps loops over lanes from being vectorised."""
+    """The larger of two; b if either is NaN. wp.max propagates NaN, and LLVM does not vectorise loops with it."""
     return wp.where(a > b, a, b)
 
 
@@ -60,8 +60,8 @@ def smaller(a: float, b: float) -> float:
 #endif
 """)
 def quotient(x: float, y: float) -> float:  # type: ignore[empty-body]
-    """x / y, off by no more than u = eps / 2 of it; on CUDA without what is added there for numbers near the ends of
-    float32, of which it may be NaN."""
+    """The quotient x / y with a relative error of at most u = eps / 2. On CUDA it may be NaN for numbers near the ends
+    of float32's range, whose special handling is left out."""
 
 
 @wp.func_native("""
@@ -72,7 +72,7 @@ def quotient(x: float, y: float) -> float:  # type: ignore[empty-body]
 #endif
 """)
 def lowest_bit(mask: int) -> int:  # type: ignore[empty-body]
-    """Index of the lowest bit that is set; there must be one."""
+    """Index of the lowest set bit; at least one must be set."""
 
 
 @wp.func_native("""
@@ -83,7 +83,7 @@ def lowest_bit(mask: int) -> int:  # type: ignore[empty-body]
 #endif
 """)
 def count_bits(mask: int) -> int:  # type: ignore[empty-body]
-    """How many bits are set."""
+    """Number of set bits."""
 
 
 @wp.func

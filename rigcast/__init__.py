@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from .collector import paused_collector
 
 if TYPE_CHECKING:
+    from .checking import check as check
     from .dataset.reading import open_dataset as open_dataset
     from .export.options import Export as Export
     from .overlay import overlay as overlay
@@ -83,6 +84,7 @@ _HOME = {
     "TimeOfFlight": "sensors.specs.cameras.ranging",
     "Weather": "sensors.specs.lidars.effects",
     "Worlds": "sensors.scene.batch.worlds",
+    "check": "checking",
     "from_model": "sensors.specs.imported",
     "load_rig": "rig_file",
     "open_dataset": "dataset.reading",

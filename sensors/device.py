@@ -5,12 +5,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from errno import EACCES
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import warp as wp
+from numpy.typing import NDArray
 
 from rigcast.kernels.launching.launch import start_warp
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
+
+if TYPE_CHECKING:
+
+    class DeviceArray(wp.array):  # type: ignore[misc]  # of which this project's mypy knows nothing
+        """A Warp array, of whose `numpy()` Warp says nothing to type checkers."""
+
+        def numpy(self) -> NDArray[Any]: ...
+else:
+    DeviceArray = wp.array
 
 
 def find_device(device: wp.DeviceLike) -> wp.Device:

@@ -20,6 +20,7 @@ from rigcast.cli import app
 from rigcast.export.options import Export
 from rigcast.recording.formats import FORMATS
 from rigcast.rig_file import open_rig
+from rigcast.sensors.specs.presets import load_preset, preset_names
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 PAGES = [CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").glob("*.md"))]
@@ -39,7 +40,9 @@ RIGS = [(page, name) for page, name, block in FILES if re.search("^(sensors:$|ex
 
 
 def script(page: str) -> str:
-    return "".join(block for kind, block in BLOCKS[page] if kind == "python")
+    """All Python of a page, and calls of what it has for pytest."""
+    code = "".join(block for kind, block in BLOCKS[page] if kind == "python")
+    return code + "".join(f"{name}()\n" for name in re.findall(r"^def (test_\w+)\(", code, re.MULTILINE))
 
 
 @pytest.fixture(scope="module")
@@ -118,3 +121,14 @@ def test_every_public_name_is_in_the_api_reference() -> None:
 def test_every_public_name_is_listed_once() -> None:
     assert rigcast.Lidar.__name__ in (names := dir(rigcast)), "also where it has been used"
     assert len(names) == len(set(names))
+
+
+def test_the_readme_counts_the_figures_of_devices() -> None:
+    presets = [load_preset(name) for name in preset_names()]
+    cited = sum(len(preset.cited()) for preset in presets)
+    assumed = sum(len(preset.stated() - preset.cited()) for preset in presets)
+    not_found = sum(why.startswith("not found") for preset in presets for why in preset.assumed.values())
+    said = " ".join(PAGES[0].read_text().split())
+    assert f"{len(presets)} presets" in said
+    assert f"{cited} figures are cited" in said
+    assert f"{assumed} are assumed and marked so on the device's card, {not_found} of them" in said

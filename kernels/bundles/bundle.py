@@ -1,4 +1,4 @@
-"""A bundle through the tree over the shapes, and through the triangles of a shape."""
+"""Traversal of the tree over the shapes, and of a shape's triangle tree, by a bundle."""
 
 import warp as wp
 
@@ -19,7 +19,7 @@ from .sides import meet_sides, sides_of
 
 @wp.struct
 class Member:
-    """A ray of a bundle: its number, origin in the world, offset in the frame of a tree, and best hit so far."""
+    """A ray of a bundle: number, origin in the world, offset from the middle in a tree's frame, first hit so far."""
 
     number: int
     origin: wp.vec3d
@@ -29,21 +29,21 @@ class Member:
 
 @wp.struct
 class Bundle:
-    """The middle ray of a bundle in the frame of a tree, and its members, `first` to first + count - 1."""
+    """The middle ray of a bundle in the frame of a tree, and its members."""
 
     middle: Ray
-    spread: wp.vec3  # along each axis, the largest offset of any member
-    members: wp.array[Member]
+    spread: wp.vec3  # the largest |offset| of any member along each axis [m]
+    members: wp.array[Member]  # members[first : first + count] belong to this bundle
     first: int
     count: int
-    composed: wp.array[TriangleBlock]  # one, of a patch
+    composed: wp.array[TriangleBlock]  # (1,) the triangles of a patch
 
 
 @wp.func
 def seen_from(bundle: Bundle, origin: wp.vec3d, direction: wp.vec3d, spread: wp.vec3d, reach: float) -> Bundle:
-    """The bundle as a tree with coordinates up to reach sees it.
+    """The bundle in the frame of a tree with coordinates up to reach [m]; origin, direction, spread: in that frame.
 
-    Boxes have the margin of a ray among coordinates up to reach + 2 spread, which covers the roundings of the spread.
+    The margin of boxes is that for coordinates up to reach + 2 spread, which covers the rounding of the spread.
     """
     local = bundle
     local.spread = to_float(spread) * OUTWARDS
@@ -54,7 +54,7 @@ def seen_from(bundle: Bundle, origin: wp.vec3d, direction: wp.vec3d, spread: wp.
 
 @wp.func
 def reach_of_members(bundle: Bundle) -> float:
-    """How far any of the rays still reaches."""
+    """Distance [m] beyond which no ray of the bundle can have a first hit."""
     reach = float(0.0)
     for k in range(bundle.first, bundle.first + bundle.count):
         reach = larger(reach, bundle.members[k].best.far)
@@ -79,8 +79,10 @@ def offer_to_member(g: wp.array[Geometry], bundle: Bundle, k: int, hit: Hit) -> 
 
 @wp.func
 def enter_boxes(node: Node, ray: Ray, wider: wp.vec3, reach: float) -> Entered:
-    """The boxes, wider by so much along each axis, that the ray enters no farther than its limit and reach."""
-    # fields are taken out of their structs first: a loop that reads through a struct is not vectorised
+    """The boxes of a node, widened by `wider` along each axis, that the ray enters within its limit and reach [m].
+
+    The fields are copied out of their structs for the reason given in rigcast.kernels.bundles.sides.
+    """
     center_x = node.center_x
     center_y = node.center_y
     center_z = node.center_z
@@ -103,7 +105,7 @@ def enter_boxes(node: Node, ray: Ray, wider: wp.vec3, reach: float) -> Entered:
         enter = larger(larger(cx - hx, cy - hy), larger(cz - hz, 0.0))
         leave = smaller(smaller(cx + hx, cy + hy), smaller(cz + hz, limit))
         distance[j] = enter
-        # the last condition keeps absent children out whatever rays and boxes are: NaN is lost in larger and smaller
+        # the last condition excludes absent children for any ray and box, as larger and smaller drop NaN
         entering[j] = wp.where(enter <= leave and half_x[j] >= 0.0, -1, 0)
     entered = Entered()
     entered.children = sign_bits(entering)
@@ -113,7 +115,7 @@ def enter_boxes(node: Node, ray: Ray, wider: wp.vec3, reach: float) -> Entered:
 
 @wp.func
 def enter_of_bundle(node: Node, bundle: Bundle, reach: float) -> Entered:
-    """The boxes that any ray of the bundle enters."""
+    """The boxes of a node that any ray of the bundle may enter."""
     margin = bundle.middle.margin
     return enter_boxes(node, bundle.middle, bundle.spread + wp.vec3(margin, margin, margin), reach)
 
@@ -125,7 +127,7 @@ def reach_of_bundle(reach: float) -> float:
 
 @wp.func
 def visit_block_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, distance: float, reach: float) -> float:
-    """Those rays that still reach so far against the triangles of one block; returns how far any of them does."""
+    """Test the rays that may still have a hit at `distance` against a block's triangles; return the new reach [m]."""
     blocks = g[0].blocks
     block = int(index)
     if index >= FIRST_PATCH:
@@ -153,7 +155,7 @@ def visit_block_of_bundle(g: wp.array[Geometry], bundle: Bundle, index: int, dis
 
 @noinline
 def visit_plot_of_bundle(g: wp.array[Geometry], bundle: Bundle, k: int, reach: float) -> float:
-    """As visit_block_of_bundle, of all patches of plot k that any ray may enter."""
+    """Test the rays against all patches of plot k that any of them may enter; return the new reach [m]."""
     opened = wp.zeros(shape=1, dtype=Node)
     open_plot(g[0].plots, g[0].sides, k, opened)
     entered = enter_of_bundle(opened[0], bundle, reach)
@@ -180,7 +182,7 @@ cast_bundle_through_triangles = traversal(
 
 @wp.func
 def among_triangles(bundle: Bundle, center: wp.vec3d, to_local: wp.mat33d, position: wp.vec3d, reach: float) -> Bundle:
-    """The bundle around a center in the world, and its members' offsets, in the frame of a shape."""
+    """The bundle in the frame of a shape; writes its members' offsets from `center`, a point in the world."""
     middle = to_local * (center - position)
     spread = wp.vec3d()
     for k in range(bundle.first, bundle.first + bundle.count):
@@ -192,7 +194,7 @@ def among_triangles(bundle: Bundle, center: wp.vec3d, to_local: wp.mat33d, posit
 
 @wp.func
 def visit_shape_of_bundle(g: wp.array[Geometry], bundle: Bundle, shape: int, distance: float, reach: float) -> float:  # noqa: ARG001
-    """The rays against one shape, if it is visible; returns how far any of them still reaches."""
+    """Cast the rays against one shape, if it is visible; return the new reach [m]."""
     scope = bundle.middle.scope
     kind = g[0].kind[shape]
     if not g[0].visible[scope.first_visible + shape] or (kind == SHEET and bundle.middle.cull == CULL_FRONT):
@@ -221,7 +223,7 @@ cast_bundle_through_shapes = traversal(
 
 @wp.func
 def cast_bundle(g: wp.array[Geometry], bundle: Bundle) -> None:
-    """The first hits of a bundle's rays among the visible shapes, into its members; they may lie beyond the limit."""
+    """Find the first hits of a bundle's rays among the visible shapes, in its members; some may be beyond the limit."""
     low = bundle.members[bundle.first].origin
     high = low
     for k in range(bundle.first + 1, bundle.first + bundle.count):

@@ -22,13 +22,13 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 @wp.struct
 class InBundles:
-    """Bundles, those of every world, and scratch of each thread."""
+    """The bundles to cast, the same in every world, and the scratch of each thread."""
 
     worlds: int
-    rays: wp.array2d[int]  # (bundles, MOST)
+    rays: wp.array2d[int]  # (bundles, MOST) numbers of rays within a world, -1 for none
     # scratch:
     copies: wp.array2d[Geometry]  # (threads, 1)
-    members: wp.array[Member]  # MOST of each thread
+    members: wp.array[Member]  # (threads MOST,)
     composed: wp.array2d[TriangleBlock]  # (threads, 1)
 
 
@@ -36,7 +36,7 @@ class InBundles:
 def bundle_of(
     world: int, rays: wp.array[int], g: wp.array[Geometry], job: Job, these: InBundles, thread: int
 ) -> Bundle:
-    """Those of these rays of a world that can be cast; the others give NaN."""
+    """The bundle of those of `rays` that can be cast; writes NaN for the others."""
     own = job.rays
     members = these.members
     first = thread * MOST
@@ -80,7 +80,7 @@ def write_bundle(g: wp.array[Geometry], job: Job, bundle: Bundle) -> None:
 
 @wp.func
 def cast_turn(begin: int, end: int, g: wp.array[Geometry], job: Job, these: InBundles, thread: int) -> None:
-    """Bundles begin to end - 1. A loop within a function, for Warp compiles the body of a kernel twice."""
+    """Cast bundles begin to end - 1. The loop is in a function because Warp compiles the body of a kernel twice."""
     bundles = these.rays.shape[0]
     for at in range(begin, end):
         bundle = bundle_of(at / bundles, these.rays[at % bundles], g, job, these, thread)
@@ -91,7 +91,7 @@ def cast_turn(begin: int, end: int, g: wp.array[Geometry], job: Job, these: InBu
 
 @wp.kernel
 def cast_bundles(thread: int, turns: wp.array[int], g: Geometry, job: Job, these: InBundles) -> None:
-    """Bundles that no other thread takes, TURN at a time, of all worlds. turns: how many were taken."""
+    """Cast the bundles of all worlds, TURN per turn; each thread claims turns. turns: number claimed so far."""
     g.visible = job.visible
     these.copies[thread, 0] = g
     count = these.worlds * these.rays.shape[0]
@@ -102,7 +102,7 @@ def cast_bundles(thread: int, turns: wp.array[int], g: Geometry, job: Job, these
 
 
 def prepare_bundles(geometry: Geometry, job: Job, bundles: Bundles, worlds: int) -> OverTiles:
-    """The launch of a cast of all bundles in so many worlds."""
+    """A launch that casts all bundles in each of the worlds."""
 
     def inputs(threads: int) -> list[Any]:
         these = InBundles()

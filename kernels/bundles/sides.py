@@ -1,12 +1,21 @@
-"""The triangles of a block as the rays of a bundle see them: their edges and their planes.
+"""The rays of a bundle against the edges and planes of a block's triangles.
 
-Rounding, u = eps / 2: s(0) is within 11u |e|_1 (|a|_1 + |b|_1), as for a single ray. d x e has one rounding of d, one
-each of e, the products and their difference; the offset x has one, and its product with that three: 8u of 2 |e|_1
-|x|_1. The sum has one more of each: 12u |e|_1 (|a|_1 + |b|_1) + 18u |e|_1 |x|_1. 16u |e|_1 (|a|_1 + |b|_1 + 4 |x|_1)
-are allowed for. Of the height, n . a has 5u |a|, n . x 4u |x|, and the difference one of each: 6u |a| + 5u |x|, in
-place of 5u |a - x| of a single ray. With what triage_triangle has besides, and one more where it is multiplied with
-1 / (d . n), these are 10u |a| + 9u |x| + 10u t over |cos|, where 16u (|a| + 2 |x| + t) / |cos| are allowed for. What is
-too near to call goes to float64, by rigcast.kernels.hits.hit.
+Rounding of s(x) (see rigcast.kernels.bundles), u = eps / 2:
+
+- s(0): 11u |e|_1 (|a|_1 + |b|_1), as for a single ray;
+- 2 x . (d x e): one rounding each of d, e, the products and their difference, one of x, and three of the product with
+  x: 8u of 2 |e|_1 |x|_1;
+- the sum adds one of each: 12u |e|_1 (|a|_1 + |b|_1) + 18u |e|_1 |x|_1.
+
+The code allows for 16u |e|_1 (|a|_1 + |b|_1 + 4 |x|_1).
+
+Rounding of the height: 5u |a| of n . a, 4u |x| of n . x, and one of each for the difference: 6u |a| + 5u |x|, in place
+of 5u |a - x| for a single ray. With the other roundings of triage_triangle, and one more for the product with
+1 / (d . n), the distance is off by 10u |a| + 9u |x| + 10u t over |cos|. The code allows for
+16u (|a| + 2 |x| + t) / |cos|. Hits too close to call are decided in float64, by rigcast.kernels.hits.hit.
+
+Functions here copy the fields of a struct into locals before their loop over the triangles and write them back after
+it. LLVM does not vectorise a loop that reads or writes through a Warp struct.
 """
 
 import warp as wp
@@ -29,9 +38,9 @@ from rigcast.kernels.vectors import larger, norm1
 
 @wp.struct
 class Sides:
-    """What the triangles of a block are to the rays of a bundle, all linear functions of a ray's offset.
+    """A block of triangles relative to a bundle: s(x) and the height as linear functions of a ray's offset x.
 
-    side, height: of the middle ray. turn: -2 d x e, by which a side changes with the offset.
+    side0..2: s(0) of each edge. turn0..2: -2 d x e, the gradient of s. height: n . a, of the middle ray.
     """
 
     side0: vec8
@@ -48,14 +57,14 @@ class Sides:
     turn2_z: vec8
     per_slope: vec8  # 1 / (d . n)
     height: vec8
-    rounding: vec8
-    sure: vec8  # how far inside its edges a ray hits for sure, +inf where it grazes the plane
-    reach: vec8
+    rounding: vec8  # bound on the error of s
+    sure: vec8  # s beyond which a ray surely passes inside; +inf where it grazes the plane
+    reach: vec8  # bound on |a|_1 + 2 |x|_1 over the corners a
 
 
 @wp.func
 def sides_of(block: TriangleBlock, ray: Ray, spread: wp.vec3) -> Sides:
-    """For the middle ray of a bundle, and offsets of up to the spread."""
+    """The Sides of a block for the middle ray of a bundle, valid for offsets up to the spread."""
     x0 = block.x0
     y0 = block.y0
     z0 = block.z0
@@ -148,7 +157,7 @@ def sides_of(block: TriangleBlock, ray: Ray, spread: wp.vec3) -> Sides:
 
 @wp.func
 def meet_sides(sides: Sides, block: TriangleBlock, offset: wp.vec3, cull: int) -> Spans:
-    """One ray against the triangles of a block, as triage_triangle has it."""
+    """Test one ray of the bundle against the triangles of a block; the spans mean what triage_triangle's do."""
     side0 = sides.side0
     side1 = sides.side1
     side2 = sides.side2

@@ -1,1 +1,1 @@
-"""What there is to know about a hit, and its way out of a kernel."""
+"""Hits: which one is first, its distance, face and normal, and the arrays that it is written to."""

@@ -1,4 +1,4 @@
-"""What rays hit, as arrays of one entry for each."""
+"""The arrays of hits, with one entry per ray."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,14 +8,14 @@ import warp as wp
 from .out import Out
 
 HIT_NAMES = ("distance", "shape", "face", "normal")
-"""Of the arrays of HitArrays."""
+"""Names of the arrays of HitArrays."""
 BYTES_PER_HIT = 24
-"""Of a ray in them."""
+"""Size of one ray's entries in HitArrays."""
 
 
 @dataclass(frozen=True)
 class HitArrays:
-    """What a cast writes, one entry per ray.
+    """The output of a cast, one entry per ray.
 
     distance: float32 [m], +inf on a miss, NaN for a ray that is not finite or starts beyond FARTHEST.
     shape, face: int32, -1 on a miss. normal: vec3, unit, outward, in the world; 0 on a miss.
@@ -27,18 +27,18 @@ class HitArrays:
     normal: wp.array
 
     def out(self) -> Out:
-        """The same arrays for a kernel."""
+        """The same arrays as a struct for kernels."""
         out = Out()
         out.distance, out.shape, out.face, out.normal = self.distance, self.shape, self.face, self.normal
         return out
 
     def lend(self, out: Any) -> None:
-        """Let `out`, as ctypes has it, be written here from now on. Whoever launches keeps the arrays."""
+        """Point `out`, an Out as ctypes struct, at these arrays. It holds no reference: the caller keeps them alive."""
         for name in HIT_NAMES:
             setattr(out, name, getattr(self, name).__ctype__())
 
     def of_worlds(self, part: slice, worlds: int) -> "HitArrays":
-        """Those of some of so many worlds, without a copy."""
+        """Views of the hits of worlds `part`, of `worlds` in all."""
         count = self.distance.size // worlds
         rays = slice(part.start * count, part.stop * count)
         return HitArrays(self.distance[rays], self.shape[rays], self.face[rays], self.normal[rays])

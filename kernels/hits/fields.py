@@ -1,4 +1,4 @@
-"""What follows from hits and rays: points, z-depths and ids of bodies, written by a cast beside its hits."""
+"""Fields derived from hits and rays, written by a cast beside its hits: points, z-depths and body ids."""
 
 import warp as wp
 
@@ -10,20 +10,21 @@ from .out import Fields, Out
 
 @wp.func
 def point_at(origin: wp.vec3d, direction: wp.vec3d, distance: float) -> wp.vec3d:
-    """Where a ray ends at this distance, NaN where that is not finite."""
+    """The end of a ray at this distance [m]; NaN if the distance is not finite."""
     finite = wp.where(wp.abs(distance) < wp.inf, distance, wp.nan)
     return origin + wp.float64(finite) * direction
 
 
 @wp.func
 def depth_at(direction: wp.vec3d, distance: float) -> float:
-    """How far a ray from z = 0 gets along z, below 0 for one that looks backwards; +-inf and NaN as the distance."""
+    """The z coordinate [m] of the end of a ray from z = 0, negative if it looks backwards; +-inf or NaN if the distance
+    is."""
     return wp.where(wp.abs(distance) < wp.inf, float(wp.float64(distance) * direction[2]), distance)
 
 
 @wp.func
 def write_fields(fields: Fields, out: Out, rays: RayArrays, i: int) -> None:
-    """Write what follows from the hit of ray i."""
+    """Write the derived fields of ray i."""
     distance = out.distance[i]
     if fields.points.shape[0] > 0:
         fields.points[i] = to_float(point_at(origin_of(rays, i), direction_of(rays, i), distance))

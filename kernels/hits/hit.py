@@ -1,9 +1,9 @@
-"""Which of two hits is the first, and what there is to know about a hit.
+"""Which of two hits is the first; distance, face and normal of a hit.
 
-A caster works in float32 and knows of each hit an interval, [near, far], that holds its distance, but for rounding.
-Two hits whose intervals are apart are in order; where they are not, `decided` works both distances out in float64. The
-first hit of a ray is thus the same whichever way it is sought: the nearest, of equally near ones that of the lower
-shape, then the one that faces the ray, then that of the lower triangle.
+A caster works in float32 and computes for each hit an interval [near, far] that contains its distance, but for
+rounding. Two hits whose intervals are disjoint are in order. Otherwise `decided` computes both distances in float64. So
+the first hit of a ray does not depend on the way it is found. It is the nearest; of equally near ones, that of the
+shape with the lower number; on the same shape, the triangle that faces the ray; then that with the lower number.
 """
 
 import warp as wp
@@ -19,12 +19,12 @@ from rigcast.kernels.vectors import larger, to_double, to_float
 
 NO_SHAPE = wp.constant(2**31 - 1)
 APART = wp.constant(1.0 + 2.0**-22)
-"""Distances whose ratio is less than this count as equal, if not both are to triangles."""
+"""Distances whose ratio is at most this count as equal, unless both hits are on triangles."""
 
 
 @wp.struct
 class WorldRay:
-    """A ray in the world, with a unit direction, and what it may hit."""
+    """A ray in the world with a unit direction, and what it may hit: scope, limit [m], culling."""
 
     origin: wp.vec3d
     direction: wp.vec3d
@@ -35,7 +35,7 @@ class WorldRay:
 
 @wp.struct
 class Hit:
-    """A hit at a distance of near to far, or NO_SHAPE and +inf."""
+    """A hit at a distance in [near, far]; NO_SHAPE at +inf for none."""
 
     near: float
     far: float
@@ -64,7 +64,7 @@ def hit_within(near: float, far: float, shape: int, triangle: int) -> Hit:
 
 @noinline
 def distance_of(g: wp.array[Geometry], shape: int, triangle: int, ray: WorldRay) -> wp.float64:
-    """Distance to a closed form, or to one triangle of a shape, +inf on a miss."""
+    """Distance [m], in float64, to a closed form or to one triangle of a shape; +inf on a miss."""
     pose = pose_of(g, shape, ray.scope)
     to_local = wp.transpose(pose.rotation)
     origin = to_local * (ray.origin - pose.position)
@@ -81,7 +81,7 @@ def distance_of(g: wp.array[Geometry], shape: int, triangle: int, ray: WorldRay)
 
 @wp.func
 def follows(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> int:
-    """1 if the triangle is seen from behind, else 0."""
+    """1 if the ray meets the triangle from behind (d . n > 0), else 0."""
     facet = facet_at(g, ray.scope.first_shape + hit.shape, hit.triangle)
     normal = pose_of(g, hit.shape, ray.scope).rotation * facet.normal
     return wp.where(wp.dot(ray.direction, normal) > wp.float64(0.0), 1, 0)
@@ -89,7 +89,7 @@ def follows(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> int:
 
 @wp.func
 def is_before(g: wp.array[Geometry], t: wp.float64, a: Hit, t_b: wp.float64, b: Hit, ray: WorldRay) -> bool:
-    """Whether hit a at distance t is nearer than b; or as near, and comes first as this module's docstring says."""
+    """Whether hit a, at distance t, comes before hit b at t_b, by the order in this module's docstring."""
     if a.shape == b.shape:
         if t != t_b:
             return t < t_b
@@ -106,7 +106,7 @@ def is_before(g: wp.array[Geometry], t: wp.float64, a: Hit, t_b: wp.float64, b: 
 
 @wp.func
 def decided(g: wp.array[Geometry], best: Hit, hit: Hit, ray: WorldRay) -> Hit:
-    """The first of two hits, by their distances in float64. What is open has its distance from there."""
+    """The first of two hits by their float64 distances. A hit with far = +inf takes its distance from float64."""
     t = distance_of(g, hit.shape, hit.triangle, ray)
     if t == wp.float64(wp.inf):
         return best
@@ -120,7 +120,7 @@ def decided(g: wp.array[Geometry], best: Hit, hit: Hit, ray: WorldRay) -> Hit:
 
 @wp.func
 def is_beyond(hit: Hit, best: Hit) -> bool:
-    """Whether a hit is a miss, or surely farther away than the best one."""
+    """Whether a hit is a miss or surely farther away than the best one."""
     return hit.near > best.far * APART or hit.near == wp.inf
 
 
@@ -132,7 +132,7 @@ def is_sure(hit: Hit, best: Hit) -> bool:
 
 @wp.func
 def by_itself(ray: WorldRay) -> WorldRay:
-    """The same ray, for a function that is not inlined: what such a function is given is in memory."""
+    """A copy of the ray to pass to a function that is not inlined; without it the original would be kept in memory."""
     made = WorldRay()
     made.origin = ray.origin
     made.direction = ray.direction
@@ -144,7 +144,7 @@ def by_itself(ray: WorldRay) -> WorldRay:
 
 @wp.struct
 class Place:
-    """Where a ray hits: the distance [m], the face of a mesh or -1, and the unit outward normal in the world."""
+    """A hit in full: the distance [m], the face of a mesh or -1, and the unit outward normal in the world."""
 
     distance: float
     face: int
@@ -153,6 +153,7 @@ class Place:
 
 @wp.func
 def place_of(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> Place:
+    """Distance, face and normal of a hit; there must be one."""
     kind = g[0].kind[hit.shape]
     pose = pose_of(g, hit.shape, ray.scope)
     offset = ray.origin - pose.position
@@ -176,32 +177,32 @@ def place_of(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> Place:
 
 @wp.func
 def height_above(facet: Facet, normal: wp.vec3d, offset: wp.vec3d) -> wp.float64:
-    """V0 . n - (o - x) . R n, which over d . R n is the distance to the facet's plane.
+    """The height V0 . n - (o - x) . R n; divided by d . R n it is the distance to the facet's plane.
 
-    normal: R n, the facet's normal, of any length, in the world. offset: o - x. R and x are the shape's pose. Where n
-    was rounded to float32 the distance is off by u |P - V0| / |cos|.
+    R and x are the shape's pose. normal: R n, the facet's normal in the world, of any length. offset: o - x. If n was
+    rounded to float32, the distance is off by u |P - V0| / |cos|.
     """
     return wp.dot(to_double(facet.corner), facet.normal) - wp.dot(offset, normal)
 
 
 @wp.func
 def outward(kind: int, normal: wp.vec3d, slope: wp.float64) -> wp.vec3:
-    """A triangle's normal; of sheets, the one of the side from which the ray comes."""
+    """The normal of a triangle; for a sheet, that of the side from which the ray comes."""
     sign = wp.where(kind == SHEET, wp.where(slope > wp.float64(0.0), -1.0, 1.0), 1.0)
     return sign * to_float(normal)
 
 
 @wp.func
 def middle(near: float, far: float) -> float:
-    """The distance to a closed form, which is off by at most half of far - near."""
-    return larger(0.5 * (near + far), 0.0)  # which makes +0 of -0
+    """The distance [m] to a closed form, with an error of at most (far - near) / 2."""
+    return larger(0.5 * (near + far), 0.0)  # turns -0 into +0
 
 
 @wp.func
 def normal_of_closed_form(
     kind: int, size: wp.vec3, rotation: wp.mat33d, offset: wp.vec3d, direction: wp.vec3d, distance: float
 ) -> wp.vec3:
-    """In the world, where a ray hits a closed form; offset as in height_above."""
+    """Unit outward normal in the world where a ray hits a closed form. offset: as in height_above."""
     to_local = wp.transpose(rotation)
     local = to_local * direction
     point = to_float(to_local * offset + wp.float64(distance) * local)

@@ -1,4 +1,4 @@
-"""Hits on their way out of a kernel."""
+"""Output of hits and readings by kernels."""
 
 import warp as wp
 
@@ -7,9 +7,9 @@ from rigcast.kernels.vectors import to_double, to_float
 
 @wp.struct
 class Out:
-    """HitArrays, where a kernel writes.
+    """HitArrays as a struct for kernels.
 
-    is_read: whether they are readings: what is nearer than min_range [m] is -inf, normals are in the rays' frame.
+    is_read: whether to write readings: distances below min_range [m] become -inf, normals are in the rays' frame.
     """
 
     distance: wp.array[float]
@@ -22,10 +22,10 @@ class Out:
 
 @wp.struct
 class Fields:
-    """Where a cast writes what follows from its hits, one entry per ray; an array that is empty is not written.
+    """Arrays for the fields that a cast derives from its hits, one entry per ray; empty arrays are not written.
 
-    points: where rays end [m], in their frame; NaN where the distance is not finite. depth: along the frame's z [m];
-    +-inf and NaN where the distance is. body_id: that of the shape in body_of_shape, -1 where nothing is hit.
+    points: ends of the rays [m] in their frame, NaN where the distance is not finite. depth: z coordinate of the end
+    [m], +-inf or NaN where the distance is. body_id: body_of_shape[shape], -1 on a miss.
     """
 
     points: wp.array[wp.vec3]
@@ -35,10 +35,10 @@ class Fields:
 
 
 FIELD_NAMES = ("points", "depth", "body_id")
-"""Of the arrays that a cast writes."""
+"""Names of the arrays of Fields that a cast writes."""
 
 
-# without a return type, which Warp 1.12 would take for that of a value
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native("""
     out.distance.data[i] = distance;
     out.shape.data[i] = shape;
@@ -46,7 +46,7 @@ FIELD_NAMES = ("points", "depth", "body_id")
     out.normal.data[i] = normal;
 """)
 def write(out: Out, i: int, distance: float, shape: int, face: int, normal: wp.vec3):  # type: ignore[no-untyped-def]
-    """Native: Warp asks of every index where it begins to count."""
+    """Write the hit of ray i. Native: Warp checks every index for < 0."""
 
 
 @wp.func
@@ -56,7 +56,7 @@ def write_miss(out: Out, i: int, distance: float) -> None:
 
 @wp.func
 def write_place(out: Out, i: int, shape: int, distance: float, face: int, normal: wp.vec3, limit: float) -> None:
-    """Write where ray i hits: nothing if that is beyond the limit."""
+    """Write the hit of ray i, or a miss if it is beyond the limit [m]."""
     if distance <= limit and distance < wp.inf:
         write(out, i, distance, shape, face, normal)
     else:
@@ -65,7 +65,7 @@ def write_place(out: Out, i: int, shape: int, distance: float, face: int, normal
 
 @wp.func
 def read_hit(out: Out, i: int, rotation: wp.mat33d) -> None:
-    """Turn what ray i hits into what it reads, in a frame whose axes are the columns of the rotation."""
+    """Turn the hit of ray i into a reading. rotation: its columns are the axes of the rays' frame in the world."""
     if out.distance[i] < out.min_range:
         out.distance[i] = -wp.inf
         out.shape[i] = -1

@@ -1,7 +1,7 @@
-"""From hits to what a sensor reads: range limits, and vectors in the sensor's frame.
+"""Conversion of hits to sensor readings: range limits, and vectors in the sensor's frame.
 
-There is little to do for a ray, less than to begin a thread on the CPU: a thread takes a run of rays there. Its loops
-are `while`, as the compiler keeps what a `for` counts with in memory, and rays wait for that.
+Each ray takes less time than starting a Warp thread on the CPU, so a thread handles a run of rays there. Loops are
+`while`: the compiler would keep the counter of a `for` in memory, and each ray would wait for it.
 """
 
 import warp as wp
@@ -19,7 +19,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 @wp.func
 def ray_of(i: int, per_ray: int) -> int:
-    """The ray of value i, without a division where each ray has one."""
+    """The ray that value i belongs to, without a division if each ray has one value."""
     if per_ray == 1:
         return i
     return int(i / per_ray)
@@ -41,7 +41,7 @@ def read_hits(
 
 
 def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
-    """Turn hits into readings in place: nearer than min_range [m] is -inf, normals go to the rays' frame."""
+    """Turn hits into readings in place: distances below min_range [m] become -inf, normals go to the rays' frame."""
     out = hits.out()
     out.min_range = min_range
     inputs = [rays.arrays, _per_ray(hits.distance, rays)]
@@ -49,7 +49,7 @@ def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
 
 
 def _per_ray(values: wp.array, rays: Rays) -> int:
-    """How many values there are of each ray."""
+    """Number of values per ray."""
     return int(values.size // max(1, rays.total))
 
 
@@ -74,7 +74,10 @@ def bound_readings(
 
 
 def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
-    """Make measured distances outside of these limits [m] -inf and +inf, in place; where none is, nothing is hit."""
+    """Replace measured distances below min_range by -inf and above max_range [m] by +inf, in place.
+
+    Where the distance is not finite, the shape becomes -1 and the normal 0.
+    """
     out = hits.out()
     out.min_range = min_range
     launch_over_runs(bound_readings, hits.distance.size, [max_range], [out], hits.distance.device)
@@ -82,7 +85,7 @@ def bound(hits: HitArrays, min_range: float, max_range: float) -> None:
 
 @wp.func
 def point_in_frame(rays: RayArrays, i: int, distance: float) -> wp.vec3d:
-    """Where ray i ends at this range, NaN where the range is not finite."""
+    """The end of ray i at this range [m] in the sensor's frame; NaN if the range is not finite."""
     return point_at(origin_of(rays, i), direction_of(rays, i), distance)
 
 
@@ -121,7 +124,7 @@ def depth_along_z(first: int, run: int, rays: RayArrays, distance: wp.array[floa
 
 @wp.kernel
 def depth_in_steps(first: int, run: int, depth: wp.array[float], scale: float, steps: wp.array[wp.uint16]) -> None:
-    """The nearest whole number of steps; 0 where that is none that 16 bits hold."""
+    """Depths rounded to whole steps; 0 where that does not fit 16 bits."""
     i = (first + wp.tid()) * run
     end = wp.min(i + run, depth.shape[0])
     while i < end:
@@ -132,7 +135,7 @@ def depth_in_steps(first: int, run: int, depth: wp.array[float], scale: float, s
         i += 1
 
 
-# without a return type, which Warp 1.12 would take for that of a value
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native("""
     const unsigned count = table.shape[0];
     for (int i = begin; i < end; ++i) {
@@ -143,18 +146,19 @@ def depth_in_steps(first: int, run: int, depth: wp.array[float], scale: float, s
 def look_up_run(  # type: ignore[no-untyped-def]
     begin: int, end: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]
 ):
-    """values = table[index] from begin to end - 1. Native, for an index of Warp's might count from the end."""
+    """Set values = table[index] from begin to end - 1; -1 if out of range. Native, as in Warp -1 is the last entry."""
 
 
 @wp.kernel
 def look_up_entries(first: int, run: int, table: wp.array[int], index: wp.array[int], values: wp.array[int]) -> None:
-    """table[index], -1 where there is no such entry."""
+    """Set values = table[index]; -1 where the index is out of range."""
     begin = (first + wp.tid()) * run
     look_up_run(begin, wp.min(begin + run, index.shape[0]), table, index, values)
 
 
 def points(distance: wp.array, rays: Rays, out: wp.array | None = None) -> wp.array:
-    """(n k,) vec3 [m] in the sensor's frame, of n rays with k distances each, NaN where one is not finite."""
+    """Points (n k,) vec3 [m] in the sensor's frame of n rays with k distances each; NaN where the distance is not
+    finite."""
     out = wp.empty(distance.size, dtype=wp.vec3, device=distance.device) if out is None else out
     inputs = [rays.arrays, _per_ray(distance, rays), distance]
     launch_over_runs(points_in_frame, distance.size, inputs, [out], distance.device)
@@ -162,7 +166,7 @@ def points(distance: wp.array, rays: Rays, out: wp.array | None = None) -> wp.ar
 
 
 def world_points(distance: wp.array, rays: Rays, out: wp.array | None = None) -> wp.array:
-    """(n k,) vec3d [m] in the world, of n rays with k distances each, NaN where one is not finite."""
+    """Points (n k,) vec3d [m] in the world of n rays with k distances each; NaN where the distance is not finite."""
     out = wp.empty(distance.size, dtype=wp.vec3d, device=distance.device) if out is None else out
     inputs = [rays.arrays, _per_ray(distance, rays), distance]
     launch_over_runs(points_in_world, distance.size, inputs, [out], distance.device)
@@ -170,21 +174,21 @@ def world_points(distance: wp.array, rays: Rays, out: wp.array | None = None) ->
 
 
 def z_depth(distance: wp.array, rays: Rays, out: wp.array | None = None) -> wp.array:
-    """(n,) float32 [m], the z coordinate of the points; +-inf and NaN where the range is."""
+    """Depths (n,) float32 [m], the z coordinates of the points; +-inf or NaN where the range is."""
     out = wp.empty(distance.size, dtype=float, device=distance.device) if out is None else out
     launch_over_runs(depth_along_z, distance.size, [rays.arrays, distance], [out], distance.device)
     return out
 
 
 def depth_16bit(depth: wp.array, scale: float, out: wp.array | None = None) -> wp.array:
-    """(n,) uint16: depth (n,) [m] in steps of scale [m], 0 where it is not finite or beyond 65535 steps."""
+    """Depths (n,) uint16 in steps of `scale` [m]; 0 where the depth [m] is not finite, negative or > 65535 steps."""
     out = wp.empty(depth.size, dtype=wp.uint16, device=depth.device) if out is None else out
     launch_over_runs(depth_in_steps, depth.size, [depth, scale], [out], depth.device)
     return out
 
 
 def look_up(table: wp.array, index: wp.array, out: wp.array | None = None) -> wp.array:
-    """(n,) int32: table[index], -1 where there is no such entry, as for -1."""
+    """Entries (n,) int32 table[index]; -1 where the index is out of range, such as -1."""
     out = wp.empty(index.size, dtype=int, device=index.device) if out is None else out
     launch_over_runs(look_up_entries, index.size, [table, index], [out], index.device)
     return out

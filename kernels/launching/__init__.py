@@ -1,1 +1,1 @@
-"""How kernels are launched: in slices over threads, by turns, with arguments packed once."""
+"""Launches of kernels: in slices over CPU threads, in turns that threads claim, with arguments packed once."""

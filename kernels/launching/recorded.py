@@ -1,4 +1,4 @@
-"""Launches that are made again and again, with arguments that were packed once."""
+"""Launches whose arguments are packed once and that are then repeated."""
 
 import ctypes
 from collections.abc import Callable, Sequence
@@ -17,9 +17,9 @@ def recorded(
     device: wp.DeviceLike,
     block_dim: int = 256,
 ) -> Callable[[], None]:
-    """A launch whose arguments are kept for as long as it is, as Warp 1.12 does not keep them.
+    """A repeatable launch that keeps its arguments alive, which Warp 1.12 does not do.
 
-    It reads what structs among the arguments hold by then. block_dim: threads of a block, on CUDA.
+    Structs among the arguments are read anew at each launch. block_dim: threads per block, on CUDA.
     """
     command = command_for(kernel, count, inputs, outputs, device, block_dim)
     return (_OnCpu if wp.get_device(device).is_cpu else _OnCuda)(command, (*inputs, *outputs))
@@ -34,10 +34,11 @@ class _OnCuda:
 
 
 class _OnCpu:
-    """Calls the compiled function as Warp did the first time, without the way there, which takes as long as a few rays.
+    """Calls the compiled function directly, with the arguments that Warp packed at the first launch.
 
-    Each time Warp looks up a struct of all arguments by their types, and copies all of them there. The copy of the
-    first time serves here, in which structs are renewed. Should Warp call the function in another way, it goes on to.
+    At each launch Warp looks up a struct for all arguments by their types and copies the arguments there, which takes
+    as long as casting a few rays. This class keeps that struct and only renews the Warp structs in it. If Warp calls
+    the function in another way than expected, every launch goes through Warp.
     """
 
     def __init__(self, command: wp.Launch, arguments: Sequence[Any]) -> None:
@@ -45,7 +46,7 @@ class _OnCpu:
         self._compiled = command.hooks.forward
         self._calls: list[tuple[Any, ...]] = []
         self._packed: ctypes.Structure | None = None
-        self._structs: list[tuple[memoryview, memoryview]] = []  # in the copy, and as they are by now
+        self._structs: list[tuple[memoryview, memoryview]] = []  # (bytes in the packed copy, current bytes)
 
     def __call__(self) -> None:
         if self._packed is None:
@@ -67,7 +68,7 @@ class _OnCpu:
             self._structs = [
                 (_bytes_of(packed, getattr(type(packed), name).offset, ctypes.sizeof(value)), _bytes_of(value))
                 for name, value, argument in given
-                if isinstance(value, ctypes.Structure) and not isinstance(argument, wp.array)  # which stays as it is
+                if isinstance(value, ctypes.Structure) and not isinstance(argument, wp.array)  # arrays do not change
             ]
             self._packed = packed
 
@@ -78,6 +79,6 @@ class _OnCpu:
 
 
 def _bytes_of(struct: ctypes.Structure, first: int = 0, count: int | None = None) -> memoryview:
-    """So many bytes of a struct where they are, all of them where count is None."""
+    """A view of `count` bytes of a struct from byte `first` on; of all its bytes if count is None."""
     size = ctypes.sizeof(struct) if count is None else count
     return memoryview((ctypes.c_ubyte * size).from_buffer(struct, first)).cast("B")

@@ -1,4 +1,4 @@
-"""Launching kernels over many rays: on CUDA in one piece, on the CPU in slices over threads."""
+"""Launches of kernels over many rays: on CUDA as one launch, on the CPU as slices over threads."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -14,9 +14,9 @@ from .recorded import recorded
 
 RAYS_PER_SLICE = 8192
 TURN = wp.constant(16)
-"""Tiles that a thread takes at once, where it takes as many each time."""
+"""Number of tiles that a thread claims per turn, in kernels whose turns all have the same length."""
 RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 128
-"""To wake a thread takes as long as to read tens of thousands of rays."""
+"""Slices of at least 131072 rays, because waking a thread takes as long as reading tens of thousands of rays."""
 
 
 def launch_over_rays(
@@ -27,9 +27,9 @@ def launch_over_rays(
     device: wp.DeviceLike,
     slice_size: int = RAYS_PER_SLICE,
 ) -> None:
-    """Launch a kernel over rays 0..count-1, or what else. Its first argument is the index of the ray of thread 0.
+    """Launch a kernel over items 0..count-1, such as rays. Its first argument is the item of thread 0 of the launch.
 
-    Every ray's result depends on that ray alone, so slices and threads do not show in it.
+    The result of an item must depend on that item alone, so that slices and threads do not affect it.
     """
 
     if wp.get_device(device).is_cuda or count <= slice_size or thread_count() == 1:
@@ -52,10 +52,10 @@ def launch_over_runs(
     outputs: Sequence[Any],
     device: wp.DeviceLike,
 ) -> None:
-    """Launch a kernel for which there is so little to do that a thread takes a run of rays, but on CUDA one.
+    """Launch a kernel that does little per ray: on the CPU each of its threads handles a run of rays, on CUDA one ray.
 
-    Its first arguments are the index of the run of thread 0, and how many rays a run has; the last may have fewer.
-    A thread of the CPU takes at least RUNS_PER_SLICE runs.
+    The kernel's first arguments are the index of the run of thread 0 and the number of rays per run; the last run may
+    have fewer. A CPU thread takes at least RUNS_PER_SLICE runs.
     """
     run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
     runs = -(-count // run)
@@ -71,9 +71,9 @@ def prepare_over_rays(
     device: wp.DeviceLike,
     slice_size: int = RAYS_PER_SLICE,
 ) -> Callable[[], object]:
-    """`launch_over_rays`, to be called again and again; it reads what structs among the arguments hold by then.
+    """A repeatable `launch_over_rays`; structs among the arguments are read anew at each call.
 
-    Of one slice the arguments are packed only now, which takes longer than a kernel needs for a few rays.
+    If one slice suffices, the arguments are packed here once, which takes longer than a kernel needs for a few rays.
     """
     if count and (wp.get_device(device).is_cuda or count <= slice_size):
         return recorded(kernel, count, [0, *inputs], outputs, device)
@@ -81,11 +81,11 @@ def prepare_over_rays(
 
 
 class OverTiles:
-    """A launch of a CPU kernel over tiles 0..count-1, to be made again and again: once in each thread, to take tiles
-    until none are left, each some when it is done with its last, as rigcast.kernels.launching.turns says.
+    """A repeatable launch of a CPU kernel over tiles 0..count-1.
 
-    Its first arguments are the number of a thread, and an array of one number that is 0 at first, how many turns or
-    tiles were taken; then `inputs` for so many threads.
+    The kernel is launched once in each thread. There it claims turns or runs of tiles until none are left; see
+    rigcast.kernels.launching.turns. Its arguments are the number of the thread, an array (1,) of int that begins as 0
+    and counts the turns or tiles claimed, and `inputs(threads)`.
     """
 
     def __init__(self, kernel: wp.Kernel, count: int, inputs: Callable[[int], Sequence[Any]]) -> None:
@@ -96,7 +96,7 @@ class OverTiles:
         self._of_threads: list[Callable[[], None]] = []
 
     def begin(self, threads: int) -> list[Callable[[], None]]:
-        """What so many threads are to call, any of them or all: no tile is taken yet."""
+        """Start over with no tile claimed; return a callable per thread. Any one of them alone completes the launch."""
         if threads > len(self._of_threads):
             given = self._inputs(threads)
             self._of_threads = [recorded(self._kernel, 1, [k, self._turns, *given], [], "cpu") for k in range(threads)]
@@ -107,7 +107,7 @@ class OverTiles:
         self.launch_with([])
 
     def launch_with(self, others: Sequence["OverTiles"]) -> None:
-        """Several at once: a thread goes on to the next when no tile of one is left, and each begins with another."""
+        """Make this launch and others together: each thread begins with another and goes on when no tile is left."""
         tiles = self.count
         for other in others:
             tiles += other.count
@@ -123,25 +123,28 @@ class OverTiles:
 
 
 def _call_each(begun: Sequence[Sequence[Callable[[], None]]], thread: int, first: int) -> None:
-    """What a thread is to call, from the first on and round again."""
+    """Call a thread's part of every launch, beginning with launch `first` and wrapping around."""
     for k in range(first - len(begun), first):
         begun[k][thread]()
 
 
 def thread_count() -> int:
-    """CPU threads to build trees and cast with: RIGCAST_THREADS, or as many as this process may use."""
+    """Number of CPU threads to build trees and cast with: RIGCAST_THREADS, or all CPUs that this process may use."""
     wanted = os.environ.get("RIGCAST_THREADS")
     return int(wanted) if wanted else cpu_count()
 
 
 def cpu_count() -> int:
-    """CPUs that this process may use."""
+    """Number of CPUs that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _at_once(takers: Sequence[Callable[[], object]], threads: int) -> None:
-    """Run these, each of which takes what is left until nothing is: the first here, the others in other threads, of so
-    many. One that has not begun when the first is done would find nothing, and is not waited for."""
+    """Run callables that share work: the first in this thread, the others in a pool of `threads` threads.
+
+    Each takes work until none is left. So one that has not begun when the first returns has nothing to do and is not
+    waited for. An exception of any of them is raised here.
+    """
     is_over: list[bool] = []
     errors: list[BaseException] = []
     at_work: set[int] = set()
@@ -170,8 +173,8 @@ def _at_once(takers: Sequence[Callable[[], object]], threads: int) -> None:
 
 
 def _wait_for(at_work: set[int], done: SimpleQueue[None]) -> None:
-    """Until nobody is at work, after Ctrl-C, too: what they write to may be freed afterwards, and the next launch has
-    the same scratch."""
+    """Block until no callable is running, even after Ctrl-C: the caller may then free the arrays that they write to,
+    and the next launch uses the same scratch."""
     try:
         while at_work:
             done.get()
@@ -182,9 +185,9 @@ def _wait_for(at_work: set[int], done: SimpleQueue[None]) -> None:
 
 @cache
 def _waiting(threads: int) -> SimpleQueue[Callable[[], None]]:
-    """What so many threads of their own run as soon as one has nothing else to do.
+    """The queue of a pool of `threads` daemon threads; an idle one runs the next callable put on it.
 
-    concurrent.futures has locks that an exception of a signal's handler can leave locked.
+    concurrent.futures is not used: an exception from a signal handler can leave its locks locked.
     """
     waiting: SimpleQueue[Callable[[], None]] = SimpleQueue()
     for k in range(threads):

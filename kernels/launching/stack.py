@@ -1,12 +1,12 @@
-"""The stack of a kernel on the CPU."""
+"""Alignment of a kernel's stack frame on the CPU."""
 
 import warp as wp
 
 CACHE_LINE = 64
-"""Bytes."""
+"""Size of a cache line [bytes]."""
 
 
-# without a return type, which Warp 1.12 would take for that of a value
+# no return type here: Warp 1.12 takes `-> None` for the type of a value
 @wp.func_native(f"""
 #if !defined(__CUDA_ARCH__)
     alignas({CACHE_LINE}) volatile char line[{CACHE_LINE}];
@@ -14,7 +14,8 @@ CACHE_LINE = 64
 #endif
 """)
 def align_stack():  # type: ignore[no-untyped-def]
-    """Let what a kernel keeps on the stack begin on a cache line.
+    """Align the calling kernel's stack frame to a cache line.
 
-    Warp's vectors are aligned as their numbers are: in every second process half of them would lie across two lines.
+    Warp aligns a vector like its scalars. Without this, in every second process half of the vectors would straddle two
+    lines.
     """

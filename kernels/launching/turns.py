@@ -1,4 +1,4 @@
-"""What threads of the CPU take of what is to be done: turns by their number, or runs of what is left."""
+"""How CPU threads claim work: turns of fixed length by their number, or runs whose length depends on what is left."""
 
 import warp as wp
 
@@ -11,13 +11,13 @@ import warp as wp
 #endif
 """)
 def turn_of(turns: wp.array[int]) -> int:  # type: ignore[empty-body]
-    """The number of a turn that no other thread has: atomically, which `wp.atomic_add` is not on a CPU."""
+    """Claim the next turn and return its number. Native, because `wp.atomic_add` is not atomic on a CPU."""
 
 
 LEAST = wp.constant(8)
-"""Of a run, unless fewer are left."""
+"""Minimum length of a run, unless fewer items are left."""
 PARTS = wp.constant(4)
-"""Of what is left for each thread, of which a run is one."""
+"""A run is 1 / (PARTS threads) of the items left."""
 
 
 @wp.func_native("""
@@ -28,19 +28,19 @@ PARTS = wp.constant(4)
 #endif
 """)
 def swap(taken: wp.array[int], was: int, to: int) -> int:  # type: ignore[empty-body]
-    """How many are taken; if that is what it was, there are so many from now on."""
+    """Atomic compare-and-swap: set taken[0] to `to` if it equals `was`; return its old value."""
 
 
 @wp.func
 def end_of_run(begin: int, count: int, threads: int) -> int:
-    """Where a run ends that begins there: long at first, as neighbours share what is in a thread's cache, and short in
-    the end, so that no thread waits long for the last one."""
+    """End of the run that begins at `begin`. Runs are long at first, because neighbours share a thread's cache, and
+    short in the end, so that no thread waits long for the last one."""
     return wp.min(begin + wp.max(LEAST, (count - begin) / (PARTS * threads)), count)
 
 
 @wp.func
 def take_run(taken: wp.array[int], count: int, threads: int) -> int:
-    """Where a run begins that no other of so many threads has, of 0 to count - 1; count when all are taken."""
+    """Claim a run of items 0..count-1 and return its begin; `count` if none are left. taken: (1,) items claimed."""
     begin = int(0)
     seen = swap(taken, begin, end_of_run(begin, count, threads))
     while seen != begin:

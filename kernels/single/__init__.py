@@ -1,1 +1,1 @@
-"""Rays that go through the trees by themselves, each with a stack of its own."""
+"""Single rays through the trees, each with its own stack: CUDA, and rays on the CPU that do not fill packets."""

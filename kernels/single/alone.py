@@ -1,4 +1,4 @@
-"""Casts one by one on the CPU, of any rays at one geometry: to prepare a launch takes as long as to cast hundreds."""
+"""Casts of single rays on the CPU with reused launches: preparing one takes as long as casting hundreds of rays."""
 
 from typing import Any
 
@@ -13,9 +13,9 @@ from .cast import RAYS_PER_RUN, Alone, Job, cast_turns
 
 
 class CastsAlone:
-    """Casts at a geometry as it stands by then, known at one instant.
+    """Casts at a geometry that is known at one instant, as it stands when each cast is made.
 
-    A launch serves again once it is done. Of casts in several of Python's threads at once, each has one of its own.
+    A launch is reused once it is done. Casts made at the same time in several Python threads use a launch each.
     """
 
     def __init__(self, geometry: Geometry) -> None:
@@ -23,7 +23,7 @@ class CastsAlone:
         self._idle: list[_Cast] = []
 
     def cast(self, visible: wp.array, rays: Rays, limit: float, cull: int, out: HitArrays | None = None) -> HitArrays:
-        """As rigcast.kernels.cast.cast, of rays that have no packets."""
+        """Cast rays without packets; arguments and result as of rigcast.kernels.cast.cast."""
         hits = HitArrays.empty(rays.total, "cpu") if out is None else out
         try:
             one = self._idle.pop()
@@ -36,7 +36,7 @@ class CastsAlone:
 
 
 class _Cast:
-    """A launch that holds no arrays of what it casts: whoever launches keeps them."""
+    """A launch that holds no reference to the rays and hits of its cast; the caller must keep these arrays alive."""
 
     def __init__(self, geometry: Geometry) -> None:
         self._geometry, self._job, self._alone = geometry, Job(), Alone()

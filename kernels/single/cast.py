@@ -1,6 +1,6 @@
-"""Rays cast one by one on the CPU, as those with unrelated origins are; and what they share with those cast on CUDA.
+"""Casts of single rays on the CPU, such as rays with unrelated origins; and the code shared with single rays on CUDA.
 
-Warp compiles a file's kernels together: a rig whose rays are all cast in packets does not wait for these.
+Warp compiles the kernels of a file together, so a rig whose rays are all cast in packets does not compile these.
 """
 
 from typing import Any
@@ -23,16 +23,16 @@ from .ray import cast_ray
 from .walk import NUMBERS_OF_STACK
 
 RAYS_PER_RUN = 32
-"""Rays that count as one tile where threads are counted."""
+"""Number of rays that counts as one tile when the number of threads is chosen."""
 RAYS_PER_TURN = wp.constant(128)
-"""Of rays that a thread of the CPU casts one by one: few, so that no thread waits long for the last one."""
+"""Number of rays that a CPU thread claims at a time; small, so that no thread waits long for the last one."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
 @wp.struct
 class Job:
-    """What is cast at a geometry, and where its hits go."""
+    """The arguments of a cast, besides the geometry: rays, visible shapes, limit [m], culling; and its outputs."""
 
     rays: RayArrays
     visible: wp.array[wp.bool]
@@ -44,7 +44,7 @@ class Job:
 
 @wp.func
 def is_castable(ray: WorldRay) -> bool:
-    """Whether a ray is finite and starts no farther away than FARTHEST."""
+    """Whether a ray is finite and no coordinate of its origin exceeds FARTHEST."""
     return is_within_reach(ray.origin) and wp.dot(ray.direction, ray.direction) < wp.float64(wp.inf)
 
 
@@ -59,7 +59,7 @@ def write_hit(g: wp.array[Geometry], out: Out, i: int, hit: Hit, ray: WorldRay) 
 
 @wp.func
 def ray_number(k: int, rays: RayArrays, which: wp.array[int]) -> int:
-    """Of the k-th ray of all that `which` names, of each world, or all if it is empty."""
+    """Number of the k-th ray to cast: of those that `which` lists in each world, or of all rays if it is empty."""
     if which.shape[0] == 0:
         return k
     return k / which.shape[0] * rays.count + which[k % which.shape[0]]
@@ -79,7 +79,7 @@ def world_ray(g: wp.array[Geometry], job: Job, i: int, firing: int) -> WorldRay:
 
 @wp.func
 def read_ray(job: Job, i: int, firing: int) -> None:
-    """Turn what ray i hits into what it reads, if that is wanted."""
+    """Turn the hit of ray i into a reading and write its derived fields, if the job asks for readings."""
     if job.out.is_read:
         read_hit(job.out, i, job.rays.rotation[firing])
         write_fields(job.fields, job.out, job.rays, i)
@@ -87,9 +87,9 @@ def read_ray(job: Job, i: int, firing: int) -> None:
 
 @wp.func
 def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.array[int]) -> None:
-    """Rays begin to end - 1, of each world those that `which` names, or all if it is empty.
+    """Cast rays begin to end - 1 of those that `which` lists in each world, or of all rays if it is empty.
 
-    A loop within a function, for Warp compiles the body of a kernel twice.
+    The loop is in a function because Warp compiles the body of a kernel twice.
     """
     stack = wp.zeros(shape=NUMBERS_OF_STACK, dtype=int)
     composed = wp.zeros(shape=1, dtype=TriangleBlock)
@@ -106,16 +106,16 @@ def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.ar
 
 @wp.struct
 class Alone:
-    """Which rays are cast one by one, and scratch of each thread of the CPU."""
+    """The rays to cast one by one, and the scratch of each CPU thread."""
 
-    count: int
-    which: wp.array[int]  # of each world; empty for all
+    count: int  # rays to cast, over all worlds
+    which: wp.array[int]  # numbers of rays within each world; empty for all
     copies: wp.array2d[Geometry]  # (threads, 1)
 
 
 @wp.kernel
 def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: Alone) -> None:
-    """On the CPU, rays that no other thread takes, RAYS_PER_TURN at a time. turns: how many were taken."""
+    """Cast rays on the CPU, RAYS_PER_TURN per turn; each thread claims turns. turns: number of turns claimed so far."""
     align_stack()
     g.visible = job.visible
     alone.copies[thread, 0] = g
@@ -129,7 +129,7 @@ def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: 
 
 
 def prepare_turns(geometry: Geometry, job: Job, which: wp.array, count: int) -> OverTiles:
-    """The launch of a cast of so many rays on the CPU. which: numbers of rays, as of `Alone`."""
+    """A launch that casts `count` rays on the CPU. which: numbers of rays, as in `Alone`."""
 
     def inputs(threads: int) -> list[Any]:
         alone = Alone()

@@ -1,10 +1,14 @@
-"""Which triangles of a block a ray may pass inside, all eight at once: most blocks have none.
+"""A ray against the eight triangles of a block at once, by their edges; most blocks have none that it may pass inside.
 
-As rigcast.kernels.single.threads.leaves does it for CUDA, where the reasons are, but that products may not be fused
-with sums. Two of the three components of p and q are not 0, so p . O is off by 6u m |O|, two products' roundings and
-two sums', and the sums for p . P - p . O by 5u m |P| + 4u m |O|, and by another 2.7u m (|P| + |O|) for the direction:
-less than 13u m (|P| + |O|). With 2u m for the three roundings of an edge's difference these are less than the
-16u m (|P| + |O|) that are allowed for.
+The method and its derivation are in rigcast.kernels.single.threads.leaves, for CUDA. Here products are fused with sums
+only if the CPU can do so, which leaves more roundings. In that module's terms they are:
+
+- p . O: 6u m |O|, the roundings of two products and two sums, as two of the three components of p and q are not 0;
+- p . P - p . O: 5u m |P| + 4u m |O|;
+- direction: 2.7u m (|P| + |O|).
+
+Together less than 13u m (|P| + |O|). With 2u m for the three roundings of an edge's difference, this is less than the
+16u m (|P| + |O|) that the code allows for.
 """
 
 import warp as wp
@@ -14,7 +18,7 @@ from rigcast.kernels.geometry import TriangleBlock
 from .native import on_cpu
 
 
-# Comparisons with NaN are false: what is not there is not passed.
+# Absent triangles are NaN. Comparisons with NaN are false, so they are never passed.
 @wp.func_native(
     on_cpu("""
     const float x = direction[0], y = direction[1], z = direction[2];
@@ -41,10 +45,11 @@ from .native import on_cpu
 def passed_in_block(  # type: ignore[empty-body]
     blocks: wp.array[TriangleBlock], k: int, origin: wp.vec3, rest: wp.vec3, direction: wp.vec3, margin: float
 ) -> int:
-    """Bit by bit, triangles of block k all of whose edges a ray from origin + rest may pass on one side.
+    """Bit masks of the triangles of block k that a ray from origin + rest may pass inside.
 
-    From the ninth bit on, those whose edges it surely passes so, which it therefore meets inside.
+    Bits 0 to 7: triangles all of whose edges it may pass on the same side. Bits 8 to 15: those whose edges it surely
+    passes on the same side, so that it meets their inside.
 
     Args:
-        margin: 8u (|P| + |O|), as boxes are widened by.
+        margin: 8u (|P| + |O|), by which boxes are widened, too.
     """

@@ -1,8 +1,8 @@
-"""What is written in C++ for the CPU, in vectors that LLVM makes of whatever a CPU has."""
+"""Helpers for C++ snippets for the CPU, written with vectors that LLVM maps to the CPU's registers."""
 
 
 def on_cpu(snippet: str) -> str:
-    """For `wp.func_native`: on CUDA, where it is compiled at most and never called, it gives 0."""
+    """Wrap a C++ snippet for `wp.func_native`; on CUDA, where it may be compiled but is never called, it returns 0."""
     return f"""
 #if defined(__CUDA_ARCH__)
     return 0;

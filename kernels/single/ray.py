@@ -1,7 +1,7 @@
-"""One ray through both levels of the geometry: the tree over shapes, and the tree over each shape's triangles.
+"""One ray through both levels of the geometry on the CPU: the tree over shapes, and the triangle tree of each shape.
 
-Boxes and edges are judged by products that may be fused, where a CPU can: what is looked at may differ from CPU to CPU,
-and the hits do not.
+Box and edge tests may use fused multiply-adds where the CPU has them. So the nodes and triangles that are looked at may
+differ between CPUs; the hits do not.
 """
 
 from collections.abc import Callable
@@ -30,17 +30,17 @@ SMALLEST = wp.constant(1.0e-20)
 
 @wp.struct
 class Ray:
-    """A ray in the frame of a tree, and that of the world which it came from."""
+    """A ray in the frame of a tree, and the same ray in the world."""
 
     # in the tree's frame:
     origin: wp.vec3
-    origin_rest: wp.vec3  # what is lost in rounding the origin to float32
+    origin_rest: wp.vec3  # what rounding the origin to float32 loses
     direction: wp.vec3
     inverse: wp.vec3  # 1 / direction, finite
-    margin: float  # by which boxes are widened: covers all rounding where these are met
+    margin: float  # by which boxes are widened [m]: covers all rounding of the box test
     shape: int
     cull: int
-    # in the world, field by field: a struct that is passed on as it is stays in memory, and is copied for every shape
+    # in the world, as single fields: a WorldRay that is passed on would stay in memory and be copied for every shape
     world_origin: wp.vec3d
     world_direction: wp.vec3d
     scope: Scope
@@ -61,17 +61,17 @@ def in_world(ray: Ray) -> WorldRay:
 
 @wp.func
 def inverse_of(x: float) -> float:
-    """1 / x, with x kept off 0, so that 0 * inf cannot arise at the faces of boxes."""
+    """1 / x, with |x| kept off 0, so that 0 * inf cannot arise at the faces of boxes."""
     return 1.0 / wp.where(wp.abs(x) < SMALLEST, SMALLEST, x)
 
 
 @wp.func
 def box_margin(origin: wp.vec3, reach: float) -> float:
-    """By how much to widen boxes with coordinates up to reach, seen from the origin.
+    """Margin [m] by which to widen boxes with coordinates up to reach in tests of rays from the origin.
 
-    It covers, for a box of centre c and half size h, the roundings of o, d, 1 / d, of c - o and its product with that,
-    or of the products of c and of o with it and their difference, and of the sums with h: fewer than 8u (|o| + reach)
-    in all, u = 2^-24.
+    For a box of centre c and half size h it covers the roundings of o, d and 1 / d; of c - o and its product with
+    1 / d, or of the products of c and of o with 1 / d and their difference; and of the sums with h. In all these are
+    less than 8u (|o| + reach), u = 2^-24.
     """
     farthest = larger(larger(wp.abs(origin[0]), wp.abs(origin[1])), wp.abs(origin[2]))
     return MARGIN * (farthest + reach)
@@ -79,7 +79,7 @@ def box_margin(origin: wp.vec3, reach: float) -> float:
 
 @wp.func
 def in_frame_of_tree(ray: Ray, origin: wp.vec3d, direction: wp.vec3d, reach: float) -> Ray:
-    """The ray as a tree with coordinates up to reach sees it."""
+    """The ray in the frame of a tree. origin, direction: of the ray there. reach: the tree's largest coordinate [m]."""
     local = ray
     local.origin = to_float(origin)
     local.origin_rest = to_float(origin - to_double(local.origin))
@@ -93,7 +93,7 @@ def in_frame_of_tree(ray: Ray, origin: wp.vec3d, direction: wp.vec3d, reach: flo
 
 @wp.func
 def limit_of(ray: Ray, best: Hit) -> float:
-    """How far from the origin something may still be hit."""
+    """Distance [m] beyond which no hit can be the first one."""
     return smaller(best.far * APART, ray.limit)
 
 
@@ -109,7 +109,7 @@ def nearer(g: wp.array[Geometry], ray: Ray, best: Hit, hit: Hit) -> Hit:
 
 @wp.func
 def meet_inside(blocks: wp.array[TriangleBlock], at: int, ray: Ray, number: int) -> Hit:
-    """The ray against triangle `at` of the blocks, which it surely passes inside; number: as below."""
+    """Test the ray against triangle `at` of the blocks, which it surely passes inside. number: see meet_triangle."""
     v0 = (vector_of_block(blocks, at, 0) - ray.origin) - ray.origin_rest
     span = triage_inside(ray.direction, v0, normal_of_block(blocks, at), ray.cull)
     return hit_within(span[0], span[1], ray.shape, number)
@@ -117,7 +117,7 @@ def meet_inside(blocks: wp.array[TriangleBlock], at: int, ray: Ray, number: int)
 
 @wp.func
 def meet_triangle(blocks: wp.array[TriangleBlock], at: int, ray: Ray, number: int) -> Hit:
-    """The ray against triangle `at` of the blocks; number: of the triangle of the tree."""
+    """Test the ray against triangle `at` of the blocks. number: of the triangle in the tree, stored with the hit."""
     v = triangle_of_block(blocks, at)
     v0 = (v.a - ray.origin) - ray.origin_rest
     v1 = (v.b - ray.origin) - ray.origin_rest
@@ -137,7 +137,7 @@ def visit_leaf(
     composed: wp.array[TriangleBlock],
     best: Hit,
 ) -> Hit:
-    """The ray against the triangles of one block or patch."""
+    """Test the ray against the triangles of one block or patch; return the first hit so far."""
     blocks = g[0].blocks
     k = int(index)
     if index >= FIRST_PATCH:
@@ -158,10 +158,10 @@ def visit_leaf(
 
 
 def ray_traversal(name: str, visit: Callable[..., Any]) -> Any:
-    """A Warp function that takes a ray through a tree, leaf by leaf, and returns the first hit there.
+    """A Warp function that takes a ray through a tree, leaf by leaf, and returns the first hit so far.
 
     Args:
-        visit: (g, ray, leaf, stack, entries that it has, composed, best) -> the first hit so far.
+        visit: (g, ray, leaf, stack, height of the stack, composed, best) -> the first hit so far.
     """
 
     def traverse(
@@ -204,7 +204,7 @@ def visit_shape(
     composed: wp.array[TriangleBlock],
     best: Hit,
 ) -> Hit:
-    """The ray against one shape, if it is visible; top: how many entries the stack has."""
+    """Cast the ray against one shape, if it is visible; return the first hit so far. top: height of the stack."""
     scope = ray.scope
     if not bool_at(g[0].visible, scope.first_visible + shape):
         return best
@@ -240,7 +240,7 @@ def visit_leaf_of_field(
     composed: wp.array[TriangleBlock],
     best: Hit,
 ) -> Hit:
-    """The ray against the patches of a plot, or a block of the triangles beside and below the surface."""
+    """Test the ray against the patches of a plot, or against a block of triangles of the field's sides and bottom."""
     if index >= FIRST_PLOT:
         opened = wp.zeros(shape=1, dtype=Node)
         open_plot(g[0].plots, g[0].sides, index - FIRST_PLOT, opened)
@@ -255,7 +255,7 @@ cast_through_leaves_of_field = ray_traversal("cast_through_leaves_of_field", vis
 def cast_through_field(
     g: wp.array[Geometry], ray: Ray, shape: int, stack: wp.array[int], composed: wp.array[TriangleBlock], best: Hit
 ) -> Hit:
-    """The ray against one visible field that is in plots."""
+    """Cast the ray against one visible field that is kept in plots; return the first hit so far."""
     pose = pose_of(g, shape, ray.scope)
     if not is_somewhere(pose):
         return best
@@ -271,7 +271,7 @@ def cast_through_field(
 def cast_through_fields(
     g: wp.array[Geometry], ray: Ray, stack: wp.array[int], composed: wp.array[TriangleBlock], best: Hit
 ) -> Hit:
-    """The ray against all visible fields that are in plots, after all else; see packets.traverse.plots."""
+    """Cast the ray against all visible fields kept in plots, after all other shapes; see packets.traverse.plots."""
     scope = ray.scope
     for k in range(g[0].fields.shape[0]):
         shape = int_at(g[0].fields, k)
@@ -286,7 +286,8 @@ def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int], compo
     """The first hit of a ray among the visible shapes; it may lie beyond the limit.
 
     Args:
-        stack, composed: scratch, of NUMBERS_OF_STACK numbers and one block.
+        stack: (NUMBERS_OF_STACK,) scratch.
+        composed: (1,) scratch.
     """
     ray = Ray()
     ray.world_origin = world.origin

@@ -1,8 +1,8 @@
-"""The walk through a tree of boxes by a ray on the CPU, from leaf to leaf.
+"""Traversal of a BVH by a single ray on the CPU, from one leaf to the next.
 
-A ray enters none of the boxes of a third of the nodes that it looks at, one of those of another third, or several. No
-CPU foresees which, and to be wrong takes it as long as a node. So whether there is none or one is not asked by a
-branch, and several are sorted without any.
+Of the nodes that a ray visits, about a third have no child that it enters, a third have one, a third have several. No
+branch predictor foresees which, and a misprediction costs as much as a node. So the cases of none and one are told
+apart without a branch, and several children are sorted without one.
 """
 
 import warp as wp
@@ -13,9 +13,9 @@ from rigcast.kernels.trees.tree import STACK
 from .native import on_cpu
 
 ENTRIES = 2 * STACK + int(WIDTH)
-"""Of a stack for both levels; a node is put on it with eight at once, of which some do not count."""
+"""Entries of a stack for both levels; a node pushes eight at once, some of them beyond the new height."""
 NUMBERS_OF_STACK = wp.constant(2 * ENTRIES)
-"""A key of each entry, then a node of each."""
+"""Length of the stack's array: the keys of all entries, then their nodes."""
 
 _SORT = "".join(
     f"""
@@ -33,13 +33,13 @@ _SORT = "".join(
         (0, 2, 1, 4, 3, 6, 5, 7),
     )
 )
-"""C++: a network that sorts eight, the largest first. Of a pair the first gets the larger one."""
+"""C++: a sorting network for eight numbers, the largest first. The first of a pair gets the larger number."""
 
 
-# As integers, floats from 0 on are in the same order. A child that is entered becomes a key: its distance, but for the
-# last three bits, which are its number. The limit has these three, so that no key that is as near is beyond it, and
-# is 0 where it is -0. An entry of the stack is a key and the node whose child it is. The nearest child does not wait
-# until all are sorted.
+# Non-negative floats compare in the same order as their bits do as integers. The key of an entered child is its
+# distance with the last three bits replaced by the child's number. The limit has these three bits set, so that no key
+# at the same distance is beyond it; -0 becomes 0. A stack entry is a key and the node whose child it is. The nearest
+# child is found by a reduction and does not wait for the sort.
 @wp.func_native(
     on_cpu(f"""
     int *const keys = stack.data, *const parents = stack.data + {ENTRIES};
@@ -99,24 +99,26 @@ def next_leaf(
     top: int,
     bottom: int,
 ) -> wp.uint64:
-    """From node `at` on, or NO_CHILD, to the next leaf whose box is entered no farther than the limit, nearest first.
+    """Go on to the next leaf whose box the ray enters no farther than the limit; children are taken nearest first.
 
     Args:
-        inverse, margin: of a ray from the origin, see rigcast.kernels.single.ray.
-        limit: from 0 on.
+        at: node to go on from; NO_CHILD to pop one from the stack.
+        inverse, margin: of the ray, see rigcast.kernels.single.ray.
+        limit: distance [m], at least 0.
         stack: (NUMBERS_OF_STACK,).
-        top, bottom: how many entries the stack has, and how many of them are to stay.
+        top: height of the stack.
+        bottom: height down to which entries may be popped.
 
     Returns:
-        The leaf, or NO_CHILD, in the lower half, and how many entries the stack has then in the upper one.
+        The leaf as ~leaf, or NO_CHILD if there is none, in the lower 32 bits; the new height in the upper 32 bits.
     """
 
 
 @wp.func_native("return (int)(found >> 32);")
 def top_of(found: wp.uint64) -> int:  # type: ignore[empty-body]
-    """How many entries the stack has."""
+    """Height of the stack, from next_leaf's result."""
 
 
 @wp.func_native("return (int)(unsigned)found;")
 def leaf_of(found: wp.uint64) -> int:  # type: ignore[empty-body]
-    """The leaf, as a node has it, or NO_CHILD."""
+    """The leaf as ~leaf, or NO_CHILD, from next_leaf's result."""

@@ -1,1 +1,1 @@
-"""Trees of boxes over anything that has a box: how they are grown, and the walk through them."""
+"""Bounding volume hierarchies over anything that has a box: building, refitting and traversal."""

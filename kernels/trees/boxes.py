@@ -1,4 +1,4 @@
-"""Boxes along the axes."""
+"""Axis-aligned boxes."""
 
 import warp as wp
 
@@ -30,7 +30,7 @@ def join(a: Box, lower: wp.vec3, upper: wp.vec3) -> Box:
 
 @wp.func
 def farthest_finite(box: Box) -> float:
-    """The largest finite |coordinate|, 0 if there is none."""
+    """The largest finite |coordinate| of a box, 0 if there is none."""
     farthest = float(0.0)
     for k in range(3):
         farthest = larger(farthest, larger(if_finite(wp.abs(box.lower[k])), if_finite(wp.abs(box.upper[k]))))
@@ -39,7 +39,7 @@ def farthest_finite(box: Box) -> float:
 
 @wp.func
 def if_finite(size: float) -> float:
-    """A number of at least 0; 0 in place of inf and NaN."""
+    """The number `size` >= 0, or 0 in place of inf and NaN."""
     return wp.where(size < wp.inf, size, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Trees that stay as they are while what is in them moves: their boxes are fitted anew, children first."""
+"""Refits: the boxes of a tree are recomputed, children first, while its topology stays the same."""
 
 import warp as wp
 
@@ -7,12 +7,12 @@ from rigcast.kernels.vectors import larger
 from .boxes import Box, empty_box, farthest_finite, half_area, is_finite, join
 
 REBUILD_RATIO = 1.5
-"""A tree is built anew when the area of its boxes has grown this much by fitting."""
+"""A tree is rebuilt when refits have increased the total area of its boxes by this factor."""
 
 
 @wp.struct
 class Fit:
-    """What a node or leaf holds: the box around it, the area of all finite boxes, the largest finite |coordinate|."""
+    """Refit of a subtree: its box, the total half area of its finite boxes, the largest finite |coordinate| in it."""
 
     box: Box
     area: float
@@ -43,7 +43,7 @@ def fit_of_leaf(box: Box) -> Fit:
 
 @wp.func
 def with_own_box(fit: Fit) -> Fit:
-    """Counting the box itself, of one that is infinite or empty only what is finite."""
+    """The fit with its own box counted: its area only if the box is finite, its coordinates where they are finite."""
     box = fit.box
     if is_finite(box):
         fit.area += half_area(box)

@@ -1,11 +1,12 @@
 """The nodes of trees of boxes over anything that has a box.
 
-A tree is an array of nodes of up to eight children each. Node 0 of a tree is its root, children come after their
-parents, and a child is another node (>= 0) or a leaf, written ~leaf (< 0). A box is kept as centre and half size; an
-absent child, NO_CHILD, has half size -inf, which no ray meets.
+A tree is an array of nodes with up to eight children each. Node 0 is the root and children come after their parents. A
+child is another node (>= 0) or a leaf, stored as ~leaf (< 0). A box is stored as centre and half size. An absent child
+is NO_CHILD with half size -inf, which no ray enters.
 
-On CUDA, where all rays go alone, a box is kept by its ends, which take them half as many operations: the lower one in
-place of the centre, the upper one in place of the half size. That of an absent child is from +inf to -inf.
+On CUDA, where all rays are cast singly, a box is stored by its ends, which halves the operations of a single ray's
+test: the lower end in place of the centre, the upper end in place of the half size. An absent child's box extends from
++inf to -inf.
 """
 
 from collections.abc import Sequence
@@ -25,9 +26,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 WIDTH = wp.constant(8)
 NO_CHILD = wp.constant(-(2**31))
 FIRST_PATCH = wp.constant(2**27)
-"""Leaves of triangle trees from here on are patches of height fields, those below it blocks of triangles."""
+"""Leaves of triangle trees with this number or a higher one are patches of height fields; lower ones are blocks."""
 FIRST_PLOT = wp.constant(2**28)
-"""Leaves from here on are plots of height fields, eight patches each: see rigcast.kernels.shapes.patches."""
+"""Leaves from this number on are plots of height fields, eight patches each; see rigcast.kernels.shapes.patches."""
 OUTWARDS = wp.constant(1.0 + 4.0 * 2.0**-23)
 
 vec8 = wp.types.vector(length=8, dtype=wp.float32)
@@ -36,7 +37,7 @@ vec8i = wp.types.vector(length=8, dtype=wp.int32)
 
 @wp.struct
 class Node:
-    """Boxes of up to eight children, axis by axis, and what they are."""
+    """Boxes of up to eight children, as a structure of arrays, and their children as nodes or ~leaves."""
 
     center_x: vec8
     center_y: vec8
@@ -49,7 +50,8 @@ class Node:
 
 @wp.func
 def set_child(node: Node, j: int, box: Box, child: int) -> Node:
-    """The node with child j and its box, rounded outwards; it may be infinite along any axis, or empty: never met."""
+    """The node with child j and its box, rounded outwards. The box may be infinite along any axis; rays never enter an
+    empty one."""
     node.center_x[j] = center_of(box.lower[0], box.upper[0])
     node.center_y[j] = center_of(box.lower[1], box.upper[1])
     node.center_z[j] = center_of(box.lower[2], box.upper[2])
@@ -84,7 +86,7 @@ def node_of(
     upper_z: vec8,
     child: vec8i,
 ) -> Node:
-    """The node with these children, as `set_child` makes it one by one; the box of an absent one is empty."""
+    """The node with these children, equal to eight calls of `set_child`; the box of an absent child must be empty."""
     center_x = vec8()
     center_y = vec8()
     center_z = vec8()
@@ -123,7 +125,8 @@ def empty_node() -> Node:
 def moved_nodes(
     nodes: npt.NDArray[np.void], first_node: int, first_leaf: int, first_plot: int = 0
 ) -> npt.NDArray[np.void]:
-    """The nodes of a tree whose root, first leaf and first plot stand at these places of longer arrays."""
+    """Copy the nodes with their child indices shifted: for arrays in which the tree's root, leaf 0 and plot 0 have
+    these indices."""
     moved = nodes.copy()
     child = moved["child"]
     offset = np.where(child >= 0, first_node, np.where(~child >= FIRST_PLOT, -first_plot, -first_leaf))
@@ -132,7 +135,7 @@ def moved_nodes(
 
 
 def by_ends(nodes: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """The same nodes as CUDA has them. No box is smaller for rounding, as it was made around ends of float32."""
+    """The nodes in CUDA's layout, boxes by their ends. Rounding shrinks no box: each was made around float32 ends."""
     ends = nodes.copy()
     for axis in "xyz":
         center, half = (nodes[f"{name}_{axis}"].astype(np.float64) for name in ("center", "half"))
@@ -141,17 +144,17 @@ def by_ends(nodes: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
 
 
 def join_trees(a: npt.NDArray[np.void], b: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """The nodes of one tree of two over the same leaves, whose boxes are left to a refit.
+    """Join two trees over the same array of leaves into one; its boxes must be refitted.
 
-    The children of both roots are those of one, so that it takes no node more to get to them; where they are too many,
-    the smallest of a's share a node below.
+    The new root takes the children of both roots, so that no path gets longer. Where these are more than WIDTH, the
+    smallest of a's children move to a node below the root.
     """
     own, others = _children_by_size(a[0]), _children_by_size(b[0])
     room = WIDTH - len(others)
     if room == 0:
         return np.concatenate([_node_over([1, 1 + len(a)]), moved_nodes(a, 1, 0), moved_nodes(b, 1 + len(a), 0)])
     is_full = len(own) > room
-    first = 1 if is_full else 0  # what a's nodes move by
+    first = 1 if is_full else 0  # offset of a's nodes
     from_a = np.where(own >= 0, own + first, own)
     from_b = np.where(others >= 0, others + first + len(a) - 1, others)
     if is_full:
@@ -162,7 +165,7 @@ def join_trees(a: npt.NDArray[np.void], b: npt.NDArray[np.void]) -> npt.NDArray[
 
 
 def _children_by_size(node: np.void) -> npt.NDArray[np.int32]:
-    """Those that are there, the one with the largest box first."""
+    """The children of a node, those with the largest boxes first; absent ones are left out."""
     x, y, z = (node[f"half_{axis}"] for axis in "xyz")
     order = np.argsort(-(x * y + y * z + z * x), kind="stable")
     child: npt.NDArray[np.int32] = node["child"][order]
@@ -170,7 +173,7 @@ def _children_by_size(node: np.void) -> npt.NDArray[np.int32]:
 
 
 def _node_over(children: Sequence[int] | npt.NDArray[np.int32]) -> npt.NDArray[np.void]:
-    """(1,) of Node with these children, without boxes."""
+    """(1,) of Node with these children; their boxes are not set."""
     node = empty_nodes(1)
     node["child"][0, : len(children)] = children
     return node
@@ -186,11 +189,11 @@ def empty_nodes(count: int) -> npt.NDArray[np.void]:
 
 
 def struct_zeros(struct: Any, count: int) -> npt.NDArray[np.void]:
-    """(count,) of a Warp struct, all fields 0, as numpy has it."""
+    """(count,) numpy array of a Warp struct, all fields 0."""
     return np.zeros(count, dtype=_dtype(struct))
 
 
 @cache
 def _dtype(struct: Any) -> "np.dtype[np.void]":
-    """Made once: numpy parses the types of all fields."""
+    """The struct's numpy dtype; cached, because numpy parses the types of all fields."""
     return np.dtype(struct.numpy_dtype())

@@ -1,6 +1,6 @@
-"""Trees over boxes that stand in rows and columns, as regular as these are, made from the leaves up.
+"""Trees over boxes in rows and columns, built bottom-up with the same regularity.
 
-A node has two by four or four by two children, whichever is more of a square, or eight of one row.
+A node has two by four or four by two children, whichever is closer to a square, or eight of one row.
 """
 
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ import numpy.typing as npt
 from .nodes import NO_CHILD, OUTWARDS, empty_nodes
 
 _FANS = ((1, 8), (2, 4), (4, 2), (8, 1))
-"""Rows and columns of the children of a node."""
+"""Possible (rows, columns) of the children of a node."""
 
 
 class Boxes(NamedTuple):
-    """Boxes in rows and columns: their ends (rows, columns, 3), and which child (rows, columns) of a node each is."""
+    """Boxes in rows and columns: their ends (rows, columns, 3), and the node or ~leaf in each (rows, columns)."""
 
     lower: npt.NDArray[np.float32]
     upper: npt.NDArray[np.float32]
@@ -24,7 +24,7 @@ class Boxes(NamedTuple):
 
     @staticmethod
     def in_one_row(parts: "Sequence[Boxes]") -> "Boxes":
-        """All boxes, one after the other."""
+        """All boxes of the parts, one after the other, as a single row."""
         lower, upper = (
             np.concatenate([getattr(part, end).reshape(1, -1, 3) for part in parts], axis=1)
             for end in ("lower", "upper")
@@ -33,18 +33,18 @@ class Boxes(NamedTuple):
 
 
 class RegularNodes:
-    """The nodes of a tree in the making. They have the numbers in which they are made until the last one is there."""
+    """The nodes of a tree under construction, numbered in the order in which they are made, until `from_last`."""
 
     def __init__(self) -> None:
         self._made: list[npt.NDArray[np.void]] = []
         self._count = 0
 
     def over(self, boxes: Boxes) -> Boxes:
-        """The boxes of nodes over these, which are made."""
+        """Make the nodes over these boxes; return the boxes of the nodes."""
         fan = _fan(boxes)
         lower, upper = _members(boxes.lower, fan, np.inf), _members(boxes.upper, fan, -np.inf)
         child = _members(boxes.child, fan, NO_CHILD)
-        with np.errstate(invalid="ignore"):  # of children that are not there
+        with np.errstate(invalid="ignore"):  # inf - inf of absent children
             middle = 0.5 * lower + 0.5 * upper
             half = np.maximum(upper - middle, middle - lower) * np.float32(OUTWARDS)
         absent = child == NO_CHILD
@@ -61,13 +61,13 @@ class RegularNodes:
         return Boxes(lower.min(axis=0), upper.max(axis=0), number)
 
     def raised(self, boxes: Boxes, most: int) -> Boxes:
-        """Nodes over these boxes, over those nodes and so on, until there are no more than `most`."""
+        """Make level after level of nodes over these boxes, until a level has at most `most`; return its boxes."""
         while boxes.child.size > most:
             boxes = self.over(boxes)
         return boxes
 
     def from_last(self) -> npt.NDArray[np.void]:
-        """All nodes, the last one first: children come after their parents."""
+        """All nodes, renumbered with the last one first, so that children come after their parents."""
         nodes = np.concatenate(self._made)[::-1].copy()
         child = nodes["child"]
         nodes["child"] = np.where(child >= 0, self._count - 1 - child, child)
@@ -75,7 +75,7 @@ class RegularNodes:
 
 
 def _fan(boxes: Boxes) -> tuple[int, int]:
-    """How many rows and columns of boxes make a node: as many as can, in as much of a square as they can."""
+    """Rows and columns of boxes per node: as many boxes as possible, then as close to a square as possible."""
     rows, columns = boxes.child.shape
     width, depth = (boxes.upper.max(axis=(0, 1)) - boxes.lower.min(axis=(0, 1)))[:2] / (columns, rows)
 
@@ -87,7 +87,7 @@ def _fan(boxes: Boxes) -> tuple[int, int]:
 
 
 def _members(values: npt.NDArray[Any], fan: tuple[int, int], nothing: float) -> npt.NDArray[Any]:
-    """(children, R, C, ...) of (r, c, ...): what belongs to each node, one child after the other."""
+    """Group (r, c, ...) into (children, R, C, ...): entry [j] holds child j of every node; padded with `nothing`."""
     rows, columns = fan
     fill = [(0, -n % own) for n, own in zip(values.shape, fan, strict=False)]
     whole = np.pad(values, fill + [(0, 0)] * (values.ndim - 2), constant_values=nothing)

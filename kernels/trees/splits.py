@@ -1,10 +1,10 @@
-"""Where to split a set of boxes in two, by the surface-area heuristic, on the CPU.
+"""Splits of a set of boxes in two by the binned surface-area heuristic (SAH), on the CPU.
 
-Boxes are split where the areas of the two sides, each times the leaves that its boxes fill, are least, among the planes
+A split minimises the sum over both sides of area times number of leaves that the side's boxes fill, among the planes
 between BINS bins along each axis (Wald, "On fast construction of SAH-based bounding volume hierarchies", 2007).
 
-Two passes over the boxes make a split: one fills the bins, one moves the boxes. What they reach on either side comes
-out of these, too. Loops over boxes are `while`, as the compiler keeps what a `for` counts with in memory.
+A split takes two passes over the boxes: one fills the bins, one partitions the boxes. Both also give the extents of the
+two sides. Loops over boxes are `while`: the compiler would keep the counter of a `for` in memory.
 """
 
 import warp as wp
@@ -20,7 +20,7 @@ vec16 = wp.types.vector(length=16, dtype=wp.float32)
 
 @wp.struct
 class Boxes:
-    """What a tree is built over, in the order in which its leaves hold it, and the number that each had before."""
+    """The boxes that a tree is built over, reordered to the order of its leaves; order: each box's original index."""
 
     lower: wp.array[wp.vec3]
     upper: wp.array[wp.vec3]
@@ -29,7 +29,7 @@ class Boxes:
 
 @wp.struct
 class Reach:
-    """A box each of whose ends fills a vector register; the fourth number is 0."""
+    """A box whose ends fill a vector register each; their fourth component is 0."""
 
     low: wp.vec4
     high: wp.vec4
@@ -37,7 +37,7 @@ class Reach:
 
 @wp.struct
 class Extent:
-    """The box around some boxes, and that around their centres."""
+    """The box around a set of boxes, and the box around their centres."""
 
     box: Reach
     centers: Reach
@@ -45,7 +45,7 @@ class Extent:
 
 @wp.struct
 class Halves:
-    """Boxes that were split: so many, the first ones, on the left, the others on the right."""
+    """The two sides of a split: the first left_count boxes, and the others."""
 
     left_count: int
     left: Extent
@@ -54,7 +54,7 @@ class Halves:
 
 @wp.struct
 class Bin:
-    """The boxes whose centres fall into it: that around them, and how many they are."""
+    """The box around all boxes whose centres fall into a bin, and their number."""
 
     box: Reach
     count: int
@@ -62,7 +62,7 @@ class Bin:
 
 @wp.struct
 class Grid:
-    """Where the bins are: bin = (centre - base) * scale."""
+    """The placement of the bins: bin = (centre - base) * scale, per axis."""
 
     base: wp.vec4
     scale: wp.vec4
@@ -145,7 +145,7 @@ def swap(boxes: Boxes, i: int, j: int) -> None:
 @wp.func
 def bin_of(grid: Grid, axis: int, point: wp.vec4) -> int:
     at = (point[axis] - grid.base[axis]) * grid.scale[axis]
-    # kept in range as a float, NaN to 0: what int() makes of a float beyond its range is undefined
+    # clamped as a float, with NaN to 0: int() of a float beyond its range is undefined
     return int(wp.where(at > 0.0, wp.min(at, float(BINS - 1)), 0.0))
 
 
@@ -201,7 +201,7 @@ def fill_bins(boxes: Boxes, first: int, count: int, grid: Grid, bins: wp.array[B
 
 @wp.func
 def side_cost(reach: Reach, count: int, leaf_size: int) -> float:
-    """Area x leaves, the expected cost of one side of a split; +inf for a side without boxes."""
+    """Expected cost of one side of a split: half area x leaves; +inf for a side without boxes."""
     leaves = (count + leaf_size - 1) / leaf_size
     return wp.where(count > 0, half_area(box_of(reach)) * float(leaves), wp.inf)
 
@@ -233,7 +233,8 @@ def best_split_along(axis: int, bins: wp.array[Bin], first_bin: int, leaf_size: 
 
 @wp.func
 def partition(boxes: Boxes, first: int, count: int, grid: Grid, split: Split) -> Halves:
-    """Move the boxes left of the split to the front; what they reach is left to the bins."""
+    """Move the boxes left of the split to the front. Sets the boxes around the centres; those around the boxes
+    themselves come from the bins."""
     left = no_reach()
     right = no_reach()
     i = int(first)
@@ -266,7 +267,7 @@ def joined_bins(bins: wp.array[Bin], begin: int, end: int) -> Reach:
 def split_by_sah(
     boxes: Boxes, first: int, count: int, centers: Reach, leaf_size: int, bins: wp.array[Bin], first_bin: int
 ) -> Halves:
-    """Reorder the boxes along the split of least cost; none lie left of it if there is none."""
+    """Partition the boxes by the split of least cost; left_count is 0 if there is none."""
     grid = grid_over(centers)
     fill_bins(boxes, first, count, grid, bins, first_bin)
     split = Split()
@@ -295,9 +296,9 @@ def split_boxes(
     bins: wp.array[Bin],
     first_bin: int,
 ) -> Halves:
-    """Reorder two boxes or more, with their centres in this box, so that at least one goes left, and not all.
+    """Partition two or more boxes so that neither side is empty. centers: the box around their centres.
 
-    Where the heuristic finds no split, and always if balanced, half of them do.
+    Without a split by the heuristic, and always if balanced, the first half of the boxes goes left.
     """
     halves = Halves()
     if not balanced:

@@ -1,4 +1,4 @@
-"""The walk through a tree, with a stack: into the nearest of the boxes that are entered, the others later."""
+"""Traversal of a tree with a stack: nearest child first, the others are pushed, sorted by distance."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,7 +16,7 @@ stack_of_distances = wp.types.vector(length=STACK, dtype=wp.float32)
 
 @wp.struct
 class Entered:
-    """Which boxes of a node are entered, bit by bit, and at what distances."""
+    """The boxes of a node that are entered (bit mask), and the distances [m] at which they are."""
 
     children: int
     distance: vec8
@@ -39,14 +39,14 @@ class Entered:
 #endif
 """)
 def sign_bits(a: vec8i) -> int:  # type: ignore[empty-body]
-    """Bit by bit, which of eight numbers are below 0: one instruction, which no loop is turned into."""
+    """Bit mask of the numbers below 0, in one instruction that LLVM does not make of a loop."""
 
 
 @wp.func_native("""
     return wp::address(nodes, at)->child[j];
 """)
 def child_of(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[empty-body]
-    """Child j of a node, read alone: the others would be copied first."""
+    """Child j of node `at`, read alone; Warp would copy all eight first."""
 
 
 def traversal(
@@ -57,12 +57,12 @@ def traversal(
     reach: Callable[..., Any],
     visit: Callable[..., Any],
 ) -> Any:
-    """A Warp function that takes a query through a tree and shows it every leaf that may hold something better.
+    """A Warp function that takes a query through a tree and visits every leaf that may improve its result.
 
     Args:
-        query, found: types of what is sought, and of what has been found so far.
+        query, found: types of the query (a ray, bundle or tile) and of its result so far.
         enter: (node, query, distance) -> Entered, the boxes that the query enters no farther than the distance.
-        reach: (found) -> distance beyond which nothing better can be.
+        reach: (found) -> distance beyond which nothing can improve the result.
         visit: (geometry, query, leaf, distance of its box, found) -> found.
     """
 
@@ -98,7 +98,7 @@ def traversal(
                     far = wp.where(is_nearer, near, distance[j])
                     at = wp.where(is_nearer, child, at)
                     near = wp.where(is_nearer, distance[j], near)
-                    # insert where those farther still are below
+                    # insertion sort: entries farther away stay below
                     k = int(top)
                     while k > floor and distances[wp.max(k - 1, 0)] < far:
                         stack[k] = stack[k - 1]

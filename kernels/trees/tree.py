@@ -1,8 +1,8 @@
-"""Trees grown over boxes, on the CPU, from the root down.
+"""Top-down construction of trees over boxes, on the CPU.
 
-The boxes of a node are split in two, and of all parts the one with the largest box again, until there are eight or all
-fit into leaves. A large tree is grown in two rounds: a coarse one in one thread, whose leaves hold many boxes; then
-what is below each of these, in as many threads as there are.
+The boxes of a node are split in two; then the part with the largest box is split again, until there are eight parts or
+all fit into leaves. A large tree is built in two rounds: first a coarse tree in one thread, whose leaves hold many
+boxes; then the subtree of each of these leaves, in all threads.
 """
 
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 STACK = 72
 """Entries of a traversal stack; no tree needs more."""
 LARGE = 2**15
-"""Boxes from which on a tree is grown in two rounds, for any number of threads."""
+"""Number of boxes from which a tree is built in two rounds, whatever the number of threads."""
 PARTS = 16
-"""A leaf of the coarse tree holds at most this part of all boxes."""
+"""A leaf of the coarse tree holds at most 1 / PARTS of all boxes."""
 
 
 @wp.struct
@@ -37,7 +37,7 @@ class Run:
 
 @wp.struct
 class Pending:
-    """A node to be made of a run of boxes, and how full a traversal stack may be when it is taken off."""
+    """A node still to be made of a run of boxes. room: most entries of a traversal stack when it pops the node."""
 
     node: int
     run: Run
@@ -46,7 +46,7 @@ class Pending:
 
 @wp.struct
 class Bud:
-    """A node in the making: the runs of boxes that become its children, and their sizes, by which to choose."""
+    """A node under construction: the runs of boxes that become its children; the one of largest size is split next."""
 
     node: Node
     members: int
@@ -57,7 +57,7 @@ class Bud:
 
 @wp.struct
 class Growth:
-    """What has been grown: nodes, leaves, and the entries that a traversal stack needs."""
+    """Size of a tree: numbers of nodes and leaves, and the entries that its traversal stack needs."""
 
     nodes: int
     leaves: int
@@ -91,7 +91,7 @@ def with_member(bud: Bud, j: int, run: Run, extent: Extent, balanced: bool) -> B
 
 @wp.func
 def member_to_split(bud: Bud, run_size: int) -> int:
-    """Which member is the largest of those with more boxes than run_size; -1 where none has."""
+    """Index of the largest member among those with more than run_size boxes; -1 if there is none."""
     best = int(-1)
     best_size = float(-1.0)
     for j in range(bud.members):
@@ -104,7 +104,7 @@ def member_to_split(bud: Bud, run_size: int) -> int:
 
 @wp.struct
 class Plot:
-    """What trees are grown from and in: arrays, for Warp compiles a kernel twice that is given any by itself."""
+    """Input, scratch and output of `grow`, as a struct: Warp compiles a kernel twice if arrays are its arguments."""
 
     boxes: Boxes
     runs: wp.array[Run]
@@ -113,16 +113,16 @@ class Plot:
     balanced: bool
     bins: wp.array[Bin]  # 3 * BINS for each run
     extents: wp.array[Extent]  # WIDTH for each run
-    pending: wp.array[Pending]  # one for each box
-    # out, one for each box; those of a run begin at its first box:
+    pending: wp.array[Pending]  # (boxes,)
+    # out, (boxes,); entries of a run begin at the index of its first box:
     nodes: wp.array[Node]
     leaves: wp.array[Run]
-    grown: wp.array[Growth]  # one for each run
+    grown: wp.array[Growth]  # (runs,)
 
 
 @wp.func
 def unfold(plot: Plot, thread: int, run: Run) -> Bud:
-    """Split a run into up to eight, none of which needs to have fewer boxes than run_size."""
+    """Split a run into up to eight; runs of at most run_size boxes are not split further."""
     boxes = plot.boxes
     extents = plot.extents
     at = thread * WIDTH
@@ -153,9 +153,9 @@ def unfold(plot: Plot, thread: int, run: Run) -> Bud:
 
 @wp.kernel
 def grow(first_thread: int, plot: Plot) -> None:
-    """A thread grows the tree of one run, down to leaves of at most run_size boxes.
+    """Build the tree of one run per thread, down to leaves of at most run_size boxes.
 
-    A node is settled with all that is below it before its neighbour is, so that boxes stay in the cache.
+    Construction is depth-first, so that the boxes of a subtree stay in the cache.
     """
     thread = first_thread + wp.tid()
     runs = plot.runs
@@ -204,7 +204,7 @@ class Tree:
 
 @dataclass(frozen=True)
 class _Part:
-    """What has been grown of one run: nodes of Node, leaves of Run."""
+    """The tree of one run: nodes of Node, leaves of Run."""
 
     nodes: npt.NDArray[np.void]
     leaves: npt.NDArray[np.void]
@@ -216,7 +216,7 @@ def build_tree(lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], l
         return Tree(empty_nodes(1), *(np.zeros(0, np.int32) for _ in range(3)))
     # SAH trees of real meshes need up to 56; a balanced tree over 2^27 leaves needs 64
     tree, stack_needed = _build(lower, upper, leaf_size, balanced=False)
-    if stack_needed > STACK - WIDTH:  # some are left for the node that join_trees adds
+    if stack_needed > STACK - WIDTH:  # WIDTH entries are kept for the node that join_trees adds
         tree, _ = _build(lower, upper, leaf_size, balanced=True)
     return tree
 
@@ -224,7 +224,7 @@ def build_tree(lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], l
 def _build(
     lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], leaf_size: int, balanced: bool
 ) -> tuple[Tree, int]:
-    """Return the tree and the entries that a traversal stack needs, or a few more."""
+    """Return the tree and an upper bound of the entries that its traversal stack needs."""
     n = len(lower)
     boxes = Boxes()
     boxes.lower, boxes.upper = (wp.array(a, dtype=wp.vec3, device="cpu", copy=True) for a in (lower, upper))
@@ -242,7 +242,7 @@ def _build(
 def _grow(
     boxes: Boxes, runs: npt.NDArray[np.void], leaf_size: int, run_size: int, balanced: bool
 ) -> tuple[list[_Part], int]:
-    """Grow the tree of each of the runs, and tell how many entries of a stack the most demanding one needs."""
+    """Build the tree of each run; return them and the most stack entries that any of them needs."""
     n, plot = boxes.order.size, Plot()
     plot.boxes, plot.runs = boxes, wp.array(runs, dtype=Run, device="cpu")
     plot.leaf_size, plot.run_size, plot.balanced = leaf_size, run_size, balanced
@@ -260,7 +260,7 @@ def _grow(
 
 
 def _grafted(nodes: npt.NDArray[np.void], parts: list[_Part]) -> _Part:
-    """The tree of these nodes with part k in place of leaf ~k."""
+    """The tree of these nodes with leaf k replaced by part k."""
     first_node = len(nodes) + np.cumsum([0, *(len(part.nodes) for part in parts)])
     first_leaf = np.cumsum([0, *(len(part.leaves) for part in parts)])
     child = nodes["child"]

@@ -10,8 +10,8 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from rigcast.check import Hit, Report, Row, WrongRay
-from rigcast.check import check as check_rig
+from rigcast.checking import Hit, Report, Row, WrongRay
+from rigcast.checking import check as check_rig
 from rigcast.cli.common.options import Device, JsonFile, ModelPath, Overrides, RigPath, console_beside, say, write_json
 from rigcast.cli.common.ready import ready_rig
 from rigcast.rig_file import open_rig
@@ -42,19 +42,19 @@ def check(
     say(console, _verdict(rig, report))
     if json_file is not None:
         write_json(json_file, as_json(rig, report))
-    if report.total("wrong"):
+    if report.wrong:
         raise typer.Exit(1)
 
 
 def as_json(rig: Path, report: Report) -> str:
     """Return the report as JSON: totals, rows, wrong rays. A distance of null is a miss."""
-    totals = {name: report.total(name) for name in COUNTS}
+    totals = {name: getattr(report, name) for name in COUNTS}
     return json.dumps({"rig": str(rig), **totals, **asdict(report)}, indent=1, allow_nan=False) + "\n"
 
 
 def _table(report: Report) -> Table:
     table = Table("sensor", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    table.caption = "worst, 99.9 %: |t - t_ref| [µm] of rays that agree; of allowed: largest share of the tolerance"
+    table.caption = r"worst, 99.9 %: |t - t_ref| \[um] of rays that agree; of allowed: largest share of the tolerance"
     table.add_column("hit", no_wrap=True)
     for column in ("rays", "agree", "edge band", "wrong", "worst", "99.9 %", "of allowed"):
         table.add_column(column, justify="right", no_wrap=True)
@@ -93,6 +93,5 @@ def _hit(hit: Hit) -> str:
 
 
 def _verdict(rig: Path, report: Report) -> str:
-    rays, edge, wrong = (report.total(name) for name in ("rays", "edge", "wrong"))
-    band = f"{edge} in the edge band ({edge / rays:.3%})"
-    return f"{rig}: {wrong} of {rays} rays are wrong, in {len(report.times)} states; {band}"
+    band = f"{report.edge} in the edge band ({report.edge / report.rays:.3%})"
+    return f"{rig}: {report.wrong} of {report.rays} rays are wrong, in {len(report.times)} states; {band}"

@@ -62,15 +62,21 @@ def _entry(name: str) -> dict[str, Any]:
         "description": preset.description,
         "source": [each.source for each in preset.lineage()],
         "assumed": preset.all_assumed(),
+        "cited": sorted(preset.cited()),
         "figures": preset.all_figures(),
         "sensor": sensor,
     }
 
 
 def _list() -> Table:
-    table = Table("preset", "type", "device")
+    table = Table(caption="cited: figures from a source that the card names")
+    table.add_column("preset", no_wrap=True)
+    table.add_column("type")
+    table.add_column("device")
+    table.add_column("cited", justify="right", no_wrap=True)
     for preset in map(load_preset, preset_names()):
-        table.add_row(preset.name, preset.type, preset.description)
+        cited = f"{len(preset.cited())} of {len(preset.stated())}"
+        table.add_row(preset.name, preset.type, preset.description, cited)
     return table
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rigcast.kernels.hits import reading
 from rigcast.kernels.rays.stamps import stamps
+from rigcast.sensors.device import DeviceArray
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.scene.parts.part import Owner
@@ -56,8 +57,9 @@ class Frame:
     Where `range` is not finite: points are NaN, ids -1, normals 0. A hit on a flex, skin or prop has `geom_id` -1.
     """
 
-    time: float | wp.array
-    pose: NDArray[np.float64] | wp.array
+    # float and numpy array, or Warp arrays: Any, so that type checkers take them for what the user knows them to be
+    time: Any
+    pose: Any
     shape: tuple[int, ...]
     _arrays: FrameArrays
     _source: Source
@@ -75,58 +77,77 @@ class Frame:
         return self._source.sensor
 
     @property
-    def range(self) -> wp.array:
+    def range(self) -> DeviceArray:
         """(...) float32 [m]: distance along the ray; +inf nothing in range, -inf too near, NaN invalid (REP-117)."""
         return self._arrays.range
 
     @property
-    def normal(self) -> wp.array:
+    def normal(self) -> DeviceArray:
         """(..., 3) float32: unit outward normal of what was hit, in the sensor's frame; 0 where nothing was."""
         return self._arrays.normal
 
     @cached_property
-    def geom_id(self) -> wp.array:
+    def geom_id(self) -> DeviceArray:
         """(...) int32: MuJoCo's id of the geom, -1 where none was hit."""
         return self._ids("geom")
 
     @cached_property
-    def flex_id(self) -> wp.array | None:
+    def flex_id(self) -> DeviceArray | None:
         """(...) int32: MuJoCo's id of the flex, -1 where none was hit; None in a scene without flexes."""
         return self._ids("flex")
 
     @cached_property
-    def skin_id(self) -> wp.array | None:
+    def skin_id(self) -> DeviceArray | None:
         """(...) int32: MuJoCo's id of the skin, -1 where none was hit; None in a scene without skins."""
         return self._ids("skin")
 
     @cached_property
-    def prop_id(self) -> wp.array | None:
+    def prop_id(self) -> DeviceArray | None:
         """(...) int32: the place of the prop in the list of props, -1 where none was hit; None without props."""
         return self._ids("prop")
 
     @cached_property
-    def body_id(self) -> wp.array:
+    def body_id(self) -> DeviceArray:
         """(...) int32: MuJoCo's id of the body of what was hit, -1 where nothing was, or a thing of several bodies."""
         return self._values("body_id", partial(reading.look_up, self._source.body_of_shape, self._arrays.hits.shape))
 
     @cached_property
-    def points(self) -> wp.array:
+    def points(self) -> DeviceArray:
         """(..., 3) float32 [m], in the sensor's frame; NaN where the range is not finite."""
         return self._of_rays("points", reading.points)
 
     @cached_property
-    def points_world(self) -> wp.array:
+    def points_world(self) -> DeviceArray:
         """(..., 3) float64 [m], in the world; NaN where the range is not finite."""
         return self._of_rays("points_world", reading.world_points)
 
     @cached_property
-    def stamp(self) -> wp.array:
+    def stamp(self) -> DeviceArray:
         """(...) float64 [s]: when each ray was fired, `time` plus its firing time in the pattern."""
         distance = self._arrays.hits.distance
         begun = self.time
         if not isinstance(begun, wp.array):
             begun = wp.full(1, begun, dtype=wp.float64, device=distance.device)
         return self._values("stamp", partial(stamps, begun, self._source.firing_times, distance.size))
+
+    if TYPE_CHECKING:  # what frames of some sensors have, for `rig.sense(data)["front"].depth` to be of a type
+
+        @property
+        def ring(self) -> DeviceArray: ...
+        @property
+        def column(self) -> DeviceArray: ...
+        @property
+        def depth(self) -> DeviceArray: ...
+        @property
+        def depth_16bit(self) -> DeviceArray: ...
+        @property
+        def intensity(self) -> DeviceArray: ...
+        @property
+        def intrinsics(self) -> NDArray[np.float64]: ...
+        @property
+        def lens(self) -> Lens | None: ...
+        @property
+        def depth_scale(self) -> float: ...
 
     def world(self, k: int) -> Self:
         """The frame of one of many worlds, which shares memory with this one."""
@@ -216,7 +237,7 @@ class Frame:
         self.picture().save(png, format="png")
         return png.getvalue()
 
-    def _ids(self, owner: Owner) -> wp.array | None:
+    def _ids(self, owner: Owner) -> Any:
         ids = self._source.shape_ids
         if owner not in ids.of_shape:
             return None
@@ -238,12 +259,12 @@ class LidarFrame(Frame):
     With `returns: dual` every field of each ray has a last axis of 2, before that of vectors.
     """
 
-    ring: wp.array
-    column: wp.array
+    ring: DeviceArray
+    column: DeviceArray
     _intensity: Callable[[wp.array | None], wp.array]
 
     @cached_property
-    def intensity(self) -> wp.array:
+    def intensity(self) -> DeviceArray:
         """(beams, columns) float32: what a white surface facing the sensor would have to reflect to look the same.
 
         reflectivity cos(incidence) of a plain surface in clear air; 0 where the range is not finite.
@@ -280,17 +301,17 @@ class CameraFrame(Frame):
     _intensity: Callable[[wp.array | None], wp.array]
 
     @cached_property
-    def depth(self) -> wp.array:
+    def depth(self) -> DeviceArray:
         """(height, width) float32 [m]: z-depth in the optical frame; +-inf and NaN where the range is."""
         return self._of_rays("depth", reading.z_depth)
 
     @cached_property
-    def depth_16bit(self) -> wp.array:
+    def depth_16bit(self) -> DeviceArray:
         """(height, width) uint16 [depth_scale]: depth as drivers give it, 0 where it is not known or too large."""
         return self._values("depth_16bit", partial(reading.depth_16bit, self.depth.flatten(), self.depth_scale))
 
     @cached_property
-    def intensity(self) -> wp.array:
+    def intensity(self) -> DeviceArray:
         """(height, width) float32: infrared light that comes back, reflectivity |cos incidence| / range^2.
 
         1 is a white surface that faces the camera at 1 m, 0 where nothing is. An error of the depth does not show in

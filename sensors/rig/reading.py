@@ -66,7 +66,10 @@ def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame
     common = aim.time, aim.pose, arrays.shape, arrays, mounted.source
     if isinstance(spec, Lidar):
         bright = brightness or partial(intensity, arrays.hits, aim.rays, looks().reflectivity)
-        frame: Frame = LidarFrame(*common, mounted.pattern.ring, mounted.pattern.column, bright)
+        ring, column = mounted.pattern.ring, mounted.pattern.column
+        assert ring is not None
+        assert column is not None
+        frame: Frame = LidarFrame(*common, ring, column, bright)
     elif isinstance(spec, DepthCamera):
         bright = brightness or partial(infrared, arrays.hits, aim.rays.directions, looks().reflectivity)
         pattern = mounted.pattern.given

@@ -9,6 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.hits.arrays import HitArrays
+from rigcast.sensors.device import DeviceArray
 from rigcast.sensors.errors import InputError
 
 from .parts.part import OWNERS, Owner
@@ -40,37 +41,37 @@ class Hits:
     _shape_ids: ShapeIds = field(repr=False)
 
     @cached_property
-    def distance(self) -> wp.array:
+    def distance(self) -> DeviceArray:
         """(...) float32 [m], +inf on a miss, NaN for a ray on the device that is not finite."""
         return self._shaped(self._arrays.distance)
 
     @cached_property
-    def face(self) -> wp.array:
+    def face(self) -> DeviceArray:
         """(...) int32, triangle within the mesh or height field, -1 otherwise."""
         return self._shaped(self._arrays.face)
 
     @cached_property
-    def normal(self) -> wp.array:
+    def normal(self) -> DeviceArray:
         """(..., 3) float32, unit, outward whatever the ray's direction, in the world; 0 on a miss."""
         return self._arrays.normal.view(wp.float32).reshape((*self._own_shape, 3))
 
     @cached_property
-    def geom_id(self) -> wp.array:
+    def geom_id(self) -> DeviceArray:
         """(...) int32, -1 unless a geom was hit."""
         return self._ids("geom")
 
     @cached_property
-    def flex_id(self) -> wp.array:
+    def flex_id(self) -> DeviceArray:
         """(...) int32, -1 unless a flex was hit."""
         return self._ids("flex")
 
     @cached_property
-    def skin_id(self) -> wp.array:
+    def skin_id(self) -> DeviceArray:
         """(...) int32, -1 unless a skin was hit."""
         return self._ids("skin")
 
     @cached_property
-    def prop_id(self) -> wp.array:
+    def prop_id(self) -> DeviceArray:
         """(...) int32, -1 unless a prop was hit."""
         return self._ids("prop")
 
@@ -102,7 +103,7 @@ class Hits:
     def _own_shape(self) -> tuple[int, ...]:
         return self.shape or (1,)
 
-    def _shaped(self, array: wp.array) -> wp.array:
+    def _shaped(self, array: wp.array) -> DeviceArray:
         """In the shape of the rays; as it is where it has that, for another view takes as long as to cast many."""
         return array if array.shape == self._own_shape else array.reshape(self._own_shape)
 

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from rigcast.sensors.faults import Fault, refuse
 from rigcast.sensors.names import expected_one_of, model_names
 
-from .spec import Spec
+from .spec import Integers, Spec, Takes, optional
 
 _BODY = mujoco.mjtObj.mjOBJ_BODY
 
@@ -23,7 +23,7 @@ class Filter(Spec):
     bodies is excluded, or static, if all of its bodies are.
     """
 
-    geom_groups: Sequence[Annotated[int, Field(ge=0, le=5)]] | None = Field(
+    geom_groups: Takes[Integers | None, Sequence[Annotated[int, Field(ge=0, le=5)]] | None] = optional(
         default=None, description="geom groups that may be hit, each 0 to 5; null: all of them"
     )
     static: bool = Field(default=True, description="whether geoms that cannot move may be hit")

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from .pattern import MOST_RAYS, Pattern
 from .sensor_spec import SensorSpec
+from .spec import Numbers, Takes
 
 _Length = Annotated[float, Field(gt=0)]
 
@@ -26,7 +27,7 @@ class HeightScan(SensorSpec):
     yaw_aligned: ClassVar[bool] = True
 
     type: Literal["height_scan"] = "height_scan"
-    size: tuple[_Length, _Length] = Field(description="extent of the grid along x and y [m]")
+    size: Takes[Numbers, tuple[_Length, _Length]] = Field(description="extent of the grid along x and y [m]")
     spacing: float = Field(gt=0, description="distance between neighbouring rays [m]")
 
     @field_validator("spacing")

@@ -12,11 +12,12 @@ from .cameras.depth_camera import DepthCamera
 from .filter import Filter
 from .lidars.lidar import Lidar
 from .mount import Mount
+from .spec import Integers
 
 _ALONG_Z = (0.0, -90.0, 0.0)  # roll, pitch, yaw [deg] that turn the mount's x axis to where z was
 
 
-def from_model(model: mujoco.MjModel, resolution: tuple[int, int] = (640, 480)) -> list[Lidar | DepthCamera]:
+def from_model(model: mujoco.MjModel, resolution: Integers = (640, 480)) -> list[Lidar | DepthCamera]:
     """The cameras and `<rangefinder>`s of a model, as sensors for a `Rig` on it; change them with `model_copy`.
 
     A camera becomes a depth camera with its optics and its own resolution, or else `resolution` (width, height).
@@ -40,7 +41,7 @@ def from_model(model: mujoco.MjModel, resolution: tuple[int, int] = (640, 480)) 
     return [*(_camera(model, i, usable_name(model.camera(i).name, taken), resolution) for i in cameras), *finders]
 
 
-def _rangefinders(model: mujoco.MjModel, taken: set[str], resolution: tuple[int, int]) -> Iterator[Lidar | DepthCamera]:
+def _rangefinders(model: mujoco.MjModel, taken: set[str], resolution: Integers) -> Iterator[Lidar | DepthCamera]:
     for i in np.flatnonzero(model.sensor_type == mujoco.mjtSensor.mjSENS_RANGEFINDER):
         target, cutoff = int(model.sensor_objid[i]), float(model.sensor_cutoff[i])
         max_range = cutoff if cutoff > 0 else np.inf
@@ -61,7 +62,7 @@ def _rangefinders(model: mujoco.MjModel, taken: set[str], resolution: tuple[int,
             yield spec.model_copy(update={"filter": own, "max_range": max_range})
 
 
-def _camera(model: mujoco.MjModel, index: int, name: str, resolution: tuple[int, int]) -> DepthCamera:
+def _camera(model: mujoco.MjModel, index: int, name: str, resolution: Integers) -> DepthCamera:
     own = model.cam_resolution[index].min() > 1
     mount = Mount(camera=model.camera(index).name)
     return DepthCamera(name=name, mount=mount, resolution=None if own else resolution)

@@ -12,7 +12,7 @@ from rigcast.sensors.faults import Fault, refuse
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.rotations import rotation_matrix
 
-from .spec import Spec
+from .spec import Numbers, Spec, Takes, optional
 
 Parent = Literal["world", "body", "site", "camera"]
 
@@ -37,11 +37,13 @@ class Mount(Spec):
     body: str | None = Field(default=None, description="name of the MuJoCo body that carries the sensor")
     site: str | None = Field(default=None, description="name of the MuJoCo site that carries the sensor")
     camera: str | None = Field(default=None, description="name of the MJCF camera from which the sensor looks")
-    pos: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="offset x, y, z from the carrier [m]")
-    quat: tuple[float, float, float, float] | None = Field(
+    pos: Takes[Numbers, tuple[float, float, float]] = optional(
+        default=(0.0, 0.0, 0.0), description="offset x, y, z from the carrier [m]"
+    )
+    quat: Takes[Numbers | None, tuple[float, float, float, float] | None] = optional(
         default=None, description="orientation relative to the carrier, w, x, y, z; any length but zero"
     )
-    euler_deg: tuple[float, float, float] | None = Field(
+    euler_deg: Takes[Numbers | None, tuple[float, float, float] | None] = optional(
         default=None, description="orientation: roll, pitch, yaw about the fixed x, y, z axes [deg]"
     )
 

@@ -67,6 +67,15 @@ class Preset:
             assumed = {key: why for key, why in assumed.items() if key not in renewed} | dict(preset.assumed)
         return assumed
 
+    def stated(self) -> set[str]:
+        """The keys of `sensor` and `figures`, with those of what it extends, that are figures of a device."""
+        keys = {key for preset in self.lineage() for key in (*preset.sensor, *preset.figures)}
+        return keys - {"motion"}  # a switch
+
+    def cited(self) -> set[str]:
+        """Those of `stated` that `source` covers: all that are not assumed."""
+        return self.stated() - self.all_assumed().keys()
+
 
 @cache
 def preset_names() -> tuple[str, ...]:

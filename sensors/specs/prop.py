@@ -1,6 +1,7 @@
 """Props: meshes that are not in the MuJoCo model."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Any
 
 import mujoco
@@ -14,7 +15,7 @@ from rigcast.sensors.meshes import read_mesh
 from rigcast.sensors.names import require_different
 
 from .mount import Mount
-from .spec import FilePath, Spec
+from .spec import FilePath, Keys, Numbers, Spec, Takes, optional
 
 
 def _as_scale(given: Any) -> Any:
@@ -23,6 +24,9 @@ def _as_scale(given: Any) -> Any:
     if len(values) not in (1, 3) or not are_numbers or not np.isfinite(values).all() or 0 in values:
         raise ValueError(f"must be one number or three, none of them 0, got {given!r}")
     return tuple(map(float, values)) if len(values) == 3 else float(values[0])
+
+
+Scale = Annotated[float | tuple[float, float, float], BeforeValidator(_as_scale)]
 
 
 class Prop(Spec):
@@ -34,9 +38,13 @@ class Prop(Spec):
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,64}$", description="unique name of the prop: letters, digits, _ and -")
-    file: FilePath = Field(description="mesh file, .stl, .obj, .ply or .glb; in a rig file a path relative to it")
-    mount: Mount = Field(default_factory=Mount, description="pose of the mesh's origin and axes")
-    scale: Annotated[float | tuple[float, float, float], BeforeValidator(_as_scale)] = Field(
+    file: Takes[str | Path, FilePath] = Field(
+        description="mesh file, .stl, .obj, .ply or .glb; in a rig file a path relative to it"
+    )
+    mount: Takes[Mount | Keys, Mount] = optional(
+        default_factory=Mount, description="pose of the mesh's origin and axes"
+    )
+    scale: Takes[float | Numbers, Scale] = optional(
         default=1.0, description="factor on the file's coordinates: one number, or x, y, z"
     )
     allow_outside: bool = Field(default=False, description="whether a rig file may name a file outside its folder")

@@ -21,7 +21,7 @@ from .filter import Filter
 from .mount import Mount
 from .pattern import Pattern
 from .presets import load_preset, preset_names
-from .spec import Spec, folder_of
+from .spec import Keys, Spec, Takes, folder_of, optional
 
 
 def no_default(schema: JsonDict) -> None:
@@ -63,8 +63,8 @@ class SensorSpec(Spec):
         description="device whose figures are the defaults of all other keys: its name, or a .yaml file beside the rig",
         json_schema_extra=_list_presets,
     )
-    mount: Mount = Field(description="where the sensor is")
-    filter: Filter = Field(default=Filter(), description="which geoms its rays may hit")
+    mount: Takes[Mount | Keys, Mount] = Field(description="where the sensor is")
+    filter: Takes[Filter | Keys, Filter] = optional(default=Filter(), description="which geoms its rays may hit")
     rate_hz: float | None = Field(default=None, gt=0, description="readings per second [Hz]; null: every step")
     phase: float = Field(default=0.0, ge=0, description="when the first reading after time 0 begins [s]")
     latency: float = Field(default=0.0, ge=0, description="how long after its time a reading is returned [s]")

@@ -4,21 +4,21 @@ A specification is a frozen record with keyword arguments only. The keys of a YA
 checked by the same rules: unknown keys, text in place of numbers, and NaN are refused.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, Self
+from typing import TYPE_CHECKING, Annotated, Any, Generic, NoReturn, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
+from numpy.typing import NDArray
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import faults_of, refuse
 from rigcast.sensors.names import listing
 
-if TYPE_CHECKING:
-    # Through pydantic's own metaclass type checkers know the arguments of every constructor.
-    from pydantic._internal._model_construction import ModelMetaclass as _RefusesInput
+if TYPE_CHECKING:  # who knows the arguments of every constructor through pydantic's own metaclass
+    _Record = BaseModel
 else:
 
     class _RefusesInput(type(BaseModel)):
@@ -40,8 +40,41 @@ else:
                 owner = f"{cls.__name__} {name!r}" if isinstance(name, str) else cls.__name__
                 refuse(owner, faults_of(error, cls))
 
+    class _Record(BaseModel, metaclass=_RefusesInput):
+        pass
 
-class Spec(BaseModel, metaclass=_RefusesInput):
+
+_Given = TypeVar("_Given", contravariant=True)
+_Held = TypeVar("_Held", covariant=True)
+
+if TYPE_CHECKING:
+
+    class Takes(Generic[_Given, _Held]):
+        """The type of a field that is given as the first of these types and then held as the second."""
+
+        def __get__(self, spec: object, owner: Any) -> _Held: ...
+        def __set__(self, spec: Any, value: _Given) -> None: ...
+else:
+
+    class Takes:
+        """To pydantic the type that is held, to which `_plain` and pydantic bring what is given."""
+
+        def __class_getitem__(cls, types: tuple[Any, Any]) -> Any:
+            return types[1]
+
+
+Numbers = Sequence[float] | NDArray[np.floating[Any] | np.integer[Any]]
+Integers = Sequence[int] | NDArray[np.integer[Any]]
+Keys = dict[str, Any]
+"""The arguments of a specification, in place of the specification."""
+
+
+def optional(**options: Any) -> Any:
+    """A pydantic `Field` with a default, which is of the type that a field of type `Takes` holds."""
+    return Field(**options)
+
+
+class Spec(_Record):
     """A frozen, strict record. Raises InputError with one line per fault."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)

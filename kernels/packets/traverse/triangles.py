@@ -47,7 +47,8 @@ def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..
     waited is visited. When the stack runs empty, the waiting leaf is visited.
 
     Entries of a node's vectors (distances, lanes) are read and written one by one: a vector written by elements and
-    then read as a whole would stall on store forwarding.
+    then read as a whole would stall on store forwarding. The insertion sort is written out here because Warp passes
+    vectors by value: as a function of its own, inlined too, it copies the stack and makes a cast 4 to 21 % slower.
 
     Args:
         visit: (sought, leaf, mask of the lanes that enter its box, reach) -> reach.

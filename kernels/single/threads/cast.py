@@ -1,15 +1,9 @@
-"""Rays cast in threads of CUDA, as many as it runs at once, each of which takes one ray after the other.
-
-One launch casts the rays of one sensor, or of several: a warp that finds none left of one goes on to the next.
-"""
-
-from collections.abc import Callable, Sequence
+"""The kernel that casts the rays of one sensor on CUDA: each thread of as many as run at once takes ray after ray."""
 
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.hits.out import write_miss
-from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.on_cuda import on_cuda
 from rigcast.kernels.rays.arrays import firing_of
 from rigcast.kernels.single.cast import Job, is_castable, ray_number, read_ray, world_ray, write_hit
@@ -25,8 +19,6 @@ RAY_DOUBLES = wp.types.type_size_in_bytes(Ray) // 8 | 1
 FRAME_FLOATS = 2 * wp.types.type_size_in_bytes(Frame) // 4 | 1
 """How far apart threads' rays are, in 8 bytes, and their frames, in 4: odd, so that threads which read the same of
 theirs do not read from one bank."""
-MOST = 8
-"""Sets of others with which launches of a cast are kept: one sensor's frames may be held for longer than another's."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 8})
 
@@ -136,46 +128,3 @@ def cast_rays(
     """
     g.visible = job.visible
     cast_share(0, g, held[0], job, which, count, taken)
-
-
-class InThreads:
-    """A cast of `count` rays of one sensor, of those that `which` names or of all, for as often as it is wanted."""
-
-    def __init__(self, geometry: Geometry, job: Job, which: wp.array, count: int) -> None:
-        self.geometry, self.job, self.which, self.count = geometry, job, which, count
-        self._with: dict[tuple[InThreads, ...], list[Callable[[], None]]] = {}
-
-    def launch_with(self, others: Sequence["InThreads"]) -> object:
-        """All at once, at one geometry. Gives the launches, which hold what they read."""
-        key = tuple(others)
-        launches = self._with.get(key)
-        if launches is None:
-            launches = _prepare([self, *others])
-            if len(self._with) == MOST:
-                self._with.clear()
-            if not self.which.device.is_capturing:  # else the graph has the memory that they use
-                self._with[key] = launches
-        for launch in launches:
-            launch()
-        return launches
-
-
-def _prepare(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
-    """One launch that casts the rays of all, after those that hand over what it reads."""
-    device = casts[0].which.device
-    held = wp.empty((len(casts), 1), dtype=Geometry, device=device)
-    shares = wp.empty((len(casts), 1), dtype=Share, device=device)
-    taken = wp.empty(len(casts), dtype=int, device=device)
-    launches = []
-    for k, each in enumerate(casts):
-        inputs = [k, each.geometry, each.job, each.which, each.count, held, shares, taken]
-        launches.append(recorded(hold, 1, inputs, [], device, BLOCK))  # as Warp compiles for one size of blocks
-    first = casts[0]
-    kernel, inputs = cast_rays, [first.geometry, held, first.job, first.which, first.count, taken]
-    if len(casts) > 1:
-        from .several import cast_rays_of_several  # here, as one sensor does not wait until it is compiled
-
-        kernel, inputs = cast_rays_of_several, [first.geometry, held, shares, taken]
-    blocks = min(-(-sum(each.count for each in casts) // BLOCK), BLOCKS * device.sm_count)
-    launches.append(recorded(kernel, BLOCK * blocks, inputs, [], device, BLOCK))
-    return launches

@@ -7,7 +7,8 @@ from typing import Any
 
 
 def prepare_streams() -> None:
-    """Let words on standard error that cannot be written be lost, and open streams that are closed.
+    """Let words on standard error that cannot be written be lost, open streams that are closed, and escape letters that
+    the encoding of standard output does not have.
 
     The number of a closed stream would be that of the next file, into which libraries print what was meant for it.
     """
@@ -18,6 +19,8 @@ def prepare_streams() -> None:
             # takes the lowest number that is free; an answer still cannot be written
             opened = os.open(os.devnull, os.O_RDONLY if stream == 1 else os.O_RDWR)
             os.set_inheritable(opened, True)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     if sys.stdout is None:
         sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     encoding = "utf-8" if sys.stderr is None else sys.stderr.encoding

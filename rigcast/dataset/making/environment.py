@@ -10,6 +10,7 @@ import warp as wp
 
 from rigcast.dataset.description.file import DatasetFile
 from rigcast.quiet import quiet_warp
+from rigcast.sensors.device import find_device
 from rigcast.sensors.errors import InputError
 
 _PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "pillow")
@@ -44,7 +45,7 @@ def environment(file: DatasetFile, device: str | None) -> dict[str, str]:
         *_FORMAT_PACKAGES[file.output.format],
         *(_FORMAT_PACKAGES["exr"] if file.output.exr else ()),
     )
-    place = wp.get_device(device)
+    place = find_device(device)
     machine = platform.machine() if file.portable else f"{platform.machine()} {_cpu_name()}"
     flags = getattr(wp.config, "cpu_compiler_flags", None)
     made_with = {name: _version(name) for name in packages}

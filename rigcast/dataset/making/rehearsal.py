@@ -6,7 +6,7 @@ from rigcast.dataset.description.config import DatasetConfig
 from rigcast.dataset.description.file import SceneSource, UserController
 from rigcast.dataset.description.functions import FunctionFault
 from rigcast.dataset.storage.manifest import is_finished
-from rigcast.sensors.device import compiling
+from rigcast.sensors.device import compiling, find_device
 from rigcast.sensors.errors import InputError
 
 from .environment import prepare_warp
@@ -19,9 +19,11 @@ def rehearse(config: DatasetConfig, folder: Path, device: str | None) -> None:
     """Call every function once and cast once, so that workers find the kernels compiled; nothing is written.
 
     Raises InputError for a function with which the first two episodes of a scene fail, where none of that scene is
-    there yet, and for kernels that cannot be written. Whatever else is wrong with a scene fails its episodes.
+    there yet, for a device that is not there, and for kernels that cannot be written. Whatever else is wrong with a
+    scene fails its episodes.
     """
     prepare_warp(config.file.portable)
+    find_device(device)
     called, has_cast = set[str](), False
     for scene in config.file.scenes:
         functions = _functions(config, scene)

@@ -12,6 +12,7 @@ from rigcast.sensors.specs.lens import AnyLens, BrownConrady, Lens
 from rigcast.sensors.specs.mount import BoundMount
 from rigcast.sensors.specs.pattern import Pattern, refuse_too_many
 from rigcast.sensors.specs.sensor_spec import SensorSpec
+from rigcast.sensors.specs.spec import Integers, Keys, Takes, optional
 
 from .ranging import Stereo, TimeOfFlight
 
@@ -49,7 +50,7 @@ class DepthCamera(SensorSpec):
     _alternatives: ClassVar[tuple[frozenset[str], ...]] = (*(frozenset({key}) for key in _VIEW), frozenset(_FOCAL))
 
     type: Literal["depth_camera"] = "depth_camera"
-    resolution: tuple[Pixels, Pixels] | None = Field(
+    resolution: Takes[Integers | None, tuple[Pixels, Pixels] | None] = optional(
         default=None, description="width and height [pixels]; null: those of the MJCF camera it is mounted on"
     )
     fov_x_deg: float | None = Field(
@@ -63,11 +64,15 @@ class DepthCamera(SensorSpec):
     cx: Principal | None = Field(default=None, description="principal point from the image's left edge [pixels]")
     cy: Principal | None = Field(default=None, description="principal point from the image's top edge [pixels]")
 
-    distortion: AnyLens | None = Field(
+    distortion: Takes[AnyLens | Keys | None, AnyLens | None] = optional(
         default=None, description="lens distortion, with fx, fy, cx and cy or those of the MJCF camera; null: pinhole"
     )
-    stereo: Stereo | None = Field(default=None, description="measure by stereo or structured light, with its errors")
-    time_of_flight: TimeOfFlight | None = Field(default=None, description="measure by time of flight, with its errors")
+    stereo: Takes[Stereo | Keys | None, Stereo | None] = optional(
+        default=None, description="measure by stereo or structured light, with its errors"
+    )
+    time_of_flight: Takes[TimeOfFlight | Keys | None, TimeOfFlight | None] = optional(
+        default=None, description="measure by time of flight, with its errors"
+    )
     readout_time: float = Field(
         default=0.0,
         ge=0,

@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from rigcast.sensors.specs.sensor_spec import no_default
-from rigcast.sensors.specs.spec import Spec
+from rigcast.sensors.specs.spec import Numbers, Spec, Takes, optional
 
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Angle = Annotated[float, Field(gt=0, le=10)]
@@ -79,7 +79,7 @@ class Detection(Spec):
 class Beam(Spec):
     """A diverging beam, cast as sub-rays whose echoes mix at edges or are separated into several returns."""
 
-    divergence_deg: tuple[_Angle, _Angle] = Field(
+    divergence_deg: Takes[Numbers, tuple[_Angle, _Angle]] = Field(
         description="full width across and up at 1 / e^2 of the irradiance [deg]; 1 mrad is 0.0573 deg"
     )
     rings: int = Field(
@@ -91,7 +91,7 @@ class Weather(Spec):
     """Rain and fog along the beam: they attenuate it and return echoes of their own. Needs `detection`."""
 
     rain_rate: float = Field(default=0.0, ge=0, le=500, description="rain [mm/h]")
-    rain_extinction: tuple[Annotated[float, Field(ge=0)], float] | None = Field(
+    rain_extinction: Takes[Numbers | None, tuple[Annotated[float, Field(ge=0)], float] | None] = optional(
         default=None,
         description="a and b of an extinction a r^b [1/m] in rain of r mm/h; null: computed from the drops",
     )

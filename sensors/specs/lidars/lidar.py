@@ -11,6 +11,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import Fault
 from rigcast.sensors.specs.pattern import Pattern, refuse_too_many
 from rigcast.sensors.specs.sensor_spec import SensorSpec, no_default
+from rigcast.sensors.specs.spec import Keys, Numbers, Takes, optional
 
 from .beam_table import BeamTable
 from .effects import Beam, Detection, Noise, Weather
@@ -49,13 +50,13 @@ class Lidar(SensorSpec):
     _alternatives: ClassVar[tuple[frozenset[str], ...]] = (_TABLE, *(frozenset({key}) for key in _PATHS))
 
     type: Literal["lidar"] = "lidar"
-    elevation_deg: Sequence[Annotated[float, Field(ge=-90, le=90)]] = Field(
+    elevation_deg: Takes[Numbers, Sequence[Annotated[float, Field(ge=-90, le=90)]]] = optional(
         default=(),
         min_length=1,
         description="elevation of each row above the x-y plane [deg]; required without a preset",
         json_schema_extra=no_default,
     )
-    azimuth_offset_deg: Sequence[float] | None = Field(
+    azimuth_offset_deg: Takes[Numbers | None, Sequence[float] | None] = optional(
         default=None, description="added to the azimuth of each row [deg], one value per row; null: 0"
     )
     columns: int = Field(
@@ -68,12 +69,12 @@ class Lidar(SensorSpec):
     column_period_us: float | None = Field(
         default=None, gt=0, description="time from one column to the next [us], instead of columns; needs rate_hz"
     )
-    azimuth_deg: tuple[float, float] | None = Field(
+    azimuth_deg: Takes[Numbers | None, tuple[float, float] | None] = optional(
         default=None,
         description="azimuth of the first and of the last column [deg]; null: evenly over a full turn",
     )
     clockwise: bool = Field(default=False, description="whether columns follow each other clockwise, seen from above")
-    firing_time_us: Sequence[Annotated[float, Field(ge=0)]] | None = Field(
+    firing_time_us: Takes[Numbers | None, Sequence[Annotated[float, Field(ge=0)]] | None] = optional(
         default=None, description="when each row fires after the first one of its column [us]; null: all at once"
     )
     scan_time: float | None = Field(
@@ -87,20 +88,28 @@ class Lidar(SensorSpec):
         "its own time",
     )
     origin_radius: float = Field(default=0.0, ge=0, description="distance of the beams' origins from the z axis [m]")
-    origin_height: Sequence[float] | None = Field(
+    origin_height: Takes[Numbers | None, Sequence[float] | None] = optional(
         default=None, description="height of the origin of each row [m], one value per row; null: 0"
     )
-    rosette: Rosette | None = Field(default=None, description="beams steered by rotating wedges, instead of a table")
-    nodding: Nodding | None = Field(default=None, description="beams that rotate and nod, instead of a table")
-    ray_file: RayFile | None = Field(default=None, description="a file of rays, instead of a table")
+    rosette: Takes[Rosette | Keys | None, Rosette | None] = optional(
+        default=None, description="beams steered by rotating wedges, instead of a table"
+    )
+    nodding: Takes[Nodding | Keys | None, Nodding | None] = optional(
+        default=None, description="beams that rotate and nod, instead of a table"
+    )
+    ray_file: Takes[RayFile | Keys | None, RayFile | None] = optional(
+        default=None, description="a file of rays, instead of a table"
+    )
 
-    noise: Noise | None = Field(
+    noise: Takes[Noise | Keys | None, Noise | None] = optional(
         default=None, description="errors of ray direction and range, and returns lost at random"
     )
-    detection: Detection | None = Field(
+    detection: Takes[Detection | Keys | None, Detection | None] = optional(
         default=None, description="how far dark surfaces are detected, and how accurately"
     )
-    beam: Beam | None = Field(default=None, description="the beam's divergence, with mixed pixels at edges")
+    beam: Takes[Beam | Keys | None, Beam | None] = optional(
+        default=None, description="the beam's divergence, with mixed pixels at edges"
+    )
     returns: Literal["first", "last", "strongest", "dual"] = Field(
         default="strongest", description="which of a beam's returns are reported; dual: strongest and last"
     )
@@ -120,7 +129,7 @@ class Lidar(SensorSpec):
         le=90,
         description="angle of incidence up to which a mirror reflects light back to the sensor [deg]",
     )
-    weather: Weather | None = Field(default=None, description="rain and fog")
+    weather: Takes[Weather | Keys | None, Weather | None] = optional(default=None, description="rain and fog")
 
     @field_validator(*_PER_ROW)
     @classmethod

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.pattern import Pattern, directions_at
-from rigcast.sensors.specs.spec import FilePath, Spec, beside, folder_of
+from rigcast.sensors.specs.spec import FilePath, Spec, Takes, beside, folder_of
 
 _COLUMNS = ("time", "azimuth", "elevation", "ring")
 _SUFFIXES = (".csv", ".npy")
@@ -29,7 +29,7 @@ class RayFile(Spec):
     Rows left over, fewer than there are readings, are not used.
     """
 
-    path: FilePath = Field(description="the file, .csv or .npy; in a rig file a path relative to it")
+    path: Takes[str | Path, FilePath] = Field(description="the file, .csv or .npy; in a rig file a path relative to it")
     sample_rate_hz: float | None = Field(
         default=None,
         gt=0,

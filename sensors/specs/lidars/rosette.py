@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from rigcast.sensors.specs.pattern import Pattern, directions_at
-from rigcast.sensors.specs.spec import Spec
+from rigcast.sensors.specs.spec import Keys, Numbers, Spec, Takes, optional
 
 if TYPE_CHECKING:  # cards of devices are drawn without Warp
     from rigcast.kernels.rays.coherent import Packets
@@ -35,7 +35,7 @@ class Steered(Spec):
     """A beam, or a few on lines of their own, sampled at a steady rate along a path in time."""
 
     sample_rate_hz: float = Field(gt=0, description="measurements of each line per second [Hz]")
-    line_elevation_deg: Sequence[float] = Field(
+    line_elevation_deg: Takes[Numbers, Sequence[float]] = optional(
         default=(0.0,), min_length=1, description="elevation of each line before it is deflected [deg]"
     )
     start: float = Field(default=0.0, description="position along the beam's path at time 0 [s]")
@@ -108,7 +108,9 @@ class Rosette(Steered):
     ... )
     """
 
-    wedges: Sequence[Wedge] = Field(min_length=1, description="the wedges, in the light's order")
+    wedges: Takes[Sequence[Wedge | Keys], Sequence[Wedge]] = Field(
+        min_length=1, description="the wedges, in the light's order"
+    )
 
     @model_validator(mode="after")
     def _lets_light_through(self) -> "Rosette":
@@ -155,8 +157,12 @@ class Nodding(Steered):
 
     spin_rpm: float = Field(description="revolutions about z per minute, counter-clockwise")
     nod_hz: float = Field(description="nods per second [Hz]")
-    elevation_deg: Sequence[float] = Field(min_length=1, description="mean elevation and cosine coefficients [deg]")
-    azimuth_deg: Sequence[float] = Field(default=(0.0,), min_length=1, description="as elevation_deg, with sines [deg]")
+    elevation_deg: Takes[Numbers, Sequence[float]] = Field(
+        min_length=1, description="mean elevation and cosine coefficients [deg]"
+    )
+    azimuth_deg: Takes[Numbers, Sequence[float]] = optional(
+        default=(0.0,), min_length=1, description="as elevation_deg, with sines [deg]"
+    )
 
     def directions(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         phase = 2 * np.pi * self.nod_hz * time

@@ -4,6 +4,7 @@ import errno
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -21,7 +22,7 @@ from rigcast.cli import app
 from rigcast.cli.common import ready
 from rigcast.rig_file import RigConfig
 from rigcast.rig_file.file import RigFile
-from rigcast.sensors.specs.presets import preset_names
+from rigcast.sensors.specs.presets import load_preset, preset_names
 
 COMMANDS = ("init", "run", "check", "validate", "watch", "view", "presets", "schema", "dataset", "bench")
 MODEL = '<mujoco><worldbody><body name="torso"><geom size="0.1"/></body></worldbody></mujoco>'
@@ -94,6 +95,14 @@ def test_validate_shows_how_far_a_sensor_sees_around(rig: Path, sensor: str, vie
     code, output = call("validate", rig)
     assert code == 0, output
     assert f" │ {view} │ " in output
+
+
+def test_a_sensor_that_reads_more_often_than_the_model_steps_is_named(rig: Path) -> None:
+    word = "sensor 'front' reads at 600 Hz, the model steps at 500 Hz: the frames of a step show the same state"
+    for rate, moves, named in ((600, 0, True), (500, 0, False), (600, 0.001, False)):
+        values = f"sensors.front.rate_hz={rate}", f"sensors.front.readout_time={moves}"
+        code, output = call("validate", rig, "--set", values[0], "--set", values[1])
+        assert (code, word in output) == (0, named), output
 
 
 def test_a_sensor_within_a_geom_of_its_own_body_is_named(rig: Path) -> None:
@@ -201,6 +210,15 @@ def test_a_stream_that_is_closed_is_told_apart_from_an_answer_that_is_lost(redir
     assert run_redirected(redirection, "presets", "--json", "-") == code
 
 
+def test_letters_that_the_terminal_does_not_have_are_escaped(rig: Path) -> None:
+    rig = rig.rename(rig.with_name("r\u00e4der.yaml"))
+    command = [sys.executable, "-m", "rigcast", "validate", str(rig)]
+    ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, capture_output=True, env=ascii_only, check=False)
+    assert done.returncode == 0, done.stderr
+    assert b"r\\xe4der.yaml: valid, 2 sensors" in done.stdout
+
+
 def test_no_file_takes_the_number_of_a_closed_stream() -> None:
     """What libraries print would get into it."""
     opens = "import os; from rigcast.cli.common.streams import prepare_streams; prepare_streams()"
@@ -244,6 +262,25 @@ def test_what_newcomers_mistype_is_put_right(
     code, output = call(*arguments)
     assert code == 2
     assert message in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--format", "plu"], "no format 'plu', expected any of exr, .* did you mean 'ply'?"),
+        (["--format", "exr"], "sensor 'top' is a lidar, and got format exr only, for depth cameras"),
+        (["--out", "robot.xml"], "robot.xml: the output folder cannot be written: File exists"),
+        (["--duration", "nan"], "--duration: got nan, expected a positive number of seconds"),
+    ],
+)
+def test_what_a_run_cannot_write_is_told_before_anything_is_compiled(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
+) -> None:
+    monkeypatch.chdir(rig.parent)
+    monkeypatch.setattr(RigConfig, "build", pytest.fail)
+    code, output = call("run", "rig.yaml", *arguments)
+    assert code == 2
+    assert re.search(message.replace("?", "[?]"), output), output
 
 
 @pytest.mark.parametrize("command", ["check", "bench"])
@@ -307,6 +344,18 @@ def test_presets_are_listed() -> None:
     code, output = call("presets")
     assert code == 0
     assert all(name in output for name in preset_names())
+
+
+def test_the_list_counts_figures() -> None:
+    code, output = call("presets", "--json", "-")
+    assert code == 0
+    entries = {entry["name"]: entry for entry in json.loads(output)}
+    _, table = call("presets")
+    for preset in map(load_preset, preset_names()):
+        cited = entries[preset.name]["cited"]
+        assert set(cited) == preset.cited()
+        share = f"{len(cited)} of {len(preset.stated())}"
+        assert re.search(rf"│ {preset.name} +│[^│]+│[^│]+│ +{share} │", table), preset.name
 
 
 def test_unknown_preset_names_the_nearest() -> None:

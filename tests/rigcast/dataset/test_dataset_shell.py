@@ -133,6 +133,7 @@ def test_what_a_function_s_model_lacks_is_told_before_its_episodes(folder: Path)
         (["--shard", "3/2"], "--shard: got 3/2, expected a part from 1/2 to 2/2"),
         (["--shard", "1/0"], "--shard: got '1/0', expected I/N, such as 1/8"),
         (["--shard", "half"], "--shard: got 'half', expected I/N, such as 1/8"),
+        (["--device", "gpu"], "no device 'gpu', expected one of cpu"),
         (["--workers", "4"], "--workers: got 4 with --engine in-process, expected processes or ray"),
         (["--set", "seed=-1"], "--set:1:6: seed: must be greater than or equal to 0"),
         (["--verify", "--out", "none"], "none/dataset.json: not the manifest of a data set: No such file or directory"),

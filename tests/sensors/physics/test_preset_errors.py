@@ -50,7 +50,7 @@ def test_stereo_presets_err_by_less_than_the_maker_allows(name: str, figure: str
     assert spec.stereo is not None
     model = model_of(WALL.format(z))
     frame = Rig(model, [spec], "cpu").sense(mujoco.MjData(model))["eye"]
-    depth = frame.depth.numpy().astype(np.float64)  # type: ignore[attr-defined]
+    depth = frame.depth.numpy().astype(np.float64)
     error = depth[np.isfinite(depth)] - z
     assert error.size >= 1e5
     focal = 240 / np.tan(np.radians(29))

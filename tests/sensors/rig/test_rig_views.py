@@ -123,7 +123,7 @@ def test_a_camera_looks_along_the_minus_z_of_its_mjcf_camera(xyaxes: str) -> Non
         expected = [15 - above / 5 * focal, 20 + across / 5 * focal]
         np.testing.assert_allclose(centre_of(frame, model, "target"), expected, atol=0.5)
         np.testing.assert_allclose(frame.pose[:3, :3], np.stack([right, -up, -back], axis=1), atol=1e-12)
-        depth = frame.depth.numpy()  # type: ignore[attr-defined]
+        depth = frame.depth.numpy()
         assert np.nanmin(depth[np.isfinite(depth)]) == pytest.approx(4.8, abs=0.1)
 
 

@@ -52,7 +52,7 @@ TABLES = {
     "ouster_os0_128": Table((128, 1024), (-46.26, 45.75), 11.35, 102.3 / 1.024, 1_310_720, True, 0),
     "ouster_os1_128": Table((128, 1024), (-21.82, 20.95), 4.21, 102.3 / 1.024, 1_310_720, True, 0),
     "ouster_os2_128": Table((128, 1024), (-11.09, 10.76), 2.08, 102.3 / 1.024, 1_310_720, True, 0),
-    "ouster_os1_64": Table((64, 1024), (-16.6, 16.6), 3.1, 102.3 / 1.024, 655_360, True, 0),
+    "ouster_os1_64": Table((64, 1024), (-16.611, 16.611), 3.164, 102.3 / 1.024, 655_360, True, 0),
     "hesai_pandar40p": Table((40, 1800), (-24.985, 14.794), 5.208, 1799 / 18 + 0.05105, 720_000, True, 7),
     "hesai_xt32": Table((32, 2000), (-16, 15), 0, 99.95 + 31 * 0.001512, 640_000, True, 0),
     "hesai_xt32m": Table((32, 2000), (-20.8, 19.5), 0, 99.95 + 15 * 0.002888, 640_000, True, 0),
@@ -108,9 +108,17 @@ def test_every_preset_says_what_it_knows_and_what_it_assumes(name: str) -> None:
     assert preset.file is None
     assert not {"name", "mount", "type", "preset"} & preset.sensor.keys()
     assert not preset.sensor.keys() & preset.figures.keys()
-    from_memory = [key for key, why in preset.assumed.items() if "memory" in why]
-    known = {*preset.sensor, *preset.figures, "range", "rate_hz"}
-    assert set(from_memory) <= known, "what is remembered must be among the figures"
+    assert "memory" not in " ".join([preset.source, *preset.assumed.values()]), "a source is one that can be read"
+    not_found = {key for key, why in preset.assumed.items() if why.startswith("not found in a public source")}
+    assert not_found <= preset.stated(), "what was not found must be among the figures"
+    assert preset.cited(), "no device is without any source"
+
+
+def test_figures_are_cited_or_assumed() -> None:
+    preset = load_preset("sick_lms111")
+    assert preset.stated() - preset.cited() == {"rate_hz"}
+    cited = {"elevation_deg", "columns", "azimuth_deg", "min_range", "max_range", "noise", "detection"}
+    assert preset.cited() == cited
 
 
 @pytest.mark.parametrize("name", TABLES)
@@ -200,9 +208,21 @@ def test_vls128_fires_groups_of_eight() -> None:
         assert np.unique(azimuth_elevation(pattern.directions[rows, 0])[0].round(6)).size == 8
 
 
+def test_puck_hi_res_has_the_makers_heights() -> None:
+    """The manual's heights [mm] of lasers 7 to 15 (p. 54), and those of a head that is alike above and below."""
+    height = {4.667: -3.7, -4.667: 3.7, 6: -4.6, -3.333: 2.7, 7.333: -5.5, -2: 1.8, 8.667: -6.5, -0.667: 0.9, 10: -7.4}
+    sensor = load_preset("velodyne_vlp16_hires").sensor
+    rows = dict(zip(sensor["elevation_deg"], sensor["origin_height"], strict=True))
+    for degrees, millimetres in height.items():
+        assert rows[degrees] == pytest.approx(millimetres / 1000)
+        assert rows[-degrees] == pytest.approx(-millimetres / 1000)
+
+
 def test_os1_is_the_makers_table() -> None:
+    """The design values of generation 1, 0.5273 deg apart and given to 0.001 deg."""
     sensor = load_preset("ouster_os1_64").sensor
-    np.testing.assert_allclose(sensor["elevation_deg"], np.linspace(16.6, -16.6, 64), atol=5.1e-5)
+    np.testing.assert_allclose(sensor["elevation_deg"], np.linspace(16.611, -16.611, 64), atol=7e-4)
+    assert sensor["azimuth_offset_deg"] == [-3.164, -1.055, 1.055, 3.164] * 16
     assert (sensor["min_range"], sensor["max_range"]) == (0.8, 120)
 
 

@@ -22,8 +22,10 @@ from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
-from rigcast.kernels.single.threads import cast as threads_cast
-from rigcast.kernels.single.threads.cast import InThreads, cast_rays
+from rigcast.kernels.single.threads import launches
+from rigcast.kernels.single.threads.cast import BLOCK as THREADS
+from rigcast.kernels.single.threads.cast import cast_rays
+from rigcast.kernels.single.threads.launches import InThreads
 from rigcast.kernels.single.threads.several import cast_rays_of_several
 from rigcast.kernels.trees.fit import Fit
 from rigcast.kernels.trees.nodes import Node, by_ends
@@ -38,7 +40,7 @@ pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="no g++ to c
 
 @pytest.fixture(scope="module")
 def source_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[wp.Kernel], CudaSource]:
-    return cache(lambda kernel: CudaSource(kernel, tmp_path_factory.mktemp(kernel.key), threads_cast.BLOCK))
+    return cache(lambda kernel: CudaSource(kernel, tmp_path_factory.mktemp(kernel.key), THREADS))
 
 
 @pytest.fixture
@@ -66,7 +68,7 @@ def begin_cuda(source_of: Callable[[wp.Kernel], CudaSource], monkeypatch: pytest
 
     def begin() -> None:
         monkeypatch.setattr(cast, "_prepare_alone", cast._in_threads)
-        monkeypatch.setattr(threads_cast, "recorded", record)
+        monkeypatch.setattr(launches, "recorded", record)
 
     return begin
 
@@ -108,13 +110,13 @@ def test_casts_by_turns_with_others_are_prepared_once(
     world, prepared = random_plan(3).world(), list[int]()
     rays = [rays_of((0, 0, k), np.eye(3)) for k in range(3)]
     (a, _a), (b, _b), (c, _c) = several_casts.prepared(world, rays)
-    prepare = threads_cast._prepare
+    prepare = launches._prepare
 
     def counting(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
         prepared.append(len(casts))
         return prepare(casts)
 
-    monkeypatch.setattr(threads_cast, "_prepare", counting)
+    monkeypatch.setattr(launches, "_prepare", counting)
     for _ in range(3):
         for readings in ([a, b], [a, c], [a], [c, b]):
             cast.launch(readings)

@@ -281,7 +281,7 @@ def test_effects_too_small_to_see_change_nothing_in_motion(name: str) -> None:
     assert close.mean() > 0.99
     same = close & np.isfinite(plain.range.numpy())
     np.testing.assert_allclose(plain.points_world.numpy()[same], disturbed.points_world.numpy()[same], atol=2e-3)
-    np.testing.assert_allclose(plain.intensity.numpy()[same], disturbed.intensity.numpy()[same], atol=2e-3)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(plain.intensity.numpy()[same], disturbed.intensity.numpy()[same], atol=2e-3)
 
 
 def test_subrays_are_seen_when_their_pixel_is() -> None:

@@ -11,8 +11,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from rigcast import DepthCamera, Filter, HeightScan, InputError, Lidar, Mount, Rig, oracle
-from rigcast.check import Report, check
+from rigcast import DepthCamera, Filter, HeightScan, InputError, Lidar, Mount, Rig, check, oracle
+from rigcast.checking import Report
 from rigcast.cli.check import as_json
 from rigcast.cli.check import check as command
 from rigcast.sensors.rig.mounted import Sensor
@@ -50,11 +50,12 @@ def checked(rig: Rig, **given: Any) -> Report:
 
 def test_a_rig_agrees_with_mj_ray_in_every_state() -> None:
     report = checked(Rig(MODEL, SENSORS))
-    assert report.total("wrong") == 0
+    assert report.wrong == 0
     assert report.times == pytest.approx((0, 0.25, 0.5))
     counts = {spec.name: sum(row.rays for row in report.rows if row.sensor == spec.name) for spec in SENSORS}
     assert counts == {"lidar": 3 * 166, "eye": 3 * 166, "feet": 3 * 25}
     assert {row.geom_type for row in report.rows if row.sensor == "lidar"} >= {"plane", "hfield", "none"}
+    assert report.rays == report.agree + report.edge + report.wrong == 3 * (166 + 166 + 25)
     for row in report.rows:
         assert row.rays == row.agree + row.edge + row.wrong
         assert row.p999_error <= row.worst_error < 1e-4
@@ -163,6 +164,7 @@ def invoke(*arguments: str) -> Any:
 def test_the_command_prints_a_table_writes_json_and_succeeds(rig_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "check.json"
     result = invoke(str(rig_file), "--rays", "500", "--json", str(out))
+    assert "|t - t_ref| [um] of rays that agree" in " ".join(result.output.split())
     assert result.exit_code == 0, result.output
     assert ": 0 of 500 rays are wrong, in 5 states" in " ".join(result.output.split())
     assert json.loads(out.read_text())["wrong"] == 0
@@ -182,4 +184,4 @@ def test_pixels_that_a_fisheye_leaves_dark_are_not_judged() -> None:
     spec = DepthCamera(name="fish", mount=Mount(), distortion=KannalaBrandt(), **optics)
     report = check(Rig(model, [spec], "cpu"), mujoco.MjData(model), states=1)
     inside = np.hypot(*np.meshgrid(np.arange(80) - 39.5, np.arange(80) - 39.5)) <= 10 * np.pi
-    assert (report.total("rays"), report.total("wrong"), report.not_judged) == (inside.sum(), 0, 0)
+    assert (report.rays, report.wrong, report.not_judged) == (inside.sum(), 0, 0)

@@ -72,6 +72,8 @@ class WrongRay:
 class Report:
     """What a check found: rows by sensor and geom type, the first few wrong rays, the times checked [s].
 
+    Every judged ray agrees, is in the edge band, or is wrong: rays = agree + edge + wrong.
+
     not_judged: how many rays were passed over, because they end on a flex or skin and MuJoCo is older than 4.
     """
 
@@ -80,9 +82,25 @@ class Report:
     times: tuple[float, ...]
     not_judged: int = 0
 
-    def total(self, field: str) -> int:
-        """Return the sum over all rows of `rays`, `agree`, `edge` or `wrong`."""
-        return sum(getattr(row, field) for row in self.rows)
+    @property
+    def rays(self) -> int:
+        """How many rays were judged."""
+        return sum(row.rays for row in self.rows)
+
+    @property
+    def agree(self) -> int:
+        """How many agree with MuJoCo."""
+        return sum(row.agree for row in self.rows)
+
+    @property
+    def edge(self) -> int:
+        """How many end so close to an edge that either answer counts."""
+        return sum(row.edge for row in self.rows)
+
+    @property
+    def wrong(self) -> int:
+        """How many do not agree."""
+        return sum(row.wrong for row in self.rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +130,7 @@ def check(
     duration: float = 1.0,
     seed: int = 0,
 ) -> Report:
-    """Cast a rig's rays in states from `data` on, which is stepped, and judge each by mj_ray.
+    """Cast a rig's rays in states from `data` on, which is stepped, and judge each by mj_ray, as `rigcast check` does.
 
     rays: about how many in all, shared evenly among sensors and states and drawn at random from each reading;
     a sensor that has fewer is checked whole. states: how many, evenly over `duration` [s].
@@ -121,6 +139,9 @@ def check(
     mju_raySkin; MuJoCo before 4 cannot answer for these last two, and rays that end on them are passed over.
 
     Raises InputError for numbers that are not such, before anything is cast, and for data as `Rig.sense` does.
+
+    >>> report = rigcast.check(rig, data)
+    >>> assert report.wrong == 0, report.wrong_rays
     """
     require_type("check: rig", rig, Rig)
     require_whole("check: rays", rays, 1)

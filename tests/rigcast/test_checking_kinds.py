@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rigcast import DepthCamera, Filter, Lidar, Mount, Prop, Rig
-from rigcast.check import Report, check
+from rigcast import DepthCamera, Filter, Lidar, Mount, Prop, Rig, check
+from rigcast.checking import Report
 from rigcast.oracle.deformable import CAN_JUDGE
 from rigcast.sensors.rig.mounted import Sensor
 from rigcast.sensors.scene.hits import NumpyHits
@@ -65,7 +65,7 @@ def checked(rig: Rig, rays: int = 4000) -> Report:
 
 def test_every_kind_is_judged_by_itself_and_is_right(props: list[Prop]) -> None:
     report = checked(Rig(MODEL, SENSORS, props=props))
-    assert report.total("wrong") == 0, report.wrong_rays
+    assert report.wrong == 0, report.wrong_rays
     seen = {row.geom_type: row.rays for row in report.rows if row.sensor == "top"}
     assert {kind for kind, rays in seen.items() if rays > 20} >= {*KINDS, "plane", "none"}
     assert (report.not_judged > 0) != CAN_JUDGE
@@ -128,7 +128,7 @@ def test_filters_hold_for_every_kind(props: list[Prop]) -> None:
         for k, filter in enumerate(filters)
     ]
     report = checked(Rig(MODEL, sensors, props=props))
-    assert report.total("wrong") == 0, report.wrong_rays
+    assert report.wrong == 0, report.wrong_rays
     seen = {name: {row.geom_type for row in report.rows if row.sensor == name} for name in ("l0", "l1", "l2", "l3")}
     assert len({frozenset(types) for types in seen.values()}) > 1, seen
 
