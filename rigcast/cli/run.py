@@ -15,7 +15,8 @@ from rich.table import Table
 from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
-from rigcast.recording.formats import FORMATS
+from rigcast.export.files import make_writable
+from rigcast.recording.formats import FORMATS, choose_formats
 from rigcast.recording.layout import INDEX_NAME
 from rigcast.recording.recorder import Recorder
 from rigcast.rig_file import open_rig
@@ -46,9 +47,11 @@ def run(
     config, compiled = open_rig(rig, model, overrides or ())
     steps = step_count(compiled, duration)
     folder = Path("out") / rig.stem if out is None else out
+    wanted = None if formats is None else split_formats(formats)
+    choose_formats(config.sensors, wanted)
+    make_writable(folder)  # mistakes are told before anything is compiled
     data = initial_data(compiled, config.keyframe)
     loaded = ready_rig(console, config, compiled, data, device, seed)
-    wanted = None if formats is None else split_formats(formats)
     how: dict[str, Any] = {"classes": config.classes, "props": config.props, "options": config.export}
     recorder = Recorder(folder, compiled, config.sensors, wanted, **how)
     names = ", ".join(spec.name for spec in config.sensors)
