@@ -6,6 +6,8 @@ from typing import Any
 
 import warp as wp
 
+from .launch import command_for
+
 
 def recorded(
     kernel: wp.Kernel,
@@ -19,9 +21,7 @@ def recorded(
 
     Structs among the arguments are read anew at each launch. block_dim: threads per block, on CUDA.
     """
-    command = wp.launch(
-        kernel, count, inputs=inputs, outputs=outputs, device=device, record_cmd=True, block_dim=block_dim
-    )
+    command = command_for(kernel, count, inputs, outputs, device, block_dim)
     arguments = (*inputs, *outputs)
     is_short = wp.get_device(device).is_cpu and _is_as_known(command, len(arguments))
     return (_Shortened if is_short else _ByWarp)(command, arguments)
