@@ -1,1 +1,1 @@
-"""What comes from the host at every step, on its way into the arrays of a device."""
+"""Transfer of data from the host at every step into arrays of a device."""

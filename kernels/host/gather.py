@@ -1,4 +1,4 @@
-"""Vectors and matrices of many worlds, copied together from where each world has its own on the host."""
+"""Gathering of vectors and matrices of many worlds, each in its own memory on the host, into one array."""
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +11,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.kernel
 def copy_rows(addresses: wp.array[wp.uint64], which: wp.array[int], out: wp.array2d[wp.vec3d]) -> None:
-    """A row of `out` of each world; of one thing, which[world], where `which` is not empty."""
+    """Copy a row of `out` per world: its first entries, or entry which[world] if `which` is not empty."""
     world = wp.tid()
     count = out.shape[1]
     first = int(0)
@@ -23,7 +23,7 @@ def copy_rows(addresses: wp.array[wp.uint64], which: wp.array[int], out: wp.arra
 
 
 class Gathered:
-    """What is copied together, again and again: `values`, (n, m, 3) or (n, m, 3, 3) of n worlds."""
+    """A repeatable copy into `values`, (n, m, 3) or (n, m, 3, 3), of m entries of each of n worlds."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.values = np.empty(shape)
@@ -31,9 +31,9 @@ class Gathered:
         self._from: tuple[wp.array | None, npt.NDArray[np.int32] | None] = (None, None)
 
     def take(self, addresses: wp.array, which: npt.NDArray[np.int32] | None) -> None:
-        """Copy what is at these addresses, (n,) uint64 on the host.
+        """Copy from these addresses, (n,) uint64, one per world, on the host.
 
-        which: of each world (n,), or of all (1,), the thing that is copied, where m is 1; None for all things.
+        which: index of the entry to copy in each world (n,), or in all (1,), if m is 1; None to copy the first m.
         """
         if addresses is not self._from[0] or which is not self._from[1]:
             things = wp.array([] if which is None else which, dtype=int, device="cpu")

@@ -1,6 +1,6 @@
-"""What MuJoCo has on the host, taken from where it is: poses of things, and of frames that are fixed to them.
+"""Poses read from MuJoCo's arrays on the host: of bodies, geoms and so on, and of frames mounted on them.
 
-All of it runs on the CPU, in one launch for what numpy takes a dozen steps for.
+Everything runs on the CPU, in one launch where numpy would take a dozen steps.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ Doubles = npt.NDArray[np.float64]
 
 @wp.struct
 class Taking:
-    """The addresses of positions (n, 3) and rotations (n, 9), float64, and where they go."""
+    """The addresses of positions (n, 3) and rotations (n, 9), float64, and the arrays to copy them to."""
 
     from_position: wp.uint64
     from_rotation: wp.uint64
@@ -29,7 +29,7 @@ class Taking:
 
 @wp.func
 def size_of(m: wp.mat33d) -> wp.float64:
-    """The sum of all |elements|, which is finite where all are."""
+    """The sum of all |elements|; finite if and only if all are."""
     size = wp.float64(0.0)
     for row in range(3):
         for column in range(3):
@@ -39,7 +39,7 @@ def size_of(m: wp.mat33d) -> wp.float64:
 
 @wp.kernel
 def take_poses(these: Taking) -> None:
-    """Copy poses; `lost` counts those that are not finite or too far away, whose positions become NaN."""
+    """Copy poses. Positions of those that are not finite, or beyond FARTHEST, become NaN; `lost` counts these."""
     count = these.position.shape[0]
     positions = wp.array(ptr=these.from_position, shape=(count,), dtype=wp.vec3d)
     rotations = wp.array(ptr=these.from_rotation, shape=(count,), dtype=wp.mat33d)
@@ -56,9 +56,9 @@ def take_poses(these: Taking) -> None:
 
 
 class TakenPoses:
-    """`position` (n,) vec3d [m] and `rotation` (n,) mat33d on the CPU: the poses of n things, as they were when taken.
+    """The poses of n objects at the last `take`: `position` (n,) vec3d [m] and `rotation` (n,) mat33d, on the CPU.
 
-    A position is NaN where the pose is not finite, or beyond FARTHEST.
+    The position is NaN where the pose is not finite, or beyond FARTHEST.
     """
 
     def __init__(self, count: int) -> None:
@@ -72,7 +72,7 @@ class TakenPoses:
         self._take = recorded(take_poses, 1, [self._these], [], "cpu")
 
     def take(self, position: Doubles, rotation: Doubles) -> int:
-        """Take positions (n, 3) and rotations (n, 9), both without gaps. Gives how many poses are not finite."""
+        """Copy positions (n, 3) [m] and rotations (n, 9), both contiguous; return the number of poses set to NaN."""
         if position is not self._from[0] or rotation is not self._from[1]:
             self._these.from_position, self._these.from_rotation = position.ctypes.data, rotation.ctypes.data
             self._from = position, rotation
@@ -82,13 +82,14 @@ class TakenPoses:
 
 @wp.struct
 class Placing:
-    """A frame in its carrier, whose pose is at these addresses; 0 for the world. And where it goes."""
+    """A frame mounted on a carrier, as in rigcast.kernels.poses.mounts, and the arrays for its pose in the world."""
 
-    from_position: wp.uint64
-    from_rotation: wp.uint64
+    from_position: wp.uint64  # address of the carrier's position, float64; 0 for the world
+    from_rotation: wp.uint64  # address of its rotation
     offset: wp.vec3d
     turn: wp.mat33d
     yaw_aligned: bool
+    # out:
     pose: wp.array[wp.mat44d]
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]
@@ -96,7 +97,7 @@ class Placing:
 
 @wp.kernel
 def place_frame(frame: Placing) -> None:
-    """Where the frame is in the world, as rigcast.kernels.poses.mounts has it."""
+    """Compute the frame's pose in the world; see rigcast.kernels.poses.mounts."""
     position = frame.offset
     rotation = frame.turn
     if frame.from_position != wp.uint64(0):
@@ -117,9 +118,11 @@ def place_frame(frame: Placing) -> None:
 
 
 class PlacedFrame:
-    """`position` (1,) vec3d [m] and `rotation` (1,) mat33d on a device: a frame fixed to a carrier, or to the world.
+    """A frame mounted on a carrier or in the world; its pose is `position` (1,) vec3d [m] and `rotation` (1,) mat33d on
+    a device.
 
-    which: the carrier among those of its kind. offset: (4, 4), its pose in that. yaw_aligned: turned about z only.
+    which: index of the carrier among those of its kind. offset: (4, 4), the frame's pose in the carrier's frame.
+    yaw_aligned: keep only the heading of the frame's x axis.
     """
 
     def __init__(self, which: int, offset: Doubles, yaw_aligned: bool, device: wp.Device) -> None:
@@ -135,7 +138,10 @@ class PlacedFrame:
         self.rotation = frame.rotation if self._on_cpu else wp.empty_like(frame.rotation, device=device)
 
     def place(self, position: Doubles | None, rotation: Doubles | None) -> Doubles:
-        """Put it on its carrier, one of these (n, 3) and (n, 9) without gaps, or None: the world. Its pose (4, 4)."""
+        """Update the frame's pose in the world and return it, (4, 4).
+
+        position, rotation: of all carriers of its kind, contiguous (n, 3) [m] and (n, 9); None for the world.
+        """
         if position is not self._from[0] or rotation is not self._from[1]:
             self._frame.from_position = 0 if position is None else position[self._which].ctypes.data
             self._frame.from_rotation = 0 if rotation is None else rotation[self._which].ctypes.data

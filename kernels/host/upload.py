@@ -1,4 +1,4 @@
-"""Arrays on a device that are written from the host, again and again."""
+"""Arrays on a device that are written from the host repeatedly."""
 
 from typing import Any
 
@@ -8,14 +8,14 @@ import warp as wp
 
 
 class Upload:
-    """`array`: (count,) of vectors or matrices."""
+    """A device array `array`, (count,) of vectors or matrices, to write from the host."""
 
     def __init__(self, count: int, dtype: Any, device: wp.Device) -> None:
         self.array = wp.empty(count, dtype=dtype, device=device)
         self._view = self.array.numpy() if device.is_cpu else None
 
     def write(self, values: npt.NDArray[np.floating[Any]]) -> None:
-        """Take these values, in the order of the array's."""
+        """Copy these values, in the array's order."""
         if self._view is not None:
             if values.shape != self._view.shape:
                 self._view = self._view.reshape(values.shape)

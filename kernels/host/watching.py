@@ -1,12 +1,12 @@
-"""Arrays on the host that anybody may write to: whether they hold what they held, told by digests of their bytes.
+"""Detection of changes to arrays on the host that users may write to, by digests of their bytes.
 
-A digest reads half of what a comparison with a copy reads, and asks for it so that it does not drive out of the cache
-what a cast needs from there (a field of 10 M triangles has 20 MB of heights).
+A digest reads half as much as a comparison with a copy. It prefetches with a hint not to evict what casts need from the
+cache (a field of 10 M triangles has 20 MB of heights).
 
-Of every 128 bytes each number w of 32 bits goes into two of the 64 numbers a of a digest: a' = b ^ (b >> s), b = (a ^
-w) m, m odd. With fewer of them one step would wait for the last one for longer than for memory. A step can be taken
-back, so that one number alone that differs makes another digest for sure. Where several that go into the same two do,
-they would have to cancel each other out in both, a chance of one in 2^64.
+Of every 128 bytes, each 32-bit number w is mixed into two of the digest's 64 numbers a: a' = b ^ (b >> s),
+b = (a ^ w) m, m odd. With fewer numbers, a step would wait longer for the previous one than for memory. A step is
+invertible, so a single changed number always changes the digest. Several changes that go into the same two numbers
+would have to cancel in both: a probability of 2^-64.
 """
 
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from rigcast.kernels.launching.turns import turn_of
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 PIECE = 2**15
-"""Bytes that have a digest together."""
+"""Bytes per digest."""
 
 digest64 = wp.types.vector(length=64, dtype=wp.uint32)
 
 
 @wp.struct
 class Watch:
-    """Pieces of arrays by their addresses and sizes in bytes, their digests now and before, whether any differs."""
+    """Pieces of arrays (address, size [bytes]), their digests now and before, and a flag whether any differs."""
 
     address: wp.array[wp.uint64]
     size: wp.array[wp.int64]
@@ -71,12 +71,12 @@ class Watch:
 def digest_differs(  # type: ignore[empty-body]
     address: wp.uint64, size: wp.int64, now: wp.array[digest64], before: wp.array[digest64], i: int
 ) -> bool:
-    """Make digest i of so many bytes at an address, and say whether it is another than before."""
+    """Compute digest i of `size` bytes at an address; return whether it differs from the one before."""
 
 
 @wp.kernel
 def compare_pieces(_thread: int, turns: wp.array[int], watch: Watch) -> None:
-    """Pieces that no other thread takes, TURN at a time. turns: how many were taken."""
+    """Compare pieces, TURN per turn; each thread claims turns. turns: number claimed so far."""
     count = watch.address.shape[0]
     first = turn_of(turns) * TURN
     while first < count:
@@ -87,10 +87,10 @@ def compare_pieces(_thread: int, turns: wp.array[int], watch: Watch) -> None:
 
 
 class Watched:
-    """Arrays on the host, without gaps, that anybody may write to."""
+    """Contiguous arrays on the host, watched for changes."""
 
     def __init__(self, arrays: Sequence[npt.NDArray[Any]]) -> None:
-        self._arrays = arrays  # the addresses are theirs
+        self._arrays = arrays  # keeps their memory alive
         starts = [np.arange(0, array.nbytes, PIECE) for array in arrays]
         address = [array.ctypes.data + start for array, start in zip(arrays, starts, strict=True)]
         size = [np.minimum(array.nbytes - start, PIECE) for array, start in zip(arrays, starts, strict=True)]
@@ -104,12 +104,12 @@ class Watched:
         self.taken()
 
     def have_changed(self) -> bool:
-        """Whether any holds other bytes than at first, or when they were `taken`."""
+        """Whether any array's bytes differ from those at construction, or at the last `taken`."""
         self._differ[0] = False
         self._compare()
         return bool(self._differ[0])
 
     def taken(self) -> None:
-        """From now on they are compared with what they hold now."""
+        """Compare with the present bytes from now on."""
         self._compare()
         self._before[...] = self._now

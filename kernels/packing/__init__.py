@@ -1,1 +1,1 @@
-"""Which rays are cast together."""
+"""Grouping of rays that are cast together: packets, bundles, warps."""

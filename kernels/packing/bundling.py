@@ -9,19 +9,22 @@ from rigcast.kernels.rays.coherent import Bundles
 from .sorting import Doubles, Indices, halved_to, in_parts
 
 MOST = wp.constant(16)
-"""Rays of a bundle."""
+"""Number of rays of a bundle."""
 _CHUNK = 32 * MOST
 
 
 def sort_into_bundles(origins: Doubles, group: npt.NDArray[np.int32]) -> Bundles:
-    """Sort rays with origins (n, 3); those of a bundle belong to one group, (n,), of one direction and firing."""
+    """Sort rays with origins (n, 3) [m] into bundles of neighbours within each group.
+
+    group: (n,), equal for rays of the same direction and firing.
+    """
     order = np.argsort(group, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
     return Bundles(wp.array(np.concatenate([_bundles_of(rays, origins) for rays in groups]), dtype=int, device="cpu"))
 
 
 def _bundles_of(rays: Indices, origins: Doubles) -> Indices:
-    """(m, MOST) of rays (n,), neighbours in a bundle."""
+    """Bundles (m, MOST) of neighbouring rays (n,), padded with -1."""
     chunks = in_parts(rays, origins, _CHUNK)
     whole = np.array([chunk for chunk in chunks if len(chunk) == _CHUNK], np.int64).reshape(-1, _CHUNK)
     rest = [part for chunk in chunks if len(chunk) != _CHUNK for part in in_parts(chunk, origins, MOST)]

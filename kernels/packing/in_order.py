@@ -1,8 +1,8 @@
-"""Rays in packets as they follow each other, for rays that are other ones in each reading.
+"""Packets of consecutive rays, for rays that change with each reading.
 
-A beam that is steered moves on but little from one ray to the next, so rays that follow each other are neighbours; so
-are rays to what neighbouring rays have hit. They are packed several times sooner than they are cast, where sorting them
-would take longer than casting them one by one.
+A steered beam moves little from one ray to the next, so consecutive rays are neighbours. So are rays towards the hits
+of neighbouring rays. Packing them takes a fraction of the time of their cast, where sorting would take longer than
+casting them singly.
 """
 
 from functools import lru_cache
@@ -18,21 +18,23 @@ from rigcast.kernels.rays.coherent import Packets
 from .sorting import SLACK, SPARSE, WIDEST
 
 _TILES_PER_SLICE = 256
-"""Fewer are packed sooner than another thread begins."""
+"""Minimum number of tiles for another thread: fewer are packed in less time than a thread takes to begin."""
 _LINES = 4
-"""Most of which a packet has rays: as many as of each line."""
+"""Most lines from which a packet takes rays, equally many from each."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 
 @wp.struct
 class Packing:
-    """Rays in the order in which they are packed, and the tiles that they become. Arrays in a struct, for Warp compiles
-    a kernel twice that is given any by itself."""
+    """Rays in the order in which they are packed, and the resulting tiles.
+
+    A struct, because Warp compiles a kernel twice if arrays are its arguments.
+    """
 
     directions: wp.array[wp.vec3d]
     order: wp.array[int]
-    starts: wp.array[int]  # of the tiles, and the end of the last
+    starts: wp.array[int]  # (tiles + 1,) index in `order` of each tile's first ray, and the end of the last
     # out:
     tiles: wp.array[Tile]
     packets: wp.array[Packet]
@@ -52,15 +54,16 @@ class Packing:
     }
 """)
 def gather(these: Packing, at: int, begin: int, end: int):  # type: ignore[no-untyped-def]
-    """Write rays begin to end - 1, fewer than LANES of which repeat the last one, as no ray, without their places.
+    """Write numbers and directions of rays begin to end - 1 to packet `at`; p, q and length are not set.
 
-    Natively, where Warp would ask of every index whether it counts from the end.
+    If there are fewer than LANES, the last ray's direction is repeated with number -1. Native: Warp checks every index
+    for < 0.
     """
 
 
 @wp.func
 def are_in_row(numbers: int_lanes) -> bool:
-    """Whether the rays of a packet follow each other."""
+    """Whether the rays of a packet have consecutive numbers."""
     apart = int(0)
     for i in range(LANES):
         apart = apart | (numbers[i] - numbers[0] - i)
@@ -77,7 +80,7 @@ def sum_of(values: double_lanes) -> wp.float64:
 
 @wp.func
 def tile_along(axis: wp.vec3d) -> Tile:
-    """A tile of no packets around a unit vector."""
+    """A tile without packets whose axis is a unit vector."""
     tile = Tile()
     tile.axis = axis
     aside = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
@@ -90,7 +93,7 @@ def tile_along(axis: wp.vec3d) -> Tile:
 
 @wp.func
 def place_packet(packets: wp.array[Packet], at: int, tile: Tile) -> int:
-    """Write the places of a packet's rays in a tile; 0 where all are finite and close to its axis."""
+    """Write p, q and length of a packet's rays in a tile; return 0 if all are finite and close to its axis, else 1."""
     x = packets[at].x
     y = packets[at].y
     z = packets[at].z
@@ -116,7 +119,7 @@ def place_packet(packets: wp.array[Packet], at: int, tile: Tile) -> int:
 
 @wp.func
 def gather_packets(these: Packing, t: int, begin: int, end: int) -> wp.vec3d:
-    """Make the packets of tile t of rays begin to end - 1 in order; the sum of their directions."""
+    """Make the packets of tile t from rays begin to end - 1 in order; return the sum of their directions."""
     packets = these.packets
     sum_x = double_lanes()
     sum_y = double_lanes()
@@ -140,7 +143,7 @@ def gather_packets(these: Packing, t: int, begin: int, end: int) -> wp.vec3d:
 
 @wp.func
 def pack_tile(these: Packing, t: int) -> None:
-    """Make tile t, which is not dense where its rays are far apart."""
+    """Make tile t, and write whether it is dense; it is not if its rays are far apart or not finite."""
     packets = these.packets
     begin = these.starts[t]
     end = these.starts[t + 1]
@@ -180,9 +183,11 @@ def pack_tiles(first: int, these: Packing) -> None:
 def pack_in_order(
     directions: wp.array, group: npt.NDArray[np.int32] | None = None, order: npt.NDArray[np.int32] | None = None
 ) -> Packets:
-    """Pack rays with unit directions (n,) vec3d; those of a tile belong to one group, (n,), where there are several.
+    """Pack rays with unit directions (n,) vec3d in order; tiles hold rays of one group.
 
-    order: all rays, (n,), as they follow each other; None where they do so by number.
+    Args:
+        group: (n,) numbers of groups; None if there is one.
+        order: (n,) numbers of all rays, consecutive ones being neighbours; None for their own order.
     """
     if group is None and order is None:
         packing = PackingInOrder(*by_number(directions.size))
@@ -196,9 +201,9 @@ def pack_in_order(
 
 
 class PackingInOrder:
-    """Packs rays in one order, (n,), reading after reading. starts: of the tiles, and the end of the last.
+    """Packs the rays of successive readings in one order, (n,). starts: (tiles + 1,), see Packing.
 
-    Between `begin` and `end` a kernel calls `pack_tile` for each of so many `tiles` of `these`.
+    Between `begin` and `end`, a kernel calls `pack_tile` with `these` for each of `tiles` tiles.
     """
 
     def __init__(self, order: wp.array, starts: wp.array) -> None:
@@ -209,13 +214,13 @@ class PackingInOrder:
         self._is_dense, self._no_singles = these.is_dense.numpy(), wp.empty(0, dtype=int, device="cpu")
 
     def begin(self, directions: wp.array) -> None:
-        """Make room for the tiles of rays with unit directions (n,) vec3d."""
+        """Allocate the tiles of rays with unit directions (n,) vec3d."""
         self.these.directions = directions
         self.these.tiles = wp.empty(self.tiles, dtype=Tile, device="cpu")
         self.these.packets = wp.empty(PACKETS * self.tiles, dtype=Packet, device="cpu")
 
     def end(self) -> Packets:
-        """The tiles, but for those that are not dense, whose rays go alone."""
+        """The dense tiles; the rays of the others become single rays."""
         these, is_dense = self.these, self._is_dense
         if is_dense.all():
             return Packets(these.tiles, these.packets, self._no_singles)
@@ -227,12 +232,12 @@ class PackingInOrder:
         )
 
 
-@lru_cache(maxsize=8)  # patterns of so many sizes
+@lru_cache(maxsize=8)  # patterns of different sizes
 def by_number(count: int, lines: int = 1) -> tuple[wp.array, wp.array]:
-    """So many rays as they follow each other, and where each of their tiles starts, and the end of the last.
+    """Order and starts (see Packing) of `count` rays in the order of their numbers.
 
-    lines: that take turns, neighbours by number. Where there are many, a packet of a tile has only some of them: one of
-    all has few rays of each, and is long across the path.
+    lines: number of lines that fire in turn, neighbours by number. With many lines, each packet of a tile takes only
+    some: a packet of all lines has few rays of each and is long across the path.
     """
     number = np.arange(count, dtype=np.int32)
     some = number % lines * -(-lines // _LINES) // lines
@@ -240,7 +245,7 @@ def by_number(count: int, lines: int = 1) -> tuple[wp.array, wp.array]:
 
 
 def _by_group(order: npt.NDArray[np.int32], group: npt.NDArray[np.int32] | None) -> tuple[wp.array, wp.array]:
-    """The same of rays (n,) as they follow each other within their groups, (n,) by number."""
+    """Order and starts of rays with this order (n,), sorted stably by group. group: (n,) per ray."""
     if group is not None:
         order = order[np.argsort(group[order], kind="stable")]
     starts = _starts(len(order), None if group is None else group[order])
@@ -248,7 +253,7 @@ def _by_group(order: npt.NDArray[np.int32], group: npt.NDArray[np.int32] | None)
 
 
 def _starts(count: int, group: npt.NDArray[np.integer] | None) -> npt.NDArray[np.int32]:
-    """Where each tile starts, of rays whose groups follow each other, and the end of the last."""
+    """First index of each tile, for rays sorted by group, and the end of the last tile."""
     if group is None:
         return np.append(np.arange(0, count, TILE), count).astype(np.int32)
     first = np.flatnonzero(np.diff(group, prepend=-1))

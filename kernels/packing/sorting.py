@@ -1,14 +1,16 @@
-"""Sorting rays from one origin into packets of neighbours, as rigcast.kernels.packets casts them.
+"""Sorting of rays from one origin into packets of neighbours, for rigcast.kernels.packets.
 
-There are three ways, and the one is taken whose packets are expected to meet least. *Blocks*: the rays are halved,
-across the axis on which their directions differ most, until a tile of them is left, and the tile is halved in the same
-way into its packets. *Squares*: of an image, whose rows follow each other in the pattern, a tile is 8 rows of 16
-pixels, a packet a square of 4 x 4. Seen from the camera rows are curved, so that blocks have ragged edges. *Runs*: a
-packet is LANES rays that follow each other in the pattern, a tile PACKETS neighbouring runs. A run along the row of a
-lidar whose rows are far apart is wide but has no height, and so lies between most of what is smaller than the gap
-between rows; a block would meet all of it.
+There are three arrangements; the one whose packets are expected to meet the fewest boxes is used.
 
-Rays that have no near neighbours go alone.
+- *Blocks*: the rays are halved along the axis on which their directions differ most, until a tile is left. The tile is
+  halved in the same way into its packets.
+- *Squares*, for an image stored row by row: a tile is 8 rows of 16 pixels, a packet a square of 4 x 4. Rows of pixels
+  are curved in direction space, so blocks would have ragged edges.
+- *Runs*: a packet is LANES consecutive rays of the pattern, a tile PACKETS neighbouring runs. For a lidar whose rows
+  are far apart, a run along a row is wide but has no height: it passes between most objects smaller than the gap
+  between rows, and a block would meet all of them.
+
+Rays without near neighbours are cast singly.
 """
 
 from dataclasses import dataclass
@@ -22,19 +24,19 @@ from rigcast.kernels.rays.coherent import Packets
 from rigcast.kernels.trees.nodes import struct_zeros
 
 SQUARE = 4
-"""Pixels of an image along each side of a packet."""
+"""Side of an image's packet [pixels]."""
 TILE_ROWS, TILE_COLUMNS = 2 * SQUARE, 4 * SQUARE
 CHUNK = 32 * TILE
 WIDEST = np.cos(np.radians(45.0))
-"""No ray of a tile is farther than 45 degrees from its axis."""
+"""Cosine of 45 degrees, the largest angle between a ray and its tile's axis."""
 SPARSE = 0.005
-"""Rays that take up more than this of p q each are faster alone."""
+"""Area in (p, q) per ray above which rays are faster when cast singly."""
 WIDEST_RUN = np.cos(np.radians(10.0))
-"""No ray of a run is farther than 10 degrees from its axis: those that go on in the next row of an image are."""
+"""Cosine of 10 degrees, the largest angle between a ray and its run's axis; excludes runs that wrap to the next row."""
 SEEN = 0.01
-"""How large, in p and q, the boxes are that packets are held against, for the choice between blocks and runs."""
+"""Assumed size, in p and q, of the boxes that packets meet; used to compare arrangements."""
 SLACK = 1e-6
-"""By how much ranges of p and q are widened: more than float32 rounds them, and the planes that bound a tile."""
+"""Widening of the ranges of p and q: more than float32 rounding of these, and of a tile's side planes."""
 
 Indices = npt.NDArray[np.int64]
 Doubles = npt.NDArray[np.float64]
@@ -42,9 +44,10 @@ Doubles = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Arrangement:
-    """Rays in tiles (tiles, PACKETS, LANES), a negative ~k for no ray where k is, and those that go alone.
+    """Rays in tiles (tiles, PACKETS, LANES), and single rays.
 
-    bases, places: as of `_places`. low, high: (tiles, PACKETS, 2) ranges of p and q.
+    A negative entry ~k in tiles is an empty lane with the direction of ray k. bases, places: see `_places`. low, high:
+    (tiles, PACKETS, 2) ranges of p and q.
     """
 
     tiles: Indices
@@ -56,7 +59,7 @@ class _Arrangement:
 
     @staticmethod
     def of(tiles: Indices, singles: Indices, directions: Doubles) -> "_Arrangement":
-        """Of tiles as they are, but for those whose rays are far apart: they go alone."""
+        """The arrangement of these tiles; the rays of sparse tiles become single rays."""
         bases, places = _places(tiles, directions)
         low, high = places[..., :2].min(axis=2) - SLACK, places[..., :2].max(axis=2) + SLACK
         is_dense = np.prod(high - low, axis=-1).sum(axis=1) < SPARSE * (tiles >= 0).sum(axis=(1, 2))
@@ -66,13 +69,13 @@ class _Arrangement:
 
     @property
     def cost(self) -> float:
-        """The boxes of size SEEN that its packets and single rays are expected to meet, up to a factor."""
+        """Expected number of boxes of size SEEN that the packets and single rays meet, up to a factor."""
         packets = np.prod(self.high - self.low + SEEN, axis=-1)[(self.tiles >= 0).any(axis=2)]
         return float(packets.sum() + len(self.singles) * SEEN**2)
 
 
 def sort_into_packets(directions: Doubles, group: npt.NDArray[np.int32] | None = None) -> Packets:
-    """Sort rays with unit directions (n, 3); those of a tile belong to one group, (n,), where there are several."""
+    """Sort rays with unit directions (n, 3) into packets. group: (n,), tiles hold rays of one group; None for one."""
     ways = [_in_blocks(directions, group)]
     if group is None:
         ways += _in_squares(directions)
@@ -92,7 +95,7 @@ def _in_blocks(directions: Doubles, group: npt.NDArray[np.int32] | None) -> _Arr
 
 
 def _in_squares(directions: Doubles) -> list[_Arrangement]:
-    """Whole tiles of an image, and the rays at its edges in blocks; nothing if it is none, or smaller than a tile."""
+    """Whole tiles of an image, and the rays at its edges in blocks; [] if it is no image or smaller than a tile."""
     columns = _columns_of(directions)
     if columns < TILE_COLUMNS or len(directions) < TILE_ROWS * columns:
         return []
@@ -103,7 +106,7 @@ def _in_squares(directions: Doubles) -> list[_Arrangement]:
 
 
 def _columns_of(directions: Doubles) -> int:
-    """How long the rows of an image are, of which the next one begins nearer to its first ray; 0 if it is none."""
+    """Length of an image's rows, found where the angle to the first ray begins to fall; 0 if it is no image."""
     along = directions @ directions[0] if len(directions) else np.empty(0)
     nearer = np.flatnonzero(np.diff(along) > 0)
     columns = int(nearer[0]) + 1 if len(nearer) else 0
@@ -111,14 +114,14 @@ def _columns_of(directions: Doubles) -> int:
 
 
 def _least_cost_of_runs(directions: Doubles) -> float:
-    """What the cost of runs would be if they were straight lines."""
+    """Lower bound on the cost of runs: their cost as straight lines."""
     count = len(directions) // LANES * LANES
     length = np.linalg.norm(directions[LANES - 1 : count : LANES] - directions[:count:LANES], axis=1)
     return float((length + SEEN).sum() * SEEN)
 
 
 def _in_runs(directions: Doubles) -> _Arrangement:
-    """Runs that are narrow, and all other rays in blocks."""
+    """Narrow runs, and all other rays in blocks."""
     runs = np.arange(len(directions) // LANES * LANES).reshape(-1, LANES)
     middle = directions[runs].mean(axis=1)
     runs = runs[_along(directions[runs], middle) > WIDEST_RUN]
@@ -126,7 +129,7 @@ def _in_runs(directions: Doubles) -> _Arrangement:
 
 
 def _with_rest(tiles: Indices, directions: Doubles) -> _Arrangement:
-    """Tiles that are narrow, and all other rays in blocks."""
+    """The narrow ones of these tiles, and all other rays in blocks."""
     tiles = tiles[_is_narrow(directions[_or_near(tiles)].reshape(-1, TILE, 3))]
     is_left = np.ones(len(directions), bool)
     is_left[tiles[tiles >= 0]] = False
@@ -138,7 +141,7 @@ def _with_rest(tiles: Indices, directions: Doubles) -> _Arrangement:
 
 
 def _tiles_of_runs(runs: Indices, directions: Doubles) -> Indices:
-    """(tiles, PACKETS, LANES): neighbouring runs (m, LANES); a tile that is not full is filled up with ~rays."""
+    """Tiles (tiles, PACKETS, LANES) of neighbouring runs (m, LANES); a tile that is not full is padded with ~rays."""
     if len(runs) == 0:
         return np.empty((0, PACKETS, LANES), np.int64)
     parts = in_parts(np.arange(len(runs)), directions[runs].mean(axis=1), PACKETS)
@@ -147,7 +150,7 @@ def _tiles_of_runs(runs: Indices, directions: Doubles) -> Indices:
 
 
 def _tiles_of_groups(directions: Doubles, group: npt.NDArray[np.int32] | None) -> tuple[Indices, Indices]:
-    """As `_tiles_of`, with the rays of a tile from one group."""
+    """The tiles and single rays of `_tiles_of`, with every tile's rays from one group."""
     if group is None:
         return _tiles_of(directions)
     order = np.argsort(group, kind="stable")
@@ -176,7 +179,7 @@ def _tile_structs(tiles: Indices, bases: Doubles, low: Doubles, high: Doubles) -
 
 
 def _rows_of(tiles: Indices, across: int) -> Indices:
-    """(tiles, PACKETS, LANES) row by row what (tiles, PACKETS, LANES) are packet by packet, so many side by side."""
+    """Reorder tiles (tiles, PACKETS, LANES) from packets to rows of LANES rays, `across` packets being side by side."""
     packets = tiles.reshape(-1, PACKETS // across, across, across, LANES // across)
     return packets.swapaxes(2, 3).reshape(-1, PACKETS, LANES)
 
@@ -190,12 +193,12 @@ def _packet_structs(tiles: Indices, places: Doubles, directions: Doubles) -> npt
 
 
 def _or_near(rays: Indices) -> Indices:
-    """The rays, and k for each ~k."""
+    """The rays, with ~k replaced by k."""
     return np.where(rays >= 0, rays, ~rays)
 
 
 def _places(tiles: Indices, directions: Doubles) -> tuple[Doubles, Doubles]:
-    """(tiles, 3, 3) axis, u, v of each tile, and (tiles, PACKETS, LANES, 3) p, q and length of each ray."""
+    """The axis, u, v of each tile (tiles, 3, 3), and p, q and length of each ray (tiles, PACKETS, LANES, 3)."""
     d = directions[_or_near(tiles)]
     axis = d.sum(axis=(1, 2))
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
@@ -208,7 +211,7 @@ def _places(tiles: Indices, directions: Doubles) -> tuple[Doubles, Doubles]:
 
 
 def _tiles_of(directions: Doubles) -> tuple[Indices, Indices]:
-    """(tiles, TILE) rays, and the rays that go alone; a negative ~k stands for no ray, but is where k is."""
+    """Rays in tiles (tiles, TILE), and single rays; a negative ~k is an empty lane with the direction of ray k."""
     chunks = in_parts(np.arange(len(directions)), directions, CHUNK) if len(directions) else []
     whole = np.array([c for c in chunks if len(c) == CHUNK], np.int64).reshape(-1, CHUNK)
     candidates = halved_to(whole, directions, TILE)
@@ -222,7 +225,7 @@ def _tiles_of(directions: Doubles) -> tuple[Indices, Indices]:
 
 
 def _narrow_tiles(rays: Indices, directions: Doubles) -> tuple[list[Indices], list[Indices]]:
-    """Tiles, filled up with ~rays, and lists of rays that go alone."""
+    """Tiles, padded with ~rays, and lists of single rays."""
     if len(rays) <= TILE and _is_narrow(directions[rays]):
         return [np.concatenate([rays, ~np.resize(rays, TILE - len(rays))])], []
     if len(rays) <= LANES:
@@ -236,24 +239,24 @@ def _narrow_tiles(rays: Indices, directions: Doubles) -> tuple[list[Indices], li
 
 
 def _is_narrow(d: Doubles) -> npt.NDArray[np.bool_]:
-    """(...) whether all of (..., n, 3) directions are close to their mean."""
+    """Whether all n directions (..., n, 3) are within 45 degrees of their mean; result (...)."""
     return _along(d, d.mean(axis=-2)) > WIDEST
 
 
 def _along(d: Doubles, axis: Doubles) -> Doubles:
-    """(...) the least cosine between (..., n, 3) unit directions and an axis (..., 3) of any length."""
+    """The least cosine (...) between unit directions (..., n, 3) and an axis (..., 3) of any length."""
     return np.einsum("...nk,...k->...n", d, axis).min(axis=-1, initial=1.0) / np.linalg.norm(axis, axis=-1)
 
 
 def in_parts(rays: Indices, directions: Doubles, size: int) -> list[Indices]:
-    """Parts of this size, but for one that is smaller."""
+    """Split rays into parts of neighbours of this size; one part may be smaller."""
     if len(rays) <= size:
         return [rays]
     return [part for half in _halves(rays, directions, size) for part in in_parts(half, directions, size)]
 
 
 def _halves(rays: Indices, directions: Doubles, multiple: int) -> tuple[Indices, Indices]:
-    """Two parts, the first a multiple of a size, on both sides of the widest axis."""
+    """Split rays in two along the widest axis; the size of the first part is a multiple of `multiple`."""
     xyz = np.ascontiguousarray(directions[rays].T)
     count = -(-len(rays) // (2 * multiple)) * multiple
     order = np.argpartition(xyz[np.argmax(np.ptp(xyz, axis=1))], count - 1)
@@ -261,7 +264,7 @@ def _halves(rays: Indices, directions: Doubles, multiple: int) -> tuple[Indices,
 
 
 def halved_to(groups: Indices, directions: Doubles, size: int) -> Indices:
-    """(m, size) rays: every row of groups (n, k) halved again and again, k a power of two times the size."""
+    """Rays (m, size): every row of groups (n, k) is halved repeatedly, k being `size` times a power of two."""
     directions = directions[_or_near(groups)]
     xyz = np.ascontiguousarray(np.moveaxis(directions, -1, 0), np.float32)
     while groups.shape[1] > size:

@@ -1,4 +1,4 @@
-"""Rays that are steered a little from where they were sorted into packets."""
+"""Rays whose directions differ a little from those that were sorted into packets."""
 
 from dataclasses import replace
 
@@ -12,11 +12,10 @@ from .in_order import pack_in_order
 
 
 def steered(rays: Rays, directions: wp.array, origins: wp.array | None = None) -> Rays:
-    """The same rays with other unit directions, (W N,) vec3d, and from other origins if these are given.
+    """The rays with other unit directions, (W N,) vec3d, and other origins if given.
 
-    Those that were neighbours are taken to be neighbours still: on CUDA they stay in their warps, on the CPU they are
-    packed as they follow each other in the rays' packets, of which there are none where directions differ from world to
-    world.
+    Neighbours are assumed to stay neighbours: on CUDA rays keep their warps, on the CPU they are packed in the order of
+    their packets. With several worlds on the CPU, where directions differ between worlds, the rays are cast singly.
     """
     origins = rays.origins if origins is None else origins
     turned = replace(rays, directions=directions.reshape((rays.worlds, -1)), origins=origins, packets=None)

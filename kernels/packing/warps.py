@@ -1,6 +1,6 @@
-"""Rays in warps of neighbours, as CUDA casts them.
+"""Sorting of rays into warps of neighbours, for CUDA.
 
-Threads of a warp run together, through all that any of them comes to, and neighbouring rays come to much the same.
+The threads of a warp run through everything that any of them visits, and neighbouring rays visit much the same.
 """
 
 import numpy as np
@@ -13,11 +13,11 @@ from .sorting import CHUNK, Doubles, halved_to, in_parts
 WARP = 32
 EVEN = (1.0, 1.0, 1.0)
 LEVEL = (1.0, 1.0, 6.0)
-"""Of a lidar, rays of one elevation go about as far as each other, and none waits long for the slowest of its warp."""
+"""Weights for a lidar: its rays of one elevation have similar lengths, so few wait long for the slowest of the warp."""
 
 
 def sort_into_warps(directions: Doubles, device: wp.DeviceLike, weights: tuple[float, float, float] = EVEN) -> Warps:
-    """Sort rays from one origin with unit directions (n, 3). weights: of distances along x, y and z."""
+    """Sort rays from one origin with unit directions (n, 3). weights: of differences along x, y and z."""
     directions = directions * weights
     chunks = in_parts(np.arange(len(directions)), directions, CHUNK)
     whole = np.array([chunk for chunk in chunks if len(chunk) == CHUNK], np.int64).reshape(-1, CHUNK)

@@ -1,8 +1,8 @@
-"""Beams behind rotating wedges, reading after reading, and their packets.
+"""Beams refracted by rotating wedges, and their packets, reading after reading.
 
-The formula is that of rigcast.sensors.specs.lidars.rosette. Samples of a line go together, LANES at once, which the
-compiler turns into vector instructions. Wedges turn evenly, so that sines and cosines of all samples come from those of
-a few:
+The formula is in rigcast.sensors.specs.lidars.rosette. LANES samples of a line are computed together, which the
+compiler turns into vector instructions. Wedges turn at a constant rate, so the sines and cosines of all samples follow
+from those of a few:
 
     cos(a + b) = cos a cos b - sin a sin b      sin(a + b) = sin a cos b + cos a sin b
 """
@@ -26,7 +26,7 @@ from .in_order import Packing, PackingInOrder, by_number, pack_tile
 Doubles = npt.NDArray[np.float64]
 
 _MOST = 4
-"""Readings whose arrays are kept: of a frame that is held, of one that is made, and of those that these took over."""
+"""Readings whose arrays are kept: for frames that users hold, for the one being made, and spare ones."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -35,8 +35,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 class TurningWedge:
     """A wedge that turns by `step` [rad] about x from one sample to the next.
 
-    tilt: of its tilted face [rad]. index: of refraction. tilted_first: whether the light meets the tilted face before
-    the one square to x.
+    tilt: angle of its tilted face [rad]. index: refractive index. tilted_first: whether the light meets the tilted face
+    before the one square to x.
     """
 
     tilt: float
@@ -47,18 +47,18 @@ class TurningWedge:
 
 @wp.struct
 class Wedges:
-    """Wedges in the order in which the light meets them, and the beams before them."""
+    """Wedges in the order in which light meets them, and the beams before them. Arrays but `lines` are (wedges,)."""
 
     samples: int
-    lines: wp.array[wp.vec3d]
-    rise: wp.array[wp.float64]  # (wedges,) n^2 - 1 of the refractive index n
+    lines: wp.array[wp.vec3d]  # (lines,) unit directions of the beams before the wedges
+    rise: wp.array[wp.float64]  # n^2 - 1 of the refractive index n
     tilted_first: wp.array[wp.bool]
-    # the tilted faces' normals, of which x stays and y, z go round:
-    x: wp.array[wp.float64]  # (wedges,)
-    aside: wp.array[wp.float64]
+    # the tilted faces' normals, of which x is constant and y, z rotate:
+    x: wp.array[wp.float64]
+    aside: wp.array[wp.float64]  # length of (y, z)
     turned: wp.array[wp.float64]  # [rad], from y to z, at the first sample
     step: wp.array[wp.float64]  # [rad], from one sample to the next
-    cosine: wp.array[double_lanes]  # of how far a wedge turns from the first sample of a block to each
+    cosine: wp.array[double_lanes]  # of the rotation from the first sample of a block to each
     sine: wp.array[double_lanes]
     # scratch:
     y: wp.array2d[double_lanes]  # (wedges, blocks)
@@ -67,7 +67,7 @@ class Wedges:
 
 @wp.func
 def lean(wedges: Wedges, k: int, block: int) -> None:
-    """Turn the tilted face of a wedge to where it is at each sample of a block."""
+    """Compute the normal of wedge k's tilted face at each sample of a block."""
     turned = wedges.turned[k] + wp.float64(block * LANES) * wedges.step[k]
     along_y = wedges.aside[k] * wp.cos(turned)
     along_z = wedges.aside[k] * wp.sin(turned)
@@ -96,12 +96,12 @@ def write_line(  # type: ignore[no-untyped-def]
     y: double_lanes,
     z: double_lanes,
 ):
-    """The samples of a line from one on, natively: Warp would ask of every index whether it counts from the end."""
+    """Write `count` samples of a line from sample `begin` on. Native: Warp checks every index for < 0."""
 
 
 @wp.func
 def bend_line(wedges: Wedges, line: int, block: int, directions: wp.array[wp.vec3d]) -> None:
-    """Of LANES samples, or those that there are. directions: (samples * lines,)"""
+    """Refract a line's beam at the samples of a block; writes directions (samples * lines,), unit."""
     start = wedges.lines[line]
     x = double_lanes()
     y = double_lanes()
@@ -135,10 +135,12 @@ def bend_line(wedges: Wedges, line: int, block: int, directions: wp.array[wp.vec
 
 @wp.kernel
 def bend_and_pack(_thread: int, turns: wp.array[int], wedges: Wedges, these: Packing) -> None:
-    """TURN blocks of LANES samples that no other thread takes, and the tiles that their rays fill. turns: how many
-    were taken."""
+    """Compute blocks of LANES samples, TURN per turn, and pack the tiles that their rays fill.
+
+    Each thread claims turns. turns: number claimed so far.
+    """
     blocks = (wedges.samples + LANES - 1) / LANES
-    tiles = TURN * LANES * wedges.lines.shape[0] / TILE  # without a rest
+    tiles = TURN * LANES * wedges.lines.shape[0] / TILE  # exact
     turn = turn_of(turns)
     while turn * TURN < blocks:
         for block in range(turn * TURN, wp.min((turn + 1) * TURN, blocks)):
@@ -152,7 +154,7 @@ def bend_and_pack(_thread: int, turns: wp.array[int], wedges: Wedges, these: Pac
 
 
 class Bending:
-    """Beams of several lines through wedges, at so many samples. lines: (lines, 3) unit, before the wedges."""
+    """Beams of several lines through rotating wedges. lines: (lines, 3) unit directions before the wedges."""
 
     def __init__(self, lines: Doubles, wedges: Sequence[TurningWedge], samples: int) -> None:
         self._shape = samples, len(lines), 3
@@ -174,10 +176,10 @@ class Bending:
         self._readings: deque[_Reading] = deque(maxlen=_MOST)
 
     def reading(self, turned: Sequence[float], in_packets: bool) -> tuple[Doubles, Packets | None]:
-        """(samples, lines, 3) unit: where the light goes on, and the same in packets, if these are of use.
+        """Unit directions (samples, lines, 3) behind the wedges, and their packets, or None unless in_packets.
 
-        They are written over by another reading once nobody holds any of them any more. turned: of each wedge at the
-        first sample [rad]; at 0 its tilted face leans to +y.
+        A later reading overwrites these arrays once nobody holds any of them. turned: angle of each wedge at the first
+        sample [rad]; at 0 its tilted face leans to +y.
         """
         self._turned[:] = turned
         reading = self._take(in_packets)
@@ -185,7 +187,7 @@ class Bending:
         return reading.directions, reading.packing.end() if in_packets else None
 
     def _take(self, in_packets: bool) -> "_Reading":
-        """The last one that nobody holds any more, or a new one."""
+        """The latest reading whose arrays nobody holds, or a new one."""
         for reading in reversed(self._readings):
             if reading.in_packets == in_packets and not reading.held.by_others:
                 return reading
@@ -196,7 +198,7 @@ class Bending:
 
 
 class _Reading:
-    """The arrays of one reading, directions of this shape and their packets, and the launch that writes them."""
+    """The arrays of one reading (directions of this shape, and their packets), and the launch that writes them."""
 
     def __init__(self, wedges: Wedges, shape: tuple[int, int, int], in_packets: bool) -> None:
         samples, lines, _ = shape

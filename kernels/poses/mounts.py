@@ -1,7 +1,7 @@
-"""The poses of frames that are fixed to others, in many worlds at once.
+"""Poses of frames mounted on carriers (bodies, sites, cameras, the world), in many worlds at once.
 
-A frame at offset (t, Q) in a carrier with pose (p, R) has the pose (p + R t, R Q). Aligned to yaw, it is turned about z
-only, by the heading of its x axis.
+A frame mounted with pose (t, Q) on a carrier with pose (p, R) has the pose (p + R t, R Q) in the world. A yaw-aligned
+frame keeps only the heading of its x axis: its rotation is about z.
 """
 
 from dataclasses import dataclass
@@ -11,14 +11,17 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.launching.launch import launch
+
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @dataclass(frozen=True)
 class Carriers:
-    """Frames in many worlds, on one device: position (nworld, n) vec3 or vec3d [m], rotation likewise mat33 or mat33d.
+    """Poses of n carriers in many worlds, on one device.
 
-    The first axis may have one entry instead, which holds in all worlds; the second too, the carrier that is asked for.
+    position: (nworld, n) vec3 or vec3d [m]. rotation: (nworld, n) mat33 or mat33d; columns are the carrier's axes.
+    The first axis may have size 1: the same poses in all worlds. So may the second: one carrier, whatever `which` says.
     """
 
     position: wp.array
@@ -27,9 +30,10 @@ class Carriers:
 
 @dataclass(frozen=True)
 class Attachment:
-    """What a frame is fixed to, and where, for all worlds (1,) or in each (nworld,), on one device.
+    """The mounting of a frame: one for all worlds, arrays (1,), or one per world, (nworld,), on one device.
 
-    which: int32, the carrier. offset: vec3d [m] and turn: mat33d, the frame's pose in it; columns are its axes.
+    which: int32, index of the carrier. offset: vec3d [m] and turn: mat33d, the frame's pose in the carrier's frame; the
+    columns of turn are the frame's axes.
     """
 
     which: wp.array
@@ -37,12 +41,12 @@ class Attachment:
     turn: wp.array
 
     def of_worlds(self, part: slice) -> "Attachment":
-        """In some of the worlds, where it is another one in each."""
+        """The mountings in some of the worlds; needs one per world."""
         return Attachment(self.which[part], self.offset[part], self.turn[part])
 
     @staticmethod
     def of(which: npt.ArrayLike, offset: npt.NDArray[np.float64], device: wp.DeviceLike) -> "Attachment":
-        """Of carriers (n,) and poses in them (n, 4, 4)."""
+        """Make mountings from indices of carriers (n,) and poses in their frames (n, 4, 4)."""
         return Attachment(
             wp.array(which, dtype=int, device=device),
             wp.array(np.ascontiguousarray(offset[:, :3, 3]), dtype=wp.vec3d, device=device),
@@ -66,7 +70,7 @@ def as_mat33d(m: Any) -> wp.mat33d:
 
 @wp.func
 def upright(rotation: wp.mat33d) -> wp.mat33d:
-    """Turned about z only, by the heading of the x axis; not at all where that is vertical."""
+    """The rotation about z by the heading of the x axis; the identity if that axis is vertical."""
     zero = wp.float64(0.0)
     one = wp.float64(1.0)
     x = rotation[0, 0]
@@ -82,7 +86,7 @@ def upright(rotation: wp.mat33d) -> wp.mat33d:
 
 @wp.func
 def turned_by(rotation: wp.mat33d, turn: wp.mat33d) -> wp.mat33d:
-    """Their product, column by column, as that of two matrices rounds otherwise."""
+    """The product rotation * turn, column by column; a product of two matrices would round differently."""
     return wp.matrix_from_cols(
         rotation * wp.vec3d(turn[0, 0], turn[1, 0], turn[2, 0]),
         rotation * wp.vec3d(turn[0, 1], turn[1, 1], turn[2, 1]),
@@ -101,11 +105,12 @@ def place_on_carrier(
     turns: wp.array[wp.mat33d],
     yaw_aligned: bool,
     active: wp.array[wp.bool],  # empty for all
-    # out, one per world:
+    # out, (worlds, frames):
     placed_position: wp.array2d[wp.vec3d],
     placed_rotation: wp.array2d[wp.mat33d],
     slot: int,
 ) -> None:
+    """Place frame `slot` of each world on its carrier; see Frames.place."""
     w = wp.tid()
     own = w % which.shape[0]
     carrier = which[own] % position.shape[1]
@@ -130,6 +135,7 @@ def copy_frames(
     copied_position: wp.array2d[wp.vec3d],
     copied_rotation: wp.array2d[wp.mat33d],
 ) -> None:
+    """Copy poses of carriers to float64."""
     w, k = wp.tid()
     copied_position[w, k] = as_vec3d(position[w, k])
     copied_rotation[w, k] = as_mat33d(rotation[w, k])
@@ -137,6 +143,7 @@ def copy_frames(
 
 @wp.kernel
 def join_poses(position: wp.array2d[wp.vec3d], rotation: wp.array2d[wp.mat33d], poses: wp.array3d[wp.float64]) -> None:
+    """Write the pose of frame 0 of each world as a 4 x 4 matrix."""
     w = wp.tid()
     for row in range(3):
         for column in range(3):
@@ -147,7 +154,8 @@ def join_poses(position: wp.array2d[wp.vec3d], rotation: wp.array2d[wp.mat33d], 
 
 
 def _of_each_kind(kernel: wp.Kernel) -> dict[type, wp.Kernel]:
-    """The kernel for positions of each type: Warp would look for it at every launch, which takes longer than that."""
+    """The kernel's overloads by type of position. Warp would look one up at every launch, which takes longer than the
+    kernel."""
     kinds = ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d))
     return {
         vector: wp.overload(kernel, {"position": wp.array2d[vector], "rotation": wp.array2d[matrix]})
@@ -155,17 +163,17 @@ def _of_each_kind(kernel: wp.Kernel) -> dict[type, wp.Kernel]:
     }
 
 
-# every kind at once, so that the module is compiled once
+# all overloads are made here, so that the module is compiled once
 _PLACE_ON_CARRIER, _COPY_FRAMES = _of_each_kind(place_on_carrier), _of_each_kind(copy_frames)
 
 
 BYTES_PER_FRAME = 96
-"""Of one of Frames."""
+"""Size of one frame of Frames."""
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames in many worlds: position (nworld, n) vec3d [m], rotation (nworld, n) mat33d."""
+    """Poses of n frames in many worlds: position (nworld, n) vec3d [m], rotation (nworld, n) mat33d, columns axes."""
 
     position: wp.array
     rotation: wp.array
@@ -178,15 +186,15 @@ class Frames:
         )
 
     def of_worlds(self, part: slice) -> "Frames":
-        """Those in some of the worlds, without a copy."""
+        """Views of the frames in some of the worlds."""
         return Frames(self.position[part], self.rotation[part])
 
     def copy(self, carriers: Carriers) -> None:
-        """Make the first of these those of the carriers."""
+        """Set the first frames to the poses of the carriers, in float64."""
         outputs = [self.position, self.rotation]
         inputs = [carriers.position, carriers.rotation]
         kernel = _COPY_FRAMES[carriers.position.dtype]
-        wp.launch(kernel, carriers.position.shape, inputs=inputs, outputs=outputs, device=self.position.device)
+        launch(kernel, carriers.position.shape, inputs, outputs, self.position.device)
 
     def place(
         self,
@@ -197,26 +205,31 @@ class Frames:
         yaw_aligned: bool = False,
         active: wp.array | None = None,
     ) -> None:
-        """Put frame `slot` where it is attached to the carriers.
+        """Set frame `slot` of every world to its pose on its carrier.
 
-        active: (nworld,) bool, where not the position is NaN; None or empty for all.
+        Args:
+            slot: the frame.
+            carriers: poses of the carriers, in the world.
+            on: the frame's mounting on one of them.
+            yaw_aligned: keep only the heading of the frame's x axis.
+            active: (nworld,) bool; in worlds where it is False the position is NaN. None or empty: all are active.
         """
         device = self.position.device
         everywhere = wp.empty(0, dtype=wp.bool, device=device) if active is None else active
         inputs = [carriers.position, carriers.rotation, on.which, on.offset, on.turn, yaw_aligned, everywhere]
         outputs = [self.position, self.rotation, slot]
         kernel = _PLACE_ON_CARRIER[carriers.position.dtype]
-        wp.launch(kernel, self.position.shape[0], inputs=inputs, outputs=outputs, device=device)
+        launch(kernel, self.position.shape[0], inputs, outputs, device)
 
     def poses(self, out: wp.array | None = None) -> wp.array:
-        """(nworld, 4, 4) float64, those of the first frame."""
+        """Poses of frame 0 as matrices (nworld, 4, 4) float64, frame to world."""
         worlds, device = self.position.shape[0], self.position.device
         poses = wp.empty((worlds, 4, 4), dtype=wp.float64, device=device) if out is None else out
-        wp.launch(join_poses, worlds, inputs=[self.position, self.rotation], outputs=[poses], device=device)
+        launch(join_poses, worlds, [self.position, self.rotation], [poses], device)
         return poses
 
 
 def origin(device: wp.DeviceLike) -> Carriers:
-    """The world's own frame, as carrier 0; filled on the device, as a CUDA graph can do again."""
+    """The world's frame as the only carrier; filled on the device, so that a CUDA graph can repeat it."""
     zero = wp.zeros((1, 1), dtype=wp.vec3d, device=device)
     return Carriers(zero, wp.full((1, 1), wp.mat33d(np.eye(3)), dtype=wp.mat33d, device=device))

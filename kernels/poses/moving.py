@@ -1,15 +1,15 @@
-"""Shapes on their way from one instant to the next.
+"""Motion of shapes between two instants.
 
-A position moves on a straight line, and a rotation turns about one axis at an even rate,
+The position moves on a straight line and the rotation turns about one axis at a constant rate,
 
     x(f) = x0 + f (x1 - x0)      R(f) = R0 exp(f [w])      exp([w]) = R0^T R1, |w| <= pi
 
-which is what slerp does with quaternions. Shapes are placed for every firing before its rays are cast, so that a ray
-always meets shapes that stand still; those that do so in all worlds and at all instants are placed once. What is
-nowhere at one end is placed nowhere.
+which is slerp of quaternions. Shapes are placed for every firing before its rays are cast, so a ray always meets shapes
+at rest. Shapes that stand still in all worlds and at all instants are placed once. A shape whose pose is not finite at
+one end of a span gets position NaN.
 
-With n shapes in W worlds, m of which move, the poses for the cast are those of all shapes of each world at its first
-instant (W n,), and behind them those of the m at each firing of each world (W F m,).
+With n shapes in W worlds, m of which move, and F firings per world, the poses for the cast are those of all shapes of
+each world at its first instant (W n,), followed by those of the m movers at each firing of each world (W F m,).
 """
 
 import warp as wp
@@ -25,7 +25,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def rotation_by(w: wp.vec3d) -> wp.mat33d:
-    """exp([w]), the rotation about w by |w| [rad]: I + sin a [k] + 2 sin^2(a / 2) [k]^2 with a = |w|, k = w / a."""
+    """The rotation exp([w]) about w by |w| [rad]: I + sin a [k] + 2 sin^2(a / 2) [k]^2 with a = |w|, k = w / a."""
     identity = wp.identity(n=3, dtype=wp.float64)
     angle = wp.length(w)
     if angle == wp.float64(0.0):
@@ -37,7 +37,7 @@ def rotation_by(w: wp.vec3d) -> wp.mat33d:
 
 @wp.func
 def turn_between(a: wp.mat33d, b: wp.mat33d) -> wp.vec3d:
-    """w [rad] with b = a exp([w]), |w| <= pi."""
+    """The rotation vector w [rad] with b = a exp([w]), |w| <= pi."""
     q = wp.quat_from_matrix(wp.transpose(a) * b)
     v = wp.vec3d(q[0], q[1], q[2])
     sine = wp.length(v)
@@ -51,6 +51,7 @@ def turn_between(a: wp.mat33d, b: wp.mat33d) -> wp.vec3d:
 def place_shapes(
     first: int, g: Geometry, rays: RayArrays, position: wp.array[wp.vec3d], rotation: wp.array[wp.mat33d]
 ) -> None:
+    """Write pose i of a cast, in the order given in this module's docstring."""
     i = first + wp.tid()
     shapes = g.kind.shape[0]
     still = world_of(g.instants, g.anchor.shape[0]) * shapes
@@ -77,7 +78,7 @@ def place_shapes(
 
 
 def at_firings(geometry: Geometry, rays: Rays) -> Geometry:
-    """The geometry with its shapes where they stand at each firing of the rays."""
+    """A geometry with the poses of its shapes at each firing of the rays."""
     placed, device = Geometry(), rays.directions.device
     placed.assign(geometry)
     count = rays.worlds * geometry.kind.size + rays.position.size * geometry.movers.size

@@ -1,4 +1,4 @@
-"""Where the shapes stand for a ray, in the arrays of a geometry."""
+"""Indices and poses of the shapes that a ray is cast against, in the arrays of a geometry."""
 
 import warp as wp
 
@@ -10,13 +10,13 @@ from rigcast.kernels.vectors import to_double
 
 @wp.struct
 class Scope:
-    """Of a ray: the span it is cast through, and where in arrays of shapes those that it meets begin."""
+    """The span that a ray is cast through, and the index of its world's or firing's first entry in arrays of shapes."""
 
     span: int
-    first_pose: int
-    first_still: int  # of the poses of shapes that stand still while others move
-    first_shape: int  # of sizes and boxes
-    first_visible: int
+    first_pose: int  # in arrays of poses; with several instants, of those of the movers
+    first_still: int  # in arrays of poses, of those of shapes that stand still while others move
+    first_shape: int  # in arrays of sizes and boxes
+    first_visible: int  # in `visible`
 
 
 @wp.struct
@@ -45,7 +45,7 @@ def scope_of(g: wp.array[Geometry], span: int, firing: int) -> Scope:
 
 @wp.func
 def world_of(instants: int, span: int) -> int:
-    """The world of a span; of the number of all spans, the number of worlds."""
+    """The world of a span. Given the number of all spans, the number of worlds."""
     if instants == 1:
         return span
     return int(span / (instants - 1))
@@ -53,20 +53,20 @@ def world_of(instants: int, span: int) -> int:
 
 @wp.func
 def first_of_world(size: int, shapes: int, world: int) -> int:
-    """Where the entries of a world begin in an array of one for each shape, or of one for each shape of each world."""
+    """Index of a world's first entry in an array of `size` entries: (n,) for all worlds, or (W n,)."""
     return wp.where(size > shapes, world * shapes, 0)
 
 
 @inlined
 def pose_of(g: wp.array[Geometry], shape: int, scope: Scope) -> Pose:
-    """Where a shape stands for a ray."""
+    """The pose of a shape for a ray."""
     entry = entry_of(g[0].place, shape, scope)
     return pose_among(g[0].position, g[0].rotation, g[0].position_float, g[0].rotation_float, entry)
 
 
 @inlined
 def entry_of(place: wp.array[int], shape: int, scope: Scope) -> int:
-    """Of the shape's pose for a ray."""
+    """Index of a shape's pose for a ray."""
     entry = scope.first_pose + shape
     if place.shape[0] > 0:
         entry = scope.first_still + shape
@@ -77,9 +77,9 @@ def entry_of(place: wp.array[int], shape: int, scope: Scope) -> int:
 
 @wp.func
 def is_doubled(g: wp.array[Geometry], shape: int, scope: Scope) -> bool:
-    """Whether an earlier visible shape has the same triangles in the same place: it is hit as early, and comes first.
+    """Whether an earlier visible shape has the same triangles at the same pose, and so takes all hits of this one.
 
-    So it is with a mesh that is the visual and the collision geom of a body.
+    An example is a mesh that is both the visual and the collision geom of a body.
     """
     twin = g[0].twin[shape]
     if twin < 0:
@@ -118,7 +118,7 @@ def pose_among(
 
 @wp.func
 def first_instant_of(g: Geometry, span: int) -> int:
-    """Entry of the pose of shape 0 at the first instant of a span; n on is that at the second."""
+    """Index of the pose of shape 0 at the first instant of a span; that at the second instant is n entries later."""
     shapes = g.kind.shape[0]
     if g.instants == 1:
         return span * shapes
@@ -127,7 +127,7 @@ def first_instant_of(g: Geometry, span: int) -> int:
 
 @wp.func
 def is_somewhere(pose: Pose) -> bool:
-    """Whether a shape can be hit there: no number is NaN, or too large."""
+    """Whether a shape with this pose can be hit: no number is NaN or larger than FARTHEST."""
     total = wp.float64(0.0)
     for row in range(3):
         for column in range(3):
@@ -137,7 +137,7 @@ def is_somewhere(pose: Pose) -> bool:
 
 @wp.func
 def is_within_reach(position: wp.vec3d) -> bool:
-    """Whether no coordinate is beyond FARTHEST, or NaN, for what is compared with NaN is false."""
+    """Whether every coordinate is within FARTHEST; false for NaN."""
     x = wp.abs(position[0]) <= wp.float64(FARTHEST)
     y = wp.abs(position[1]) <= wp.float64(FARTHEST)
     z = wp.abs(position[2]) <= wp.float64(FARTHEST)

@@ -1,1 +1,1 @@
-"""The rays of a sensor: where they begin, which way they go, and when each was fired."""
+"""The rays of a sensor: origins, directions and times of firing."""

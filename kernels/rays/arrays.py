@@ -1,4 +1,4 @@
-"""Rays of a sensor, in one world or in many, frozen or fired one after the other."""
+"""The rays of a sensor, in one world or many, fired at once or one after the other."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,15 +14,15 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.struct
 class RayArrays:
-    """Rays, where a kernel reads them; empty arrays for what Rays has None of."""
+    """Rays as a struct for kernels; arrays that are None in Rays are empty."""
 
-    count: int  # of the rays of one world
+    count: int  # rays per world
     directions: wp.array[wp.vec3d]
     vectors: wp.array[wp.vec3d]
     origins: wp.array[wp.vec3d]
     firing: wp.array[int]
-    # of every firing of every world:
-    firings: int  # in one world
+    # per firing of every world:
+    firings: int  # firings per world
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]
     span: wp.array[int]
@@ -33,19 +33,19 @@ class RayArrays:
 class Rays:
     """N rays in the frame of a sensor, the same in each of W worlds, as Warp arrays on one device.
 
-    A *firing* is what leaves at one time, from one pose of the sensor: all rays of a frozen reading, or those of a
-    column of a spinning lidar. Of F firings in W worlds, firing f of world w is entry w F + f.
+    A *firing* is the set of rays that leave at one time from one pose of the sensor: all rays of a reading taken at
+    once, or a column of a spinning lidar. With F firings per world, firing f of world w is entry w F + f.
 
-    directions: (N,) vec3d, unit, or (W, N) where worlds differ. origins: likewise [m], or (1,) for all rays.
-    position, rotation: (W F,) vec3d [m] and mat33d, the sensor's poses in the world; columns are its axes. The rays of
-    a pose that is not finite, such as one in a world that is not to be looked at, give NaN.
-    packets: the same N rays on the CPU in packets of one origin and one firing each, or in bundles of one direction and
-    one firing, or on CUDA in warps; None to cast each alone, one after the other.
-    firing: (N,) int32, which of the F firings each ray belongs to; None where there is one.
-    span: (W F,) int32, in which span of the geometry each firing is; None for world w in span w.
-    fraction: (W F,) float64, how far from the first instant of its span to the second, 0 to 1; None for 0.
-    vectors: (W N,) vec3d, of any length, of which a cast one by one on the CPU makes the directions on its way, over
-    what is there; None where these are directions already.
+    directions: (N,) vec3d, unit; or (W, N) if worlds differ. origins: likewise [m], or (1,) for all rays.
+    position, rotation: (W F,) vec3d [m] and mat33d, the sensor's poses in the world; columns are its axes. A pose that
+    is not finite, such as that of a world to be left out, makes its rays NaN.
+    packets: the same N rays sorted for the cast: on the CPU into packets of one origin and one firing each, or into
+    bundles of one direction and one firing each; on CUDA into warps. None to cast them singly, in order.
+    firing: (N,) int32, the firing of each ray within its world; None if there is only one.
+    span: (W F,) int32, the span of the geometry in which each firing is; None: span w for world w.
+    fraction: (W F,) float64, the time of each firing within its span, from 0 (first instant) to 1 (second); None for 0.
+    vectors: (W N,) vec3d of any length, which a cast of single rays on the CPU normalises into `directions`; None if
+    `directions` are given.
     """
 
     directions: wp.array
@@ -61,11 +61,11 @@ class Rays:
 
     @property
     def total(self) -> int:
-        """W N, the rays of all worlds."""
+        """Number of rays of all worlds, W N."""
         return int(self.directions.shape[-1]) * self.worlds
 
     def of_worlds(self, part: slice) -> "Rays":
-        """Those of some of the worlds, as if there were no others."""
+        """The rays of some of the worlds, as if there were no others."""
         firings = self.position.size // self.worlds
         own = slice(part.start * firings, part.stop * firings)
         return replace(
@@ -81,7 +81,7 @@ class Rays:
 
     @cached_property
     def arrays(self) -> RayArrays:
-        """The same for a kernel."""
+        """The rays as a struct for kernels."""
         arrays = RayArrays()
         arrays.count = self.directions.shape[-1]
         arrays.directions, arrays.origins = _flat(self.directions), _flat(self.origins)
@@ -103,7 +103,7 @@ def _flat(array: wp.array) -> wp.array:
 
 @wp.func
 def firing_of(rays: RayArrays, k: int) -> int:
-    """The firing, among those of all worlds, of ray k, among those of all worlds."""
+    """The firing of ray k, both counted over all worlds."""
     world = int(0)
     if k >= rays.count:
         world = int(k / rays.count)
@@ -114,13 +114,13 @@ def firing_of(rays: RayArrays, k: int) -> int:
 
 @wp.func
 def direction_of(rays: RayArrays, k: int) -> wp.vec3d:
-    """Of ray k of all worlds, in the sensor's frame."""
+    """Direction of ray k, counted over all worlds, in the sensor's frame."""
     return of_ray(rays.directions, k)
 
 
 @wp.func
 def origin_of(rays: RayArrays, k: int) -> wp.vec3d:
-    """Of ray k of all worlds, in the sensor's frame [m]."""
+    """Origin [m] of ray k, counted over all worlds, in the sensor's frame."""
     return of_ray(rays.origins, k)
 
 

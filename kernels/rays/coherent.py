@@ -1,4 +1,4 @@
-"""Rays that are cast together as they go much the same way: on the CPU in packets or bundles, on CUDA in warps."""
+"""Groups of coherent rays that are cast together: on the CPU packets or bundles, on CUDA warps."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ import warp as wp
 class Packets:
     """Rays sorted into tiles of packets, on the CPU.
 
-    singles: the rays that go alone.
+    tiles: (n,) of Tile. packets: (n PACKETS,) of Packet. singles: int32, the rays that are cast singly.
     """
 
     tiles: wp.array
@@ -21,16 +21,16 @@ class Packets:
 
     @cached_property
     def order(self) -> npt.NDArray[np.int32]:
-        """(n,) all rays, as they follow each other in the packets; those that go alone are the last."""
+        """Numbers of all rays (n,) in the order of the packets; the single rays come last."""
         rays = self.packets.numpy()["ray"].reshape(-1)
         return np.concatenate([rays[rays >= 0], self.singles.numpy()])
 
 
 @dataclass(frozen=True)
 class Bundles:
-    """Rays that are cast in bundles, on the CPU.
+    """Rays sorted into bundles, on the CPU.
 
-    rays: (m, k) int32, up to k of each bundle by their number; where it has fewer, -1 follows.
+    rays: (m, k) int32, the numbers of up to k rays of each bundle, padded with -1.
     """
 
     rays: wp.array
@@ -38,9 +38,9 @@ class Bundles:
 
 @dataclass(frozen=True)
 class Warps:
-    """Rays on CUDA.
+    """Rays sorted into warps, on CUDA.
 
-    order: (n,) int32, all of them, 32 neighbours after 32 neighbours.
+    order: (n,) int32, the numbers of all rays; every 32 in a row are neighbours.
     """
 
     order: wp.array

@@ -1,4 +1,4 @@
-"""When each ray of a reading was fired."""
+"""Times of firing of the rays of a reading."""
 
 import warp as wp
 
@@ -22,9 +22,10 @@ def add_time(
 
 
 def stamps(begun: wp.array, firing_times: wp.array | None, count: int, out: wp.array | None = None) -> wp.array:
-    """(count,) float64 [s]: begun, one for each world, plus firing_times, the same in all of them; rounded once.
+    """Stamps (count,) float64 [s], one per ray of every world: begin of the world's reading plus the ray's firing time.
 
-    firing_times: float64 [s], of any shape; None where all rays are fired at once.
+    begun: (W,) float64 [s]. firing_times: float64 [s], of any shape, the same in all worlds; None if all rays are fired
+    at once. Each sum is rounded once.
     """
     out = wp.empty(count, dtype=wp.float64, device=begun.device) if out is None else out
     fired = wp.empty(0, dtype=wp.float64, device=begun.device) if firing_times is None else firing_times.flatten()

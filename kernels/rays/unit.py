@@ -1,7 +1,8 @@
-"""Directions of any length and precision, as users have them."""
+"""Conversion of users' direction vectors, of any length and precision, to float64 unit vectors."""
 
 import warp as wp
 
+from rigcast.kernels.launching.launch import launch
 from rigcast.kernels.vectors import to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
@@ -29,10 +30,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
     }
 """)
 def make_unit(begin: int, end: int, vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]):  # type: ignore[no-untyped-def]
-    """Vectors begin to end - 1 of arrays without gaps with length 1, NaN where they have none: a loop of which a CPU
-    does four at once.
+    """Normalise vectors begin to end - 1 of contiguous arrays; NaN for vectors of length 0. LLVM vectorises the loop.
 
-    The vectors are scaled by the largest component first: squares of 1e-200 would vanish, those of 1e200 overflow.
+    The vectors are divided by their largest component first: the square of 1e-200 would vanish, that of 1e200 overflow.
     """
 
 
@@ -49,16 +49,16 @@ def normalize(vectors: wp.array[wp.vec3d], unit: wp.array[wp.vec3d]) -> None:
 
 
 def as_double(vectors: wp.array) -> wp.array:
-    """(n,) vec3d of (n,) vec3 or vec3d."""
+    """The vectors (n,), vec3 or vec3d, as vec3d."""
     if vectors.dtype == wp.vec3d:
         return vectors
     wide = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
-    wp.launch(widen, vectors.size, inputs=[vectors], outputs=[wide], device=vectors.device)
+    launch(widen, vectors.size, [vectors], [wide], vectors.device)
     return wide
 
 
 def unit_directions(vectors: wp.array) -> wp.array:
-    """(n,) vec3d of length 1, NaN where (n,) vec3 or vec3d vectors, without gaps, have none."""
+    """Unit vectors (n,) vec3d of contiguous vectors (n,) vec3 or vec3d; NaN where the length is 0."""
     unit = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
-    wp.launch(normalize, vectors.size, inputs=[as_double(vectors)], outputs=[unit], device=vectors.device)
+    launch(normalize, vectors.size, [as_double(vectors)], [unit], vectors.device)
     return unit

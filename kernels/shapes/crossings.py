@@ -1,10 +1,9 @@
-"""From where to where a ray o + t d is within a convex solid: crossings, in float32 or in float64.
+"""Crossings of a ray o + t d with a convex solid: where it enters and leaves, in float32 or in float64.
 
-A crossing is [earliest entry, latest entry, earliest exit, latest exit]: what rounding by eps, that of float32, or 0,
-may make of t_in and t_out. A fifth number, which is not used, keeps it out of vector registers, as in vectors.Interval.
+A crossing is [earliest entry, latest entry, earliest exit, latest exit]: bounds on t_in and t_out under rounding by
+eps, that of float32, or 0. A fifth, unused number keeps it out of vector registers, as in vectors.Interval.
 
-How wrong float32 may be about t, to first order in u = eps / 2, for o and d that were rounded to it and
-cos = d . normal:
+Error of t in float32, to first order in u = eps / 2, for o and d that were rounded to float32 and cos = d . normal:
 
     plane      1.5 eps t: o, d and the quotient have u each
     slab       eps (|o_k| / (2 |d_k|) + 2 t), k its axis: as above, and one u each for half - o and 1 / d
@@ -14,17 +13,21 @@ cos = d . normal:
     cylinder   side: eps (7 |o_xy| + 10.5 t) / |cos|; caps: as a slab
     capsule    10 eps (|o| + half + t) / |cos|
 
-The sphere: with b = o . d, l = o - b d, h = sqrt(r^2 - l^2), all relative to its size, b has 3u |o|, |l| has u |b| and
-3.5u |l|, and h, as h dh = l dl, 3.64u |o| / |cos| and 2.5u h; c = (|o| - r)(|o| + r) has 5u |o| max(|o|, r) and 3u c,
-of which c / q makes 5u |o| / |cos| and 3u t, because max(|o|, r) |cos| <= |q|. The rounding of o and d adds
-u (|o| + t) / |cos|, that d is not quite of length 1 another u t. Together (12.7 |o| + 9.5 t) u / |cos|; the rest up to
-7 eps = 14u is for second orders. The cylinder adds 3u for the direction in its plane and 5u for the speed there, the
-capsule u (|o| + half) for o - end, the ellipsoid u of each division: 2u for o', 3u for the direction's angle, 5.5u for
-its length, twice. ROUND is more than any of these.
+Derivation for the sphere, with b = o . d, l = o - b d, h = sqrt(r^2 - l^2), all relative to its size:
 
-|l| itself has at most u (|o| + half) + 4u |b| + 4.5u |l|, less than 10u (|o| + half). A ray that passes within TOUCH, a
-multiple of that, of a round surface may touch it or not; elsewhere cos^2 > 2 TOUCH (|o| + half) / r, and second orders
-are small.
+- b: 3u |o|; |l|: u |b| and 3.5u |l|; h, as h dh = l dl: 3.64u |o| / |cos| and 2.5u h;
+- c = (|o| - r)(|o| + r): 5u |o| max(|o|, r) and 3u c, which gives c / q an error of 5u |o| / |cos| and 3u t, because
+  max(|o|, r) |cos| <= |q|;
+- rounding of o and d: u (|o| + t) / |cos|; the length of d being off 1: u t.
+
+Together (12.7 |o| + 9.5 t) u / |cos|. The rest up to 7 eps = 14u covers second-order terms. The cylinder adds 3u for
+the direction in its plane and 5u for the speed there. The capsule adds u (|o| + half) for o - end. The ellipsoid adds u
+for each division: 2u for o', 3u for the direction's angle, 5.5u for its length, twice. ROUND is larger than any of
+these.
+
+The error of |l| itself is at most u (|o| + half) + 4u |b| + 4.5u |l|, less than 10u (|o| + half). A ray that passes a
+round surface within TOUCH, a multiple of that error, may touch it or not. Elsewhere cos^2 > 2 TOUCH (|o| + half) / r,
+and second-order terms are small.
 """
 
 from typing import Any
@@ -38,7 +41,7 @@ MINIMUM = wp.constant(1.0e-15)  # MuJoCo's mjMINVAL: a ray less steep than this 
 
 @wp.func
 def most(a: Any, b: Any) -> Any:
-    """vectors.larger, in float32 or float64."""
+    """The larger number, as vectors.larger, in float32 or float64."""
     return wp.where(a > b, a, b)
 
 
@@ -54,7 +57,7 @@ def crossing(in_low: Any, in_high: Any, out_low: Any, out_high: Any) -> Any:
 
 @wp.func
 def crossing_if(condition: bool, a: Any, b: Any) -> Any:
-    """Crossing a, else b."""
+    """Crossing a if the condition holds, else b."""
     return crossing(
         wp.where(condition, a[0], b[0]),
         wp.where(condition, a[1], b[1]),
@@ -70,13 +73,13 @@ def overlap(a: Any, b: Any) -> Any:
 
 @wp.func
 def hull(a: Any, b: Any) -> Any:
-    """From the first entry to the last exit. Crossings that are empty must be so for sure, as `settled` makes them."""
+    """The crossing from the first entry to the last exit. Empty crossings must be surely empty; see `settled`."""
     return crossing(least(a[0], b[0]), least(a[1], b[1]), most(a[2], b[2]), most(a[3], b[3]))
 
 
 @wp.func
 def settled(a: Any) -> Any:
-    """A crossing that is empty counts for nothing in a hull; one that may be leaves all open."""
+    """A crossing for `hull`: a surely empty one becomes neutral, one that may be empty becomes unbounded."""
     infinity = type(a[0])(wp.inf)
     is_empty = a[0] > a[3]
     is_open = a[1] > a[2]
@@ -86,7 +89,7 @@ def settled(a: Any) -> Any:
 
 @wp.func
 def alongside(gap: Any, rounding: Any) -> Any:
-    """A ray that runs along a surface, with a gap to it, negative inside: it is within all the way, or never."""
+    """Crossing of a ray that runs along a surface at a distance `gap`, negative inside: always within, or never."""
     infinity = type(gap)(wp.inf)
     zero = type(gap)(0.0)
     low = wp.where(gap - rounding <= zero, -infinity, infinity)
@@ -96,7 +99,7 @@ def alongside(gap: Any, rounding: Any) -> Any:
 
 @wp.func
 def slab_crossing(o: Any, d: Any, half: Any, eps: Any) -> Any:
-    """|o + t d| <= half."""
+    """Crossing of the slab |o + t d| <= half along one axis."""
     is_along = wp.abs(d) <= type(o)(MINIMUM)
     inverse = type(o)(1.0) / wp.where(is_along, type(o)(1.0), d)
     a = (-half - o) * inverse
@@ -112,11 +115,11 @@ def slab_crossing(o: Any, d: Any, half: Any, eps: Any) -> Any:
 
 @wp.func
 def sphere_crossing(o: Any, d: Any, radius: Any, half: Any, eps: Any) -> Any:
-    """|o + t d| = r for a unit d, in the form that keeps its digits for small and far spheres.
+    """Crossing of the sphere: |o + t d| = r for a unit d, in a form that stays precise for small and far spheres.
 
-    The discriminant is r^2 - |l|^2 with l = o - (o . d) d, the ray's nearest point to the centre, instead of the
-    difference of two large squares; of the two roots the larger in size is computed, q, and the other is
-    (|o|^2 - r^2) / q. (Haines et al., "Precision improvements for ray/sphere intersection", Ray Tracing Gems, 2019.)
+    The discriminant is r^2 - |l|^2, where l = o - (o . d) d is the ray's nearest point to the centre, in place of a
+    difference of two large squares. The root q of larger magnitude is computed, the other is (|o|^2 - r^2) / q.
+    (Haines et al., "Precision improvements for ray/sphere intersection", Ray Tracing Gems, 2019.)
     """
     zero = type(radius)(0.0)
     infinity = type(radius)(wp.inf)
@@ -141,7 +144,7 @@ def sphere_crossing(o: Any, d: Any, radius: Any, half: Any, eps: Any) -> Any:
 
 @wp.func
 def ellipsoid_crossing(o: Any, d: Any, radii: Any, eps: Any) -> Any:
-    """The unit sphere, after dividing each axis by its radius; distances shrink by |d / radii|."""
+    """Crossing of the ellipsoid: the unit sphere after each axis is divided by its radius; t scales by |d / radii|."""
     scaled = wp.cw_div(d, radii)
     scale = wp.length(scaled)
     one = type(scale)(1.0)
@@ -151,7 +154,7 @@ def ellipsoid_crossing(o: Any, d: Any, radii: Any, eps: Any) -> Any:
 
 @wp.func
 def cylinder_crossing(o: Any, d: Any, radius: Any, half: Any, eps: Any) -> Any:
-    """The circle x^2 + y^2 = r^2, solved as a sphere in the plane, cut by the slab |z| <= half."""
+    """Crossing of the cylinder: the circle x^2 + y^2 = r^2, solved as a sphere in the plane, cut by |z| <= half."""
     zero = type(radius)(0.0)
     flat = wp.vector(d[0], d[1], zero)
     across = wp.vector(o[0], o[1], zero)
@@ -166,7 +169,7 @@ def cylinder_crossing(o: Any, d: Any, radius: Any, half: Any, eps: Any) -> Any:
 
 @wp.func
 def capsule_crossing(o: Any, d: Any, radius: Any, half: Any, eps: Any) -> Any:
-    """The cylinder and its two end spheres overlap and their union is convex: the hull of the three crossings."""
+    """Crossing of the capsule: the hull of those of its cylinder and end spheres, whose union is convex."""
     zero = type(half)(0.0)
     end = wp.vector(zero, zero, half)
     ends = hull(sphere_crossing(o - end, d, radius, half, eps), sphere_crossing(o + end, d, radius, half, eps))
@@ -175,6 +178,6 @@ def capsule_crossing(o: Any, d: Any, radius: Any, half: Any, eps: Any) -> Any:
 
 @wp.func
 def box_crossing(o: Any, d: Any, half: Any, eps: Any) -> Any:
-    """The common part of three slabs."""
+    """Crossing of the box: the overlap of those of its three slabs."""
     xy = overlap(slab_crossing(o[0], d[0], half[0], eps), slab_crossing(o[1], d[1], half[1], eps))
     return overlap(xy, slab_crossing(o[2], d[2], half[2], eps))

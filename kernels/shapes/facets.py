@@ -1,4 +1,4 @@
-"""Single triangles of blocks and patches, each by its number: leaf * WIDTH + lane."""
+"""Access to single triangles of blocks and patches by their number: leaf * WIDTH + lane."""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,9 +21,10 @@ class Triangle:
 
 @wp.struct
 class Facet:
-    """A corner of a triangle, its winding normal, in its shape's frame, 1 / the length of that, and the face's number.
+    """A triangle's plane and face, in its shape's frame.
 
-    Where a ray meets its plane does not depend on how long the normal is, and need not wait until that is known.
+    corner: one of its corners. normal: the winding normal, of any length. scale: 1 / that length. The distance to the
+    plane does not depend on the length, so its computation need not wait for it.
     """
 
     corner: wp.vec3
@@ -34,14 +35,14 @@ class Facet:
 
 @wp.func
 def area_normal(triangle: Triangle) -> wp.vec3d:
-    """The winding normal, twice the area long."""
+    """The winding normal; its length is twice the area."""
     a = to_double(triangle.a)
     return wp.cross(to_double(triangle.b) - a, to_double(triangle.c) - a)
 
 
 @wp.func
 def unit_normal(triangle: Triangle) -> wp.vec3:
-    """NaN where there is no area."""
+    """The unit winding normal; NaN for a triangle without area."""
     n = area_normal(triangle)
     area = wp.length(n)
     if area > wp.float64(0.0):
@@ -61,7 +62,7 @@ def triangle_at(g: wp.array[Geometry], number: int) -> Triangle:
 
 @wp.func_native("return (&wp::address(blocks, k)->x0[0])[i];")
 def number_of_block(blocks: wp.array[TriangleBlock], k: int, i: int) -> float:  # type: ignore[empty-body]
-    """One of a block's 96 numbers, eight of each field, read alone: Warp copies all eight first."""
+    """Number i of a block's 96 (eight of each field), read alone; Warp would copy all eight first."""
 
 
 @wp.func_native("return wp::address(blocks, k)->face[j];")
@@ -71,7 +72,7 @@ def face_of_block(blocks: wp.array[TriangleBlock], k: int, j: int) -> int:  # ty
 
 @wp.func
 def vector_of_block(blocks: wp.array[TriangleBlock], number: int, which: int) -> wp.vec3:
-    """A triangle's corner 0, 1 or 2, or 3 for its normal."""
+    """Vector `which` of a triangle: corner 0, 1 or 2, or 3 for its normal."""
     k = number / WIDTH
     i = 3 * WIDTH * which + number % WIDTH
     return wp.vec3(
@@ -97,7 +98,7 @@ def normal_of_block(blocks: wp.array[TriangleBlock], number: int) -> wp.vec3:
 
 @wp.func
 def facet_at(g: wp.array[Geometry], entry: int, number: int) -> Facet:
-    """entry: of the triangle's shape, in arrays of sizes."""
+    """The Facet of a triangle. entry: index of its shape in arrays of sizes."""
     facet = Facet()
     if number >= FIRST_IN_PATCHES:
         facet = facet_of_patch(g, number - FIRST_IN_PATCHES, g[0].columns[entry])
@@ -110,7 +111,7 @@ def facet_at(g: wp.array[Geometry], entry: int, number: int) -> Facet:
 
 
 def _in_patch(on_cuda: str, on_cpu: str) -> str:
-    """Of C++, that reads one number of patch k."""
+    """C++ that reads one number of patch k."""
     return f"""
     const auto& geometry = g.data[0];
 #if defined(__CUDA_ARCH__)
@@ -124,22 +125,22 @@ def _in_patch(on_cuda: str, on_cpu: str) -> str:
 
 @wp.func_native(_in_patch("x[column]", "geometry.sides.data[plot.x + 2 * (k & 3) + column]"))
 def x_of(g: wp.array[Geometry], k: int, column: int) -> float:  # type: ignore[empty-body]
-    """That of a column of corners."""
+    """The x coordinate [m] of a column of corners of patch k."""
 
 
 @wp.func_native(_in_patch("y[row]", "geometry.sides.data[plot.y + 2 * (k >> 2 & 1) + row]"))
 def y_of(g: wp.array[Geometry], k: int, row: int) -> float:  # type: ignore[empty-body]
-    """That of a row of corners."""
+    """The y coordinate [m] of a row of corners of patch k."""
 
 
 @wp.func_native(_in_patch("z.data[row][column]", "plot.z.data[2 * (k >> 2 & 1) + row][2 * (k & 3) + column]"))
 def z_of(g: wp.array[Geometry], k: int, row: int, column: int) -> float:  # type: ignore[empty-body]
-    """That of a corner."""
+    """The height [m] of a corner of patch k."""
 
 
 @wp.func_native(_in_patch("face", "plot.face"))
 def first_face_of(g: wp.array[Geometry], k: int) -> int:  # type: ignore[empty-body]
-    """The lower one of the first cell of the patch's plot."""
+    """Number of the lower face of the first cell of the patch's plot."""
 
 
 @wp.func
@@ -148,10 +149,10 @@ def corner_of(g: wp.array[Geometry], k: int, row: int, column: int) -> wp.vec3:
 
 
 def triangle_of_patches(name: str, kept: Any, corner: Callable[..., Any]) -> Any:
-    """A Warp function that makes a triangle of a patch by its number, see rigcast.kernels.shapes.patches.
+    """A Warp function that makes a triangle of a patch from its number; see rigcast.kernels.shapes.patches.
 
     Args:
-        kept: the type of what patches are kept in.
+        kept: the type that holds the patches.
         corner: (kept, patch, row, column) -> vec3.
     """
 
@@ -177,9 +178,9 @@ triangle_of_patch = triangle_of_patches("triangle_of_patch", wp.array[Geometry],
 
 @wp.func
 def facet_of_patch(g: wp.array[Geometry], number: int, columns: int) -> Facet:
-    """columns: cells in a row of the height field.
+    """The Facet of a triangle of a patch. columns: cells per row of the height field.
 
-    The normal of a triangle that rises by a along x, over dx, and by b along y, over dy, is (-a dy, -b dx, dx dy).
+    The normal of a triangle that rises by a over dx along x and by b over dy along y is (-a dy, -b dx, dx dy).
     """
     k = number >> 3
     column = number & 1

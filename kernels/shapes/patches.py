@@ -1,25 +1,26 @@
-"""The surface of a height field: no triangle of it is stored, for each is made where rays come near it.
+"""The surface of a height field. Its triangles are not stored; they are made when rays come near.
 
-      row 2 +---+---+     A patch is two by two cells, eight triangles: number j is that of the cell in row j / 2 % 2
-            |6 /|7 /|     and column j % 2 which lies below its diagonal or, from 4 on, above it.
+      row 2 +---+---+     A patch is two by two cells with eight triangles. Triangle j belongs to the cell in row
+            |6 /|7 /|     j / 2 % 2 and column j % 2. It lies below the cell's diagonal if j < 4, else above it.
             | /2| /3|
-      row 1 +---+---+     Corners are those of the cell of lower row and column, of higher ones, and between these the
-            |4 /|5 /|     third corner below the diagonal; above it the third one comes last.
+      row 1 +---+---+     The order of corners below the diagonal: lower row and column, the third corner, higher row
+            |4 /|5 /|     and column. Above the diagonal the third corner comes last.
             | /0| /1|
       row 0 +---+---+
 
-      +---+---+---+---+   A plot is eight patches, in two rows of four: patch j of plot k has the number 8 k + j. It is
-      | 4 | 5 | 6 | 7 |   a node of the tree whose boxes are not stored either, but made of its heights, which are
-      +---+---+---+---+   three cache lines; the node alone would be four, and each patch another one.
+      +---+---+---+---+   A plot is eight patches in two rows of four; patch j of plot k has the number 8 k + j. A plot
+      | 4 | 5 | 6 | 7 |   is a node of the tree. Its boxes are not stored either but made from its heights. These take
+      +---+---+---+---+   three cache lines, where a node would take four and each patch another one.
       | 0 | 1 | 2 | 3 |
-      +---+---+---+---+   Where there are no more cells, x or y of corners is NaN, and z that of the last ones.
+      +---+---+---+---+   Beyond the last cell, x or y of corners is NaN, and z repeats the last height.
 
-The normal of a triangle that rises by a per metre along x and by b along y is (-a, -b, 1) / sqrt(1 + a^2 + b^2). In
-float32 each of a and b has the rounding of two differences and a quotient, and the product with the root one more: the
-normal is off by 4u, u = eps / 2, apart from its length, which t = w . n / (d . n) does not depend on. Where a or b
-overflows or a side is 0 m long, it is 0 or NaN, which leaves the distance to float64.
+The normal of a triangle that rises by a per metre along x and by b per metre along y is
+(-a, -b, 1) / sqrt(1 + a^2 + b^2). In float32, a and b each have the rounding of two differences and a quotient, and the
+product with the root adds one more. So the direction of the normal is off by 4u, u = eps / 2; its length does not
+matter for t = w . n / (d . n). If a or b overflows or a side is 0 m long, the normal is 0 or NaN, and the distance is
+left to float64.
 
-All of this is the CPU's, which stores the plots of small fields as nodes, too (see
+This is the layout on the CPU, which stores the plots of small fields as nodes, too (see
 rigcast.kernels.world.stored_trees). CUDA stores patches, and plots as nodes.
 """
 
@@ -30,7 +31,7 @@ from rigcast.kernels.geometry import Plot, TriangleBlock
 from rigcast.kernels.trees.nodes import FIRST_PATCH, OUTWARDS, Node
 
 ROWS, COLUMNS = 4, 8
-"""Of the cells of a plot."""
+"""Rows and columns of cells of a plot."""
 
 _GIVEN = ("x0", "y0", "z0", "x1", "y1", "z1", "x2", "y2", "z2", "normal_x", "normal_y", "normal_z")
 _STORED = "".join(f"__builtin_memcpy(&to->{name}, &{name}, sizeof({name}));" for name in _GIVEN)
@@ -78,7 +79,7 @@ _STORED = "".join(f"__builtin_memcpy(&to->{name}, &{name}, sizeof({name}));" for
 #endif
 """)
 def compose(plots: wp.array[Plot], sides: wp.array[float], k: int, block: wp.array[TriangleBlock]):  # type: ignore[no-untyped-def]
-    """Make a block of the triangles of patch k, without their faces; what is not there has x or y of NaN."""
+    """Write the triangles of patch k to block[0], without their face numbers; absent ones have NaN in x or y."""
 
 
 @wp.func_native(f"""
@@ -127,14 +128,14 @@ def compose(plots: wp.array[Plot], sides: wp.array[float], k: int, block: wp.arr
 #endif
 """)
 def open_plot(plots: wp.array[Plot], sides: wp.array[float], k: int, node: wp.array[Node]):  # type: ignore[no-untyped-def]
-    """Make the node that plot k is, whose children are its patches."""
+    """Write plot k to node[0] as a node whose children are its patches."""
 
 
 @wp.func
 def is_in_plots(fields: wp.array[int], columns: wp.array[int], entry: int) -> bool:
-    """Whether a shape, by its place in arrays of sizes, is a height field whose plots are not stored as nodes.
+    """Whether a shape is a height field whose plots are not stored as nodes.
 
-    fields, columns: as Geometry has them.
+    fields, columns: of Geometry. entry: index of the shape in arrays of sizes.
     """
     if fields.shape[0] == 0:
         return False

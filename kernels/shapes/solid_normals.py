@@ -11,7 +11,7 @@ PLACE_ROUNDING = wp.constant(2.0**-22)
 
 @wp.func
 def normalized(a: wp.vec3) -> wp.vec3:
-    """Of length 1, or 0."""
+    """The vector at unit length; 0 stays 0."""
     length = wp.length(a)
     return a * wp.where(length > 0.0, 1.0 / length, 0.0)
 
@@ -33,20 +33,23 @@ def capsule_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3: 
 
 @wp.func
 def ellipsoid_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:  # noqa: ARG001
-    """The gradient of (x / a)^2 + (y / b)^2 + (z / c)^2, scaled against overflow."""
+    """Normal along the gradient of (x / a)^2 + (y / b)^2 + (z / c)^2, scaled against overflow."""
     return normalized(wp.cw_div(wp.cw_div(p, size), size / wp.max(size)))
 
 
 @wp.func
 def crossing(gap: float, speed: float, rounding: float) -> float:
-    """How likely a ray is to cross, at a point, a face whose plane is a gap off: of those nearer than it can tell, the
-    steeper."""
+    """Score of a face as the one that a ray crosses at a point; the highest score wins.
+
+    gap: distance [m] of the point from the face's plane. speed: d . n. Among faces within rounding of the point, the
+    one that the ray meets most steeply wins; else the nearest.
+    """
     return wp.where(wp.abs(gap) <= rounding, wp.abs(speed), -wp.abs(gap))
 
 
 @wp.func
 def cylinder_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:
-    """Of the side and the caps, the surface that the ray crosses."""
+    """Normal of the surface that the ray crosses, side or cap."""
     out = wp.sqrt(p[0] * p[0] + p[1] * p[1])
     per_out = wp.where(out > 0.0, 1.0 / out, 0.0)
     rounding = PLACE_ROUNDING * (t + size[0] + size[1])
@@ -58,7 +61,7 @@ def cylinder_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:
 
 @wp.func
 def box_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:
-    """Of the six faces, the one that the ray crosses."""
+    """Normal of the face that the ray crosses."""
     rounding = PLACE_ROUNDING * (t + size[0] + size[1] + size[2])
     x = crossing(wp.abs(p[0]) - size[0], d[0], rounding)
     y = crossing(wp.abs(p[1]) - size[1], d[1], rounding)

@@ -1,18 +1,18 @@
 """A ray against MuJoCo's closed-form geoms, in the geom's own frame and with MuJoCo's rules.
 
-Spheres, capsules, ellipsoids, cylinders and boxes are convex solids. A ray o + t d meets one in an interval
-[t_in, t_out], or not at all (t_in > t_out). It hits where it enters, or from inside where it leaves; a
-touch counts, and so does an origin on the surface (t = 0). At t_in the ray opposes the outward normal, at t_out it
-follows it, which is all that culling needs to know.
+Spheres, capsules, ellipsoids, cylinders and boxes are convex solids. A ray o + t d is inside one for t in
+[t_in, t_out], or never (t_in > t_out). It hits where it enters or, from inside, where it leaves. A touch counts as a
+hit, and so does an origin on the surface (t = 0). At t_in the ray opposes the outward normal, at t_out it follows it;
+culling needs no more than this.
 
 A plane is not a solid: it has one side and is hit only from above.
 
 Sizes are MuJoCo's `geom_size`: sphere (radius), capsule and cylinder (radius, half length along z), ellipsoid (the
 three radii), box (the three half sizes), plane (half sizes along x and y, 0 where infinite).
 
-As for triangles there are two looks. `triage_closed_form`, float32, says from where to where the distance is, or that
-it cannot tell: at a touch, at a crease, along a face, with the origin on the surface. `decide_closed_form`, float64,
-takes those. Both are the same functions, with eps that of float32, or 0.
+As for triangles there are two stages. `triage_closed_form` computes an interval that contains the distance, in float32,
+or reports that it cannot tell: at a touch, at a crease, along a face, with the origin on the surface. Those cases go to
+`decide_closed_form`, in float64. Both use the same functions, with eps that of float32, or 0.
 """
 
 from typing import Any
@@ -40,13 +40,13 @@ ELLIPSOID = wp.constant(3)
 CYLINDER = wp.constant(4)
 BOX = wp.constant(5)
 TRIANGLES = wp.constant(6)
-SHEET = wp.constant(7)  # triangles with two outer sides: the normal is that of the side that the ray comes from
+SHEET = wp.constant(7)  # triangles with two outer sides: the normal points to the side from which the ray comes
 
 EPS = wp.constant(2.0**-23)
 EXACT = wp.constant(wp.float64(0.0))
 LARGEST = wp.constant(3.4028234663852886e38)
-"""The largest float32 that is finite."""
-WIDE = wp.constant(1024.0)  # in eps (|o| + t): a span so wide, of a ray that grazes, is left to float64
+"""The largest finite float32."""
+WIDE = wp.constant(1024.0)  # in eps (|o| + t): wider spans, of grazing rays, are left to float64
 
 
 @wp.func
@@ -55,7 +55,7 @@ def has_triangles(kind: int) -> bool:
     return kind >= TRIANGLES
 
 
-# ---- spans: [nearest, farthest] that the distance may be, +inf on a miss, 0 and +inf where that is open
+# ---- spans: [near, far] contains the distance; +inf, +inf on a miss; 0, +inf where float32 cannot tell
 
 
 @wp.func
@@ -65,16 +65,20 @@ def span(near: Any, far: Any) -> Any:
 
 @wp.func
 def hit_of_crossing(t_in: Any, t_out: Any, first_in: Any, first_out: Any) -> Any:
-    """Where a ray first meets a solid that it enters and leaves there: entry, else exit, else +inf."""
+    """First hit of a ray that enters a solid at t_in and leaves it at t_out: t_in, else t_out, else +inf.
+
+    t_in counts from first_in on, t_out from first_out on; +inf for either drops it by culling.
+    """
     infinity = type(t_in)(wp.inf)
     return wp.where(t_in >= first_in, t_in, wp.where(t_out >= first_out, t_out, infinity))
 
 
 @wp.func
 def first_hit(c: Any, cull: int, o: Any, eps: Any) -> Any:
-    """The span of the distance to where a ray first meets a solid that it crosses so.
+    """The span of the first hit of a ray with the crossing c.
 
-    What is open is as wide as can be: choices between numbers are instructions on vectors, `and` and `or` are not.
+    Cases that float32 cannot tell are given an infinite width. wp.where between numbers becomes vector instructions;
+    `and` and `or` do not.
     """
     infinity = type(eps)(wp.inf)
     zero = type(eps)(0.0)
@@ -88,19 +92,19 @@ def first_hit(c: Any, cull: int, o: Any, eps: Any) -> Any:
     widest = least(type(eps)(WIDE) * eps * (wp.abs(o[0]) + wp.abs(o[1]) + wp.abs(o[2]) + near), type(eps)(LARGEST))
     low = wp.where(width > widest, zero, near)
     high = wp.where(width > widest, infinity, far)
-    end = wp.where(c[0] > c[3], -infinity, c[3])  # behind the ray, of one that is missed
+    end = wp.where(c[0] > c[3], -infinity, c[3])  # a missed solid counts as behind the ray
     return span(wp.where(end < zero, infinity, low), wp.where(end < zero, infinity, high))
 
 
 @wp.func
 def beyond_edge(p: Any, size: Any) -> Any:
-    """How far p is beyond the edge of a plane; without size there is none."""
+    """Distance of p beyond the edge of a plane, negative inside; -inf for an unbounded plane (size 0)."""
     return wp.where(size <= type(p)(0.0), type(p)(-wp.inf), wp.abs(p) - size)
 
 
 @wp.func
 def meet_plane(o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
-    """The plane z = 0 from above; missed from below, off its rectangle, or where culled."""
+    """Span of a ray's hit on the plane z = 0 from above; a miss from below, off its rectangle, or if culled."""
     infinity = type(eps)(wp.inf)
     zero = type(eps)(0.0)
     t = -o[2] / d[2]
@@ -141,7 +145,7 @@ def meet_box(o: Any, d: Any, size: Any, cull: int, eps: Any) -> Any:
 
 @wp.func
 def closed_form_crossing(kind: int, o: Any, d: Any, size: Any, eps: Any) -> Any:
-    """From where to where a ray is within a closed form other than a plane."""
+    """Crossing of a ray with a closed form other than a plane."""
     if kind == SPHERE:
         return sphere_crossing(o, d, size[0], type(eps)(0.0), eps)
     if kind == CAPSULE:
@@ -162,14 +166,14 @@ def meet_closed_form(kind: int, o: Any, d: Any, size: Any, cull: int, eps: Any) 
 
 @wp.func
 def triage_closed_form(kind: int, size: wp.vec3, o: wp.vec3, d: wp.vec3, cull: int) -> Interval:
-    """From where to where the distance along the unit direction d to a closed-form geom is.
+    """Interval of the distance along the unit direction d to a closed-form geom.
 
-    (+inf, +inf) on a sure miss, (0, +inf) where rounding could make a hit of a miss or take another surface.
+    (+inf, +inf) on a sure miss, (0, +inf) where rounding could turn a miss into a hit or choose another surface.
     """
     return meet_closed_form(kind, o, d, size, cull, EPS)
 
 
 @wp.func
 def decide_closed_form(kind: int, size: wp.vec3, o: wp.vec3d, d: wp.vec3d, cull: int) -> wp.float64:
-    """The distance, +inf on a miss, in float64."""
+    """Distance to a closed-form geom in float64; +inf on a miss."""
     return meet_closed_form(kind, o, d, to_double(size), cull, EXACT)[0]

@@ -5,39 +5,43 @@
           / P  \\            Inside: P splits the triangle into (P, V0, V1), (P, V1, V2), (P, V2, V0); it is inside
         V0------V1                  when the normals of all three point the same way as n.
 
-`intersect_triangle_reference` is these lines, step by step: the readable definition. In float32 it lets rays through
-between neighbours, because P is rounded before it is judged. The cast judges the ray against each edge without P. With
-a, b the ends of an edge seen from O, the side on which the ray passes it is the sign of
+`intersect_triangle_reference` follows these lines step by step and is the readable definition. In float32 it lets rays
+through between neighbouring triangles, because P is rounded before it is tested. The cast tests the ray against each
+edge without P. With a, b the ends of an edge relative to O, the side on which the ray passes the edge is the sign of
 
     s(a, b) = d . ((a - b) x (a + b)) = 2 d . (a x b)
 
-`triage_triangle` evaluates that in float32 and answers only where rounding cannot change the answer; it leaves
-open what is near edges, near edge-on and near the origin, and `decide_triangle` takes those few to float64.
+`triage_triangle` evaluates s in float32 and answers only where rounding cannot change the answer. It leaves open rays
+near edges, nearly edge-on triangles and triangles near the origin; `decide_triangle` decides these few in float64.
 
-Its error, u = eps / 2: with e = a - b, m = a + b, one rounding of d, two of each vertex (in m; e comes from the mesh's
-own vertices), one each of e, m, the products and the difference of the cross product, and three of the dot product
-make at most 11u |e|_1 (|a|_1 + |b|_1). A triangle is kept wherever s reaches within 16u of that product: more, by
-the roundings of the bound itself.
+Error of s, u = eps / 2, with e = a - b and m = a + b: one rounding of d, two of each vertex (in m; e comes from the
+mesh's own vertices), one each of e, m, the products and the difference of the cross product, and three of the dot
+product make at most 11u |e|_1 (|a|_1 + |b|_1). A triangle is kept wherever s is within 16u of that product, which also
+covers the rounding of the bound itself.
 
-Why it cannot leak: no triangle that the ray meets in exact arithmetic is ever dropped, at its edges and vertices too,
-whatever its neighbours round to and whether or not products are fused. What float32 cannot tell goes to float64, and
-what float64 cannot tell is a hit. A closed mesh stays closed, and no triangle is larger than it should be by more than
-1e-14 of its distance.
+Why meshes cannot leak: no triangle that the ray meets in exact arithmetic is ever dropped, not at its edges and
+vertices either, however its neighbours are rounded and whether or not products are fused. What float32 cannot tell goes
+to float64, and what float64 cannot tell is a hit. A closed mesh stays closed, and no triangle is larger than it should
+be by more than 1e-14 of its distance.
 
-The distance t = w . n / (d . n), w = V0 - O, that float32 answers with: w has 2u of each component, its dot product
-with n 3u, d . n has 3u and d's own u, and the quotient has u; n is off by u, or by 4u where it is made as
-rigcast.kernels.shapes.patches says, which moves t by as much times |P - V0| / |d . n|. Together 9u |w| + 9u t, over
-|d . n| (which is > GRAZING there, so that second orders are nothing). It says from where to where t may be by 16u,
-which is more by the rounding of that itself. The distance that is written has at worst n in float32, and all else in
-float64:
+Error of the distance t = w . n / (d . n), w = V0 - O, in float32:
+
+- w: 2u of each component; its dot product with n: 3u;
+- d . n: 3u, and u of d itself; the quotient: u;
+- n: u, or 4u where it is made as in rigcast.kernels.shapes.patches, which moves t by as much times |P - V0| / |d . n|.
+
+Together 9u |w| + 9u t, over |d . n|. (|d . n| > GRAZING there, so second-order terms are negligible.) The interval
+allows for 16u, which also covers the rounding of the bound itself. The distance that is written has at worst n in
+float32 and everything else in float64:
 
     |t - t_ref| <= 3 eps (max_i |Vi - O| + t) / |cos|
 
-Float64 is off by u t where the result is stored, and by its tilt (below), 1.1e-9 t / |cos|: less, down to |cos| = 1e-8.
+In float64 the error is u t when the result is stored, and 1.1e-9 t / |cos| from the tilt (below): smaller, down to
+|cos| = 1e-8.
 
-A ray that is aimed at a vertex, or runs within a face, has no one answer. Near edges and nearly edge-on float64 decides
-for a ray tilted by 1e-9 rad in an odd direction, `tilted`, for which things are as they seem: it meets one face first,
-and that one shows. No ray slips through for it: all triangles whose edges it is near judge the same tilted ray.
+A ray aimed at a vertex, or within a face's plane, has no unique answer. Near edges and nearly edge-on, float64 decides
+for a ray tilted by 1e-9 rad in a generic direction, `tilted`: it meets one face first, and that face is the hit. No ray
+slips through because of the tilt: all triangles near whose edges it passes are tested against the same tilted ray.
 """
 
 import warp as wp
@@ -54,8 +58,8 @@ DISTANCE_ROUNDING = wp.constant(8.0 * 2.0**-23)  # 16u
 GRAZING = wp.constant(0.02)  # |d . n| below which float32 loses the distance
 ROUNDING_64 = wp.constant(wp.float64(8.0 * 2.0**-52))
 EDGE_ON = wp.constant(wp.float64(1.0e-13))  # |d . n| below which float64 loses the distance
-NEARLY_EDGE_ON = wp.constant(wp.float64(1.0e-8))  # |d . n| which a tilt may make another
-NEAR_EDGE = wp.constant(wp.float64(100.0))  # roundings off an edge within which a ray may be aimed at it
+NEARLY_EDGE_ON = wp.constant(wp.float64(1.0e-8))  # |d . n| below which the tilt matters
+NEAR_EDGE = wp.constant(wp.float64(100.0))  # distance from an edge, in roundings, within which a ray may be aimed at it
 TILT = wp.constant(wp.vec3d(0.62e-9, -0.35e-9, 0.70e-9))
 
 
@@ -97,7 +101,7 @@ def is_inside_triangle(p: wp.vec3, v0: wp.vec3, v1: wp.vec3, v2: wp.vec3, normal
 def intersect_triangle_reference(
     origin: wp.vec3, direction: wp.vec3, v0: wp.vec3, v1: wp.vec3, v2: wp.vec3, cull: int, parallel: float
 ) -> float:
-    """Distance to the triangle along the unit direction, +inf on a miss: the definition, one step a line.
+    """Distance to the triangle along the unit direction, +inf on a miss: the readable definition.
 
     Args:
         cull: CULL_NONE, CULL_BACK (drop d . n > 0) or CULL_FRONT (drop d . n < 0).
@@ -120,28 +124,28 @@ def intersect_triangle_reference(
 
 @wp.func
 def edge_side(direction: wp.vec3, e: wp.vec3, a: wp.vec3, b: wp.vec3) -> float:
-    """s(a, b), with e = a - b."""
+    """The side s(a, b) of an edge, with e = a - b."""
     return wp.dot(direction, wp.cross(e, a + b))
 
 
 @wp.func
 def edge_rounding(e: wp.vec3, a: wp.vec3, b: wp.vec3) -> float:
-    """More than s(a, b) can be wrong by."""
+    """Upper bound on the error of s(a, b)."""
     return ROUNDING * norm1(e) * (norm1(a) + norm1(b))
 
 
 @wp.func
 def inside_edges(s0: float, s1: float, s2: float) -> float:
-    """How far inside its nearest edge a ray passes a triangle, by its three sides."""
+    """How far inside its nearest edge a ray passes a triangle, from its three sides s; negative outside."""
     return larger(smaller(s0, smaller(s1, s2)), -larger(s0, larger(s1, s2)))
 
 
 @wp.func
 def triage_inside(direction: wp.vec3, v0: wp.vec3, normal: wp.vec3, cull: int) -> Interval:
-    """As triage_triangle, of a triangle whose edges the ray surely passes on the same side.
+    """triage_triangle for a triangle whose edges the ray surely passes on the same side.
 
     Args:
-        v0: any of its vertices as seen from the ray's origin.
+        v0: any of its vertices relative to the ray's origin.
         normal: the unit winding normal.
     """
     slope = wp.dot(direction, normal)
@@ -167,13 +171,13 @@ def triage_triangle(
     normal: wp.vec3,
     cull: int,
 ) -> Interval:
-    """From where to where the distance to the triangle along the unit direction may be.
+    """Interval of the distance to the triangle along the unit direction.
 
-    (+inf, +inf) on a sure miss, (0, +inf) where rounding could make a hit of a miss.
+    (+inf, +inf) on a sure miss, (0, +inf) where rounding could turn a miss into a hit.
 
     Args:
         e0, e1, e2: V0 - V1, V1 - V2, V2 - V0.
-        v0, v1, v2: the vertices as seen from the ray's origin, V - O. A triangle of NaN is never hit.
+        v0, v1, v2: the vertices relative to the ray's origin, V - O. A triangle of NaN is never hit.
         normal: the unit winding normal.
     """
     s0 = edge_side(direction, e0, v0, v1)
@@ -194,7 +198,7 @@ def triage_triangle(
 
 @wp.struct
 class Spans:
-    """From where to where a ray's distances to the triangles of a block may be, and which, bit by bit, may be hit."""
+    """Intervals of a ray's distances to the triangles of a block; possible: bit mask of those that may be hit."""
 
     near: vec8
     far: vec8
@@ -213,7 +217,7 @@ def edge_side_64(direction: wp.vec3d, a: wp.vec3d, b: wp.vec3d) -> wp.float64:
 
 @wp.func
 def edge_rounding_64(a: wp.vec3d, b: wp.vec3d) -> wp.float64:
-    """More than edge_side_64 can be wrong by."""
+    """Upper bound on the error of edge_side_64."""
     return ROUNDING_64 * norm1_64(a - b) * (norm1_64(a) + norm1_64(b))
 
 
@@ -229,13 +233,13 @@ def least_room(direction: wp.vec3d, v0: wp.vec3d, v1: wp.vec3d, v2: wp.vec3d, no
 
 @wp.func
 def tilted(direction: wp.vec3d) -> wp.vec3d:
-    """The direction by which float64 decides: not along any edge or face that the given one may run along."""
+    """The direction for decisions in float64, tilted so that it runs along no edge or face as the given one may."""
     return direction + TILT
 
 
 @wp.func
 def precedes(a: wp.vec3d, b: wp.vec3d) -> bool:
-    """Whether a is before b by x, then y, then z."""
+    """Whether a precedes b in lexicographic order of x, y, z."""
     return a[0] < b[0] or (a[0] == b[0] and (a[1] < b[1] or (a[1] == b[1] and a[2] < b[2])))
 
 
@@ -251,7 +255,7 @@ def latter(a: wp.vec3d, b: wp.vec3d) -> wp.vec3d:
 
 @wp.func
 def distance_by_order(direction: wp.vec3d, v0: wp.vec3d, v1: wp.vec3d, v2: wp.vec3d) -> wp.float64:
-    """Distance to the triangle's plane, the same to the last bit for all triangles with these vertices."""
+    """Distance to the triangle's plane, bit for bit the same for any order of its vertices."""
     a = former(former(v0, v1), v2)
     b = former(latter(v0, v1), latter(former(v0, v1), v2))
     c = latter(latter(v0, v1), v2)
@@ -263,7 +267,7 @@ def distance_by_order(direction: wp.vec3d, v0: wp.vec3d, v1: wp.vec3d, v2: wp.ve
 def decide_triangle(direction: wp.vec3d, v0: wp.vec3d, v1: wp.vec3d, v2: wp.vec3d, cull: int) -> wp.float64:
     """Distance to the triangle along the unit direction, +inf on a miss, decided in float64.
 
-    Where the ray is near an edge or nearly within the plane, it is the tilted one that is asked.
+    Near an edge, or nearly in the triangle's plane, the tilted ray is tested in place of the given one.
     """
     normal = wp.cross(v1 - v0, v2 - v0)
     size = wp.length(normal)

@@ -16,9 +16,10 @@ from rigcast.cli.common.moving import Controller, Motion, MotionRate, moving
 from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
+from rigcast.export.files import make_writable
 from rigcast.motion.simulation import Diverged, Spent, initial_data
 from rigcast.motion.steps import Step
-from rigcast.recording.formats import FORMATS
+from rigcast.recording.formats import FORMATS, choose_formats
 from rigcast.recording.layout import INDEX_NAME
 from rigcast.recording.recorder import Recorder
 from rigcast.rig_file import open_rig
@@ -59,10 +60,12 @@ def run(
     simulated = DURATION if asked is None else asked
     steps = step_count(compiled, simulated)
     folder = Path("out") / rig.stem if out is None else out
+    wanted = None if formats is None else split_formats(formats)
+    choose_formats(config.sensors, wanted)
+    make_writable(folder)  # mistakes are told before anything is compiled
     data = initial_data(compiled, config.keyframe)
     step = moved.step(compiled, data, config.seed if seed is None else seed)
     loaded = ready_rig(console, config, compiled, data, device, seed)
-    wanted = None if formats is None else split_formats(formats)
     how: dict[str, Any] = {"classes": config.classes, "props": config.props, "options": config.export}
     recorder = Recorder(folder, compiled, config.sensors, wanted, **how)
     names = ", ".join(spec.name for spec in config.sensors)

@@ -1,6 +1,7 @@
 """`rigcast validate`: check a rig and its model without casting a ray."""
 
 import json
+from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
@@ -35,7 +36,7 @@ def validate(
     console.print(table)
     data = initial_data(compiled, config.keyframe)
     mujoco.mj_fwdPosition(compiled, data)
-    for sentence in enclosed(compiled, data, config.sensors):
+    for sentence in [*enclosed(compiled, data, config.sensors), *_too_often(compiled, config.sensors)]:
         say(console, sentence)
     say(console, f"{rig}: valid, {counted(len(config.sensors), 'sensor')}")
     if json_file is not None:
@@ -58,6 +59,17 @@ def as_json(config: RigConfig, model: mujoco.MjModel) -> str:
         ],
     }
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def _too_often(model: mujoco.MjModel, sensors: Iterable[SensorSpec]) -> Iterator[str]:
+    """A sentence for each sensor that reads several times in a step, which is one state for all but those that move."""
+    steps = 1 / float(model.opt.timestep)
+    for sensor in sensors:
+        if sensor.rate_hz is not None and sensor.rate_hz > steps * (1 + 1e-6) and not sensor.moves:
+            yield (
+                f"sensor {sensor.name!r} reads at {sensor.rate_hz:g} Hz, the model steps at {steps:g} Hz: the frames "
+                "of a step show the same state"
+            )
 
 
 def _view(sensor: SensorSpec, pattern: Pattern) -> str:

@@ -164,7 +164,7 @@ def _read_text(path: Path) -> str:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text: byte {error.start}") from None
+        raise InputError(f"{path}: not UTF-8 text: byte {error.start}; expected YAML in UTF-8") from None
 
 
 def _refused(source: str, text: str) -> list[Placed]:

@@ -97,6 +97,14 @@ def test_validate_shows_how_far_a_sensor_sees_around(rig: Path, sensor: str, vie
     assert f" │ {view} │ " in output
 
 
+def test_a_sensor_that_reads_more_often_than_the_model_steps_is_named(rig: Path) -> None:
+    word = "sensor 'front' reads at 600 Hz, the model steps at 500 Hz: the frames of a step show the same state"
+    for rate, moves, named in ((600, 0, True), (500, 0, False), (600, 0.001, False)):
+        values = f"sensors.front.rate_hz={rate}", f"sensors.front.readout_time={moves}"
+        code, output = call("validate", rig, "--set", values[0], "--set", values[1])
+        assert (code, word in output) == (0, named), output
+
+
 def test_a_sensor_within_a_geom_of_its_own_body_is_named(rig: Path) -> None:
     word = "of body 'torso', which hides from it what is outside; exclude_bodies: [torso] in its filter leaves that out"
     for command in (("validate", rig), ("check", rig, "--rays", "20")):
@@ -254,6 +262,25 @@ def test_what_newcomers_mistype_is_put_right(
     code, output = call(*arguments)
     assert code == 2
     assert message in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--format", "plu"], "no format 'plu', expected any of exr, .* did you mean 'ply'?"),
+        (["--format", "exr"], "sensor 'top' is a lidar, and got format exr only, for depth cameras"),
+        (["--out", "robot.xml"], "robot.xml: the output folder cannot be written: File exists"),
+        (["--duration", "nan"], "--duration: got nan, expected a positive number of seconds"),
+    ],
+)
+def test_what_a_run_cannot_write_is_told_before_anything_is_compiled(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
+) -> None:
+    monkeypatch.chdir(rig.parent)
+    monkeypatch.setattr(RigConfig, "build", pytest.fail)
+    code, output = call("run", "rig.yaml", *arguments)
+    assert code == 2
+    assert re.search(message.replace("?", "[?]"), output), output
 
 
 @pytest.mark.parametrize("command", ["check", "bench"])

@@ -299,7 +299,10 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
     assert error_of(tmp_path / "rig.yaml") == f"{tmp_path / 'rig.yaml'}: cannot be read: No such file or directory"
     assert error_of(tmp_path) == f"{tmp_path}: cannot be read: Is a directory"
     (tmp_path / "latin.yaml").write_bytes(b"a: caf\xe9\n")
-    assert error_of(tmp_path / "latin.yaml") == f"{tmp_path / 'latin.yaml'}: not UTF-8 text: byte 6"
+    assert (
+        error_of(tmp_path / "latin.yaml")
+        == f"{tmp_path / 'latin.yaml'}: not UTF-8 text: byte 6; expected YAML in UTF-8"
+    )
 
 
 @pytest.mark.parametrize("name", ["missing.xml", "broken.xml", "broken.mjb"])
