@@ -18,7 +18,8 @@ OLDEST_PYTHON ?= $(firstword $(foreach v,3.11 3.12 3.13,$(shell command -v pytho
 .PHONY: demo pictures test fuzz check bench accuracy performance docs test-oldest clean
 .DELETE_ON_ERROR:
 
-demo: .venv/installed
+# Where nothing is installed it needs only rigcast and what that needs, half of what tests need.
+demo: $(or $(wildcard .venv/installed),.venv/base)
 	$(BIN)/rigcast run configs/demo.yaml --duration $(DURATION) --out $(OUT)
 
 pictures: .venv/installed
@@ -34,11 +35,12 @@ test: .venv/installed
 fuzz: .venv/installed
 	$(BIN)/python -m pytest -n $(JOBS) --hypothesis-profile=fuzz -m "hypothesis or long"
 
-# Type checkers do not follow the editable install to its folders, so they get the package as a user has it.
+# Type checkers do not follow the editable install to its folders, so they get the package as a user has it. The rest of
+# build/ stays: there are the links of an editable install in strict mode, which another environment may have.
 check: .venv/installed
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	rm -rf build
+	rm -rf build/lib build/installed
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --target build/installed .
 	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p rigcast
 	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml ../../tests ../../examples ../../benchmarks
@@ -47,7 +49,7 @@ bench: .venv/benchmark
 	$(BIN)/rigcast bench warehouse g1 aloha_pot room hills
 
 docs: .venv/docs
-	rm -rf build
+	rm -rf build/lib build/installed
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --target build/installed .
 	DISABLE_MKDOCS_2_WARNING=true $(BIN)/python -m mkdocs build --strict
 
@@ -61,8 +63,14 @@ test-oldest: .venv-oldest/installed
 	$(OLDEST)/python -m pytest -n $(JOBS)
 
 clean:
-	rm -rf .venv .venv-oldest build dist out bench.json *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-oldest build/lib build/installed build/bdist.* dist out bench.json *.egg-info
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/base: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv

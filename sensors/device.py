@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import warp as wp
 from numpy.typing import NDArray
 
+from rigcast.kernels.launching.launch import start_warp
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
 
@@ -28,7 +29,7 @@ def find_device(device: wp.DeviceLike) -> wp.Device:
 
     Raises InputError for a device that is not there, and where no kernel is compiled nor can be.
     """
-    _start_warp()
+    _require_started()
     if device is None:
         return wp.get_preferred_device()
     # for "cuda" Warp would ask a driver that is missing, and print errors of its own
@@ -48,9 +49,9 @@ def compiling() -> Iterator[None]:
         raise _unwritable(str(wp.config.kernel_cache_dir), error) from None
 
 
-def _start_warp() -> None:
+def _require_started() -> None:
     try:
-        wp.init()
+        start_warp()
     except OSError as error:
         raise _unwritable(str(error.filename), error) from None
     folder = str(wp.config.kernel_cache_dir)

@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 import warp as wp
 
+from .launch import launch
 from .recorded import recorded
 
 RAYS_PER_SLICE = 8192
@@ -16,7 +17,6 @@ TURN = wp.constant(16)
 """Number of tiles that a thread claims per turn, in kernels whose turns all have the same length."""
 RAYS_PER_RUN, RUNS_PER_SLICE = 1024, 128
 """Slices of at least 131072 rays, because waking a thread takes as long as reading tens of thousands of rays."""
-_launched: set[wp.Kernel] = set()
 
 
 def launch_over_rays(
@@ -32,21 +32,14 @@ def launch_over_rays(
     The result of an item must depend on that item alone, so that slices and threads do not affect it.
     """
 
-    def launch(first: int, size: int) -> None:
-        wp.launch(kernel, size, inputs=[first, *inputs], outputs=outputs, device=device)
-
     if wp.get_device(device).is_cuda or count <= slice_size or thread_count() == 1:
-        launch(0, count)
+        launch(kernel, count, [0, *inputs], outputs, device)
         return
     slices = iter(range(0, count, slice_size))
-    if kernel not in _launched:
-        # the first slice runs alone, so that only one thread compiles the module
-        launch(next(slices), slice_size)
-        _launched.add(kernel)
 
     def take_slices() -> None:
         for first in slices:
-            launch(first, min(slice_size, count - first))
+            launch(kernel, min(slice_size, count - first), [first, *inputs], outputs, device)
 
     threads = min(thread_count(), -(-count // slice_size))
     _at_once([take_slices] * threads, thread_count())

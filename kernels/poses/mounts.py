@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from rigcast.kernels.launching.launch import launch
+
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
@@ -192,7 +194,7 @@ class Frames:
         outputs = [self.position, self.rotation]
         inputs = [carriers.position, carriers.rotation]
         kernel = _COPY_FRAMES[carriers.position.dtype]
-        wp.launch(kernel, carriers.position.shape, inputs=inputs, outputs=outputs, device=self.position.device)
+        launch(kernel, carriers.position.shape, inputs, outputs, self.position.device)
 
     def place(
         self,
@@ -217,13 +219,13 @@ class Frames:
         inputs = [carriers.position, carriers.rotation, on.which, on.offset, on.turn, yaw_aligned, everywhere]
         outputs = [self.position, self.rotation, slot]
         kernel = _PLACE_ON_CARRIER[carriers.position.dtype]
-        wp.launch(kernel, self.position.shape[0], inputs=inputs, outputs=outputs, device=device)
+        launch(kernel, self.position.shape[0], inputs, outputs, device)
 
     def poses(self, out: wp.array | None = None) -> wp.array:
         """Poses of frame 0 as matrices (nworld, 4, 4) float64, frame to world."""
         worlds, device = self.position.shape[0], self.position.device
         poses = wp.empty((worlds, 4, 4), dtype=wp.float64, device=device) if out is None else out
-        wp.launch(join_poses, worlds, inputs=[self.position, self.rotation], outputs=[poses], device=device)
+        launch(join_poses, worlds, [self.position, self.rotation], [poses], device)
         return poses
 
 

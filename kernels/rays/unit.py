@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from rigcast.kernels.launching.launch import launch
 from rigcast.kernels.vectors import to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
@@ -52,12 +53,12 @@ def as_double(vectors: wp.array) -> wp.array:
     if vectors.dtype == wp.vec3d:
         return vectors
     wide = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
-    wp.launch(widen, vectors.size, inputs=[vectors], outputs=[wide], device=vectors.device)
+    launch(widen, vectors.size, [vectors], [wide], vectors.device)
     return wide
 
 
 def unit_directions(vectors: wp.array) -> wp.array:
     """Unit vectors (n,) vec3d of contiguous vectors (n,) vec3 or vec3d; NaN where the length is 0."""
     unit = wp.empty(vectors.size, dtype=wp.vec3d, device=vectors.device)
-    wp.launch(normalize, vectors.size, inputs=[as_double(vectors)], outputs=[unit], device=vectors.device)
+    launch(normalize, vectors.size, [as_double(vectors)], [unit], vectors.device)
     return unit

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.geometry import FARTHEST, TriangleBlock
+from rigcast.kernels.launching.launch import launch
 from rigcast.kernels.trees.fit import REBUILD_RATIO, Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
 from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Node, set_child
 from rigcast.kernels.trees.tree import build_tree
@@ -104,7 +105,7 @@ class DeformingTree:
         """Corners, normals and boxes of the present structure, for vertices that have moved."""
         self._boxes = fill(self._blocks, on_cpu(vertices, wp.vec3), self._faces_on_cpu)
         boxes = [on_cpu(ends, wp.vec3) for ends in self._boxes]
-        wp.launch(fit_tree, 1, inputs=boxes, outputs=[self._nodes, self._fits], device="cpu")
+        launch(fit_tree, 1, boxes, [self._nodes, self._fits], "cpu")
 
     @property
     def _area(self) -> float:

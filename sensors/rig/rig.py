@@ -80,6 +80,7 @@ class Rig:
             raise InputError("\n".join(faults))
         self._model = model
         self._scene = Scene(model, device, self._props, surfaces=surfaces, on_unsupported=on_unsupported)
+        self._in_use = self._scene.in_use
         self._mounted = {s.name: Mounted.on(self._scene, s) for s in self._sensors}
         optics = [m for m in self._mounted.values() if isinstance(m.spec, DepthCamera) and m.spec.takes_optics]
         self._kinematics = Kinematics(model, [m.mount.id for m in optics])
@@ -126,9 +127,10 @@ class Rig:
         Raises:
             InputError: the seed is not from 0 to 2^63 - 1.
         """
-        seed = self._seed if seed is None else _as_seed(seed)
-        self._mounted = {name: m.afresh() for name, m in self._mounted.items()}
-        self._begin(seed)
+        with self._in_use:
+            seed = self._seed if seed is None else _as_seed(seed)
+            self._mounted = {name: m.afresh() for name, m in self._mounted.items()}
+            self._begin(seed)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a Rig holds memory of its device: make one of its model and sensors in each process")
@@ -160,19 +162,20 @@ class Rig:
             InputError: no sensor of this name, data of another model or of an edited copy of it, an MJCF camera whose
                 optics were edited since a sensor took them, no room in `out`, or more than memory holds.
         """
-        mounted = self._select(names)
-        if isinstance(data, mujoco.MjData):
-            if out is not None:
-                require_out(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self._scene.device)
-            self._look(data)
-            frames = self._frames([(data.time, m) for m in mounted], out)
-            return {m.spec.name: frame for m, frame in zip(mounted, frames, strict=True)}
-        if not is_batch(data):
-            raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
-        self._kinematics.require_same_optics()
-        worlds = as_worlds(data)
-        worlds.require_sensors(self._mounted)
-        return sense_worlds(self._scene, mounted, worlds, out, self.seed)
+        with self._in_use:
+            mounted = self._select(names)
+            if isinstance(data, mujoco.MjData):
+                if out is not None:
+                    require_out(out, {m.spec.name: m.pattern.frame_shape for m in mounted}, self._scene.device)
+                self._look(data)
+                frames = self._frames([(data.time, m) for m in mounted], out)
+                return {m.spec.name: frame for m, frame in zip(mounted, frames, strict=True)}
+            if not is_batch(data):
+                raise InputError(f"Rig: data: got {type(data).__name__}, expected MjData, or many worlds: {BATCHES}")
+            self._kinematics.require_same_optics()
+            worlds = as_worlds(data)
+            worlds.require_sensors(self._mounted)
+            return sense_worlds(self._scene, mounted, worlds, out, self.seed)
 
     def step(self, data: mujoco.MjData) -> list[Frame]:
         """The frames that are due since the last call, in order of arrival; call this after each `mj_step`.
@@ -184,22 +187,23 @@ class Rig:
         returned once its last ray is fired. When the clock goes backwards the schedule restarts, and frames under way
         or not yet returned are discarded.
         """
-        self._kinematics.require_own(data)
-        if not data.time >= self._clock:
-            self._undelivered.clear()
-            self._under_way.start_over()
-        self._clock = data.time
-        due = [(time, m) for m in self._mounted.values() for time in self._schedules[m.spec.name].due(data.time)]
-        still = [(time, m) for time, m in due if not m.spec.moves]
-        if still:
-            self._look(data)
-            for (time, m), frame in zip(still, self._frames(still), strict=True):
-                self._deliver(m, time, frame)
-        if self._under_way.moving:
-            self._move_on(data, [(time, m) for time, m in due if m.spec.moves])
-        arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
-        self._undelivered = [each for each in self._undelivered if each not in arrived]
-        return [each.frame for each in sorted(arrived, key=lambda each: each.time)]
+        with self._in_use:
+            self._kinematics.require_own(data)
+            if not data.time >= self._clock:
+                self._undelivered.clear()
+                self._under_way.start_over()
+            self._clock = data.time
+            due = [(time, m) for m in self._mounted.values() for time in self._schedules[m.spec.name].due(data.time)]
+            still = [(time, m) for time, m in due if not m.spec.moves]
+            if still:
+                self._look(data)
+                for (time, m), frame in zip(still, self._frames(still), strict=True):
+                    self._deliver(m, time, frame)
+            if self._under_way.moving:
+                self._move_on(data, [(time, m) for time, m in due if m.spec.moves])
+            arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
+            self._undelivered = [each for each in self._undelivered if each not in arrived]
+            return [each.frame for each in sorted(arrived, key=lambda each: each.time)]
 
     def _move_on(self, data: mujoco.MjData, due: list[tuple[float, Mounted]]) -> None:
         """Begin readings of sensors that move; take those whose last ray has been fired."""
@@ -220,20 +224,23 @@ class Rig:
 
     def rays(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, WorldRays]:
         """The rays that each of these sensors would cast now."""
-        mounted = self._select(names)
-        self._look(data)
-        return {m.spec.name: m.at(data.time).world_rays(self._kinematics.data) for m in mounted}
+        with self._in_use:
+            mounted = self._select(names)
+            self._look(data)
+            return {m.spec.name: m.at(data.time).world_rays(self._kinematics.data) for m in mounted}
 
     def cast(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Hits]:
         """What the rays of each of these sensors hit now, before any range limit: distances and world normals."""
-        mounted = self._select(names)
-        self._look(data)
-        return {
-            m.spec.name: self._scene.hits(
-                self._scene.cast_rays(m.at(data.time).rays(self._kinematics.data), m.visible(), np.inf), m.pattern.shape
-            )
-            for m in mounted
-        }
+        with self._in_use:
+            mounted = self._select(names)
+            self._look(data)
+            return {
+                m.spec.name: self._scene.hits(
+                    self._scene.cast_rays(m.at(data.time).rays(self._kinematics.data), m.visible(), np.inf),
+                    m.pattern.shape,
+                )
+                for m in mounted
+            }
 
     def _select(self, names: Sequence[str] | None) -> list[Mounted]:
         if names is None:

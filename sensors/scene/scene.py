@@ -86,20 +86,21 @@ class Scene(Stage):
                 as it is made or reset; a size or an elevation is not finite; or a geom has another type, mesh or height
                 field. If the model is at fault, casting is refused until an update succeeds.
         """
-        if is_batch(data):
-            worlds = as_worlds(data)
-            self.take_worlds(worlds)
-            self.pose_worlds(worlds, worlds.all)
-            return
-        require_type("Scene.update: data", data, mujoco.MjData)
-        if data.signature != self.model.signature:
-            raise InputError(
-                f"Scene.update: data belongs to another model: got signature {data.signature:#x} with "
-                f"{len(data.geom_xpos)} geoms, expected {self.model.signature:#x} with {self.model.ngeom}"
-            )
-        require_same_model("Scene.update: data", data.model, self.model, SHAPES)
-        require_posed("Scene.update: data", data)
-        self.take(data)
+        with self._in_use:
+            if is_batch(data):
+                worlds = as_worlds(data)
+                self.take_worlds(worlds)
+                self.pose_worlds(worlds, worlds.all)
+                return
+            require_type("Scene.update: data", data, mujoco.MjData)
+            if data.signature != self.model.signature:
+                raise InputError(
+                    f"Scene.update: data belongs to another model: got signature {data.signature:#x} with "
+                    f"{len(data.geom_xpos)} geoms, expected {self.model.signature:#x} with {self.model.ngeom}"
+                )
+            require_same_model("Scene.update: data", data.model, self.model, SHAPES)
+            require_posed("Scene.update: data", data)
+            self.take(data)
 
     def refresh(self, name: str) -> None:
         """Say that a mesh (`mesh_vert`, `mesh_face`) or height field of this name has been edited in the model.
@@ -110,8 +111,9 @@ class Scene(Stage):
         Raises:
             InputError: the model has neither a mesh nor a height field of this name.
         """
-        self._geoms.refresh(name)
-        self._stale = f"{name!r} has been edited"
+        with self._in_use:
+            self._geoms.refresh(name)
+            self._stale = f"{name!r} has been edited"
 
     def cast(
         self,
@@ -141,22 +143,23 @@ class Scene(Stage):
         Raises:
             InputError: a shape that does not fit, or a ray that is not finite or has no direction, with its index.
         """
-        require_type("Scene.cast: out", out, Hits, NoneType)
-        if self._stale:
-            raise InputError(f"Scene.cast: {self._stale}, expected scene.update(data) first")
-        if not isinstance(cull, str) or cull not in _CULL:
-            raise InputError(f"Scene.cast: no cull {cull!r}, {expected_one_of(str(cull), list(_CULL))}")
-        wanted = self._wanted(filter)
-        self._sight.update()
-        require_type("Scene.cast: max_distance", max_distance, Real)
-        if not max_distance >= 0:
-            raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
-        given = take_rays(origins, directions, self.device)
-        room = None if out is None else out.room_for(given.shape, self.device)
-        rays = in_world(given, self._frame) if self._worlds is None else in_worlds(given, self._worlds)
-        hits = self.cast_rays(rays, self.visible(wanted), max_distance, _CULL[cull], room)
-        given.refuse_lost(hits.distance)
-        return self.hits(hits, given.shape)
+        with self._in_use:
+            require_type("Scene.cast: out", out, Hits, NoneType)
+            if self._stale:
+                raise InputError(f"Scene.cast: {self._stale}, expected scene.update(data) first")
+            if not isinstance(cull, str) or cull not in _CULL:
+                raise InputError(f"Scene.cast: no cull {cull!r}, {expected_one_of(str(cull), list(_CULL))}")
+            wanted = self._wanted(filter)
+            self._sight.update()
+            require_type("Scene.cast: max_distance", max_distance, Real)
+            if not max_distance >= 0:
+                raise InputError(f"Scene.cast: max_distance must be at least 0 m, got {max_distance}")
+            given = take_rays(origins, directions, self.device)
+            room = None if out is None else out.room_for(given.shape, self.device)
+            rays = in_world(given, self._frame) if self._worlds is None else in_worlds(given, self._worlds)
+            hits = self.cast_rays(rays, self.visible(wanted), max_distance, _CULL[cull], room)
+            given.refuse_lost(hits.distance)
+            return self.hits(hits, given.shape)
 
     def _wanted(self, filter: Filter | Sequence[Filter] | None) -> Filter | PerWorld[Filter]:
         if isinstance(filter, list | tuple) and self._worlds is not None:

@@ -19,6 +19,7 @@ from rigcast.kernels.world.world import World
 from rigcast.sensors.captured import is_captured, require_as_before, require_on_device
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.fixed import fixed
+from rigcast.sensors.in_use import InUse
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
@@ -59,6 +60,7 @@ class Stage:
         self, model: mujoco.MjModel, device: wp.Device, props: Sequence[Prop], surfaces: Sequence[Surface]
     ) -> None:
         self._model, self._device = model, device
+        self._in_use = InUse()
         self._geoms, self._props = Geoms(model), Props(model, props)
         self._parts: list[Part] = [
             self._geoms,
@@ -93,6 +95,10 @@ class Stage:
     @fixed
     def device(self) -> wp.Device:
         return self._device
+
+    @fixed
+    def in_use(self) -> InUse:
+        return self._in_use
 
     @fixed
     def shape_ids(self) -> ShapeIds:

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from rigcast.kernels.launching.launch import LOADING
 from rigcast.sensors.captured import require_as_before, require_on_device
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
@@ -178,7 +179,8 @@ class Worlds:
         times = wp.empty(self.count, dtype=wp.float64, device=device) if out is None else out
         if isinstance(given, wp.array):
             require_array("time", given, (self.count,), (wp.float32, wp.float64), device)
-            wp.utils.array_cast(given, times)
+            with LOADING:
+                wp.utils.array_cast(given, times)
         elif given is not None:
             require_on_device("Worlds: time", "an array on the host", device)
             times.assign(self._one_each("time", given, np.float64))

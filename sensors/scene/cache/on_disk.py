@@ -21,6 +21,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 import rigcast.kernels
+from rigcast.kernels.launching.launch import start_warp
 from rigcast.sensors.errors import warn_user
 
 MAX_BYTES = 4 * 2**30
@@ -33,7 +34,7 @@ def cache_folder() -> Path | None:
     wanted = os.environ.get("RIGCAST_CACHE", "")
     if wanted == "off":
         return None
-    wp.init()
+    start_warp()
     return Path(wanted) if wanted else Path(wp.config.kernel_cache_dir) / "rigcast_trees"
 
 

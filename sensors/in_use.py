@@ -1,0 +1,28 @@
+"""What one thread uses at a time: another that comes meanwhile is refused, not let into half of a reading."""
+
+from threading import RLock
+
+from .errors import InputError
+
+
+class InUse:
+    """To be held by the thread that uses something, as often as it likes: `with in_use:`.
+
+    Raises InputError in another one. That does not wait: what it then read would depend on which came first.
+    """
+
+    __slots__ = ("_acquire", "_release")
+
+    def __init__(self) -> None:
+        lock = RLock()
+        self._acquire, self._release = lock.acquire, lock.release
+
+    def __enter__(self) -> None:
+        if not self._acquire(False):
+            raise InputError(
+                "a Scene, or the Rig on it, is in use by another thread, expected one thread at a time: make one for "
+                "each thread, or let them take turns by a threading.Lock"
+            )
+
+    def __exit__(self, *_: object) -> None:
+        self._release()
