@@ -53,7 +53,7 @@ class Echoes:
 
     distance: wp.array[float]  # range along the beam [m]; +inf for no echo, NaN for a beam that is not finite
     power: wp.array[float]  # P as above; 0 for no echo
-    # of the surface; of echoes not defined where there is no echo:
+    # of the surface that is hit; not defined where there is no echo:
     shape: wp.array[int]
     face: wp.array[int]
     normal: wp.array[wp.vec3]  # unit, in the world
