@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     __version__: str
 
 # Of the rooms here each imports from those above it only:
-#     export, oracle                       files of frames and what all output has in common; the judge of casts
+#     export, oracle, motion               files of frames; the judge of casts; steps of a simulation
 #     rig_file, ros                        rigs from YAML; messages, bags and a node of ROS
 #     recording, bench                     folders of runs; measurements
 #     dataset                              runs of a rig in many scenes

@@ -1,1 +1,1 @@
-"""What sensors make of hits: light, and noise that can be repeated; by kind of sensor what only that has."""
+"""Sensor physics applied to hits: light and repeatable noise here, the effects of lidars and cameras in sub-rooms."""

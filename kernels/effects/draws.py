@@ -1,4 +1,4 @@
-"""Random numbers of many rays, drawn before they are used: on the CPU of sixteen rays at once, on CUDA of each."""
+"""Random numbers for many rays, drawn before they are used: on the CPU for sixteen rays at once, on CUDA singly."""
 
 import warp as wp
 
@@ -15,7 +15,7 @@ word_lanes = wp.types.vector(length=16, dtype=wp.uint32)
 
 @wp.struct
 class Words:
-    """Four words of each of sixteen rays."""
+    """Four 32-bit words for each of sixteen rays."""
 
     c0: word_lanes
     c1: word_lanes
@@ -25,14 +25,14 @@ class Words:
 
 @wp.struct
 class Draws:
-    """Arrays in a struct, for Warp compiles a kernel twice that is given any by itself."""
+    """Random numbers, one vec4 per ray. A struct, because Warp compiles a kernel twice if arrays are its arguments."""
 
     numbers: wp.array[wp.vec4]
 
 
 @wp.func
 def philox_lanes(source: RandomSource, i: int, draw: int) -> Words:
-    """Philox4x32-10 of rays i to i + LANES - 1, as rigcast.kernels.effects.random.random_bits."""
+    """Philox4x32-10 for rays i to i + LANES - 1; equals rigcast.kernels.effects.random.random_bits for each."""
     c0 = word_lanes(wp.uint32(draw))
     c1 = word_lanes()
     c2 = word_lanes(source.frame)
@@ -65,7 +65,7 @@ def philox_lanes(source: RandomSource, i: int, draw: int) -> Words:
 
 @wp.func
 def draw_lanes(source: RandomSource, i: int, draw: int, numbers: wp.array[wp.vec4]) -> None:
-    """The numbers of rays i to i + LANES - 1, as rigcast.kernels.effects.random.random_numbers."""
+    """Write the numbers of rays i to i + LANES - 1; equals rigcast.kernels.effects.random.random_numbers for each."""
     words = philox_lanes(source, i, draw)
     c0 = words.c0
     c1 = words.c1
@@ -82,13 +82,14 @@ def draw_lanes(source: RandomSource, i: int, draw: int, numbers: wp.array[wp.vec
 
 @wp.kernel
 def draw_one(first: int, source: RandomSource, draw: int, draws: Draws) -> None:
+    """Draw the numbers of one ray per thread."""
     i = first + wp.tid()
     draws.numbers[i] = random_numbers(source, i, draw)
 
 
 @wp.kernel
 def draw_run(first: int, run: int, source: RandomSource, draw: int, draws: Draws) -> None:
-    """run: rays per thread."""
+    """Draw the numbers of a run of rays per thread. run: rays per thread."""
     i = (first + wp.tid()) * run
     end = wp.min(i + run, draws.numbers.shape[0])
     while i + LANES <= end:
@@ -100,8 +101,8 @@ def draw_run(first: int, run: int, source: RandomSource, draw: int, draws: Draws
 
 
 def drawn(source: RandomSource, draw: int, count: int, device: wp.DeviceLike, times: int = 1) -> Draws:
-    """(times * count,): of each ray two standard normal numbers and two uniform ones, all independent; then those of
-    each ray's next draw."""
+    """Random numbers (times * count,) of `count` rays: for each, two standard normal and two uniform numbers in (0, 1),
+    all independent. Draw k of ray i is entry k * count + i and has the number draw + k in the source."""
     draws, part = Draws(), Draws()
     draws.numbers = wp.empty(times * count, dtype=wp.vec4, device=device)
     for k in range(times if count else 0):

@@ -1,11 +1,11 @@
-"""How bright a surface is to a sensor's own light, which sits beside it. The surface is Lambertian.
+"""Intensity of the light that a Lambertian surface returns to a sensor from the sensor's own light source.
 
-With reflectivity rho, normal n, direction d and range R [m] a lidar, which knows how far its light has gone, has the
-intensity rho |n . d|, and a camera
+With reflectivity rho, normal n, direction d and range R [m], the intensity of a lidar, which corrects for range, is
+rho |n . d|. That of a camera is
 
     intensity = rho |n . d| / R^2
 
-which is 1 for a white surface that faces it at 1 m.
+which is 1 for a white surface that faces the camera at 1 m.
 """
 
 import warp as wp
@@ -24,13 +24,13 @@ NEAREST = wp.constant(1.0e-6)
 
 @wp.func
 def cos_incidence(normal: wp.vec3, direction: wp.vec3d) -> float:
-    """|n . d|, the cosine of the angle between a ray and the normal, 0 to 1."""
+    """The cosine |n . d| of the angle between a ray and the normal, 0 to 1."""
     return wp.min(wp.abs(float(wp.dot(to_double(normal), direction))), 1.0)
 
 
 @wp.func
 def returned(reflectivity: float, cosine: float, distance: float) -> float:
-    """rho cos / R^2."""
+    """The intensity rho cos / R^2 [1/m^2]."""
     return reflectivity * cosine / wp.max(distance * distance, NEAREST)
 
 
@@ -38,6 +38,7 @@ def returned(reflectivity: float, cosine: float, distance: float) -> float:
 def intensity_of_hits(
     first: int, reflectivity: wp.array[float], directions: wp.array[wp.vec3d], hits: Out, intensity: wp.array[float]
 ) -> None:
+    """Write rho |n . d| / R^2 of each hit, 0 on a miss."""
     i = first + wp.tid()
     intensity[i] = 0.0
     if hits.shape[i] >= 0:
@@ -46,11 +47,12 @@ def intensity_of_hits(
 
 
 def infrared(hits: HitArrays, directions: wp.array, reflectivity: wp.array, out: wp.array | None = None) -> wp.array:
-    """(n,) float32 [1/m^2] intensity of each hit, 0 where there is none.
+    """Intensity rho |n . d| / R^2 of each hit, (n,) float32 [1/m^2]; 0 on a miss.
 
     Args:
-        hits: with normals in the frame of the directions.
-        reflectivity: float per shape, 0 to 1.
+        hits: (n,), with normals in the frame of the directions.
+        directions: vec3d, unit, of the rays of one world or of all.
+        reflectivity: (shapes,) float32, 0 to 1.
     """
     out = wp.empty(hits.distance.size, dtype=float, device=directions.device) if out is None else out
     launch_over_rays(intensity_of_hits, out.size, [reflectivity, directions, hits.out()], [out], directions.device)
@@ -66,6 +68,7 @@ def reflected_share(
     hits: Out,
     intensity: wp.array[float],
 ) -> None:
+    """Write rho |n . d| of each hit, 0 on a miss."""
     i = (first + wp.tid()) * run
     end = wp.min(i + run, intensity.shape[0])
     while i < end:
@@ -76,7 +79,10 @@ def reflected_share(
 
 
 def intensity(hits: HitArrays, rays: Rays, reflectivity: wp.array, out: wp.array | None = None) -> wp.array:
-    """(n,) rho cos(theta) of hits whose normals are in the rays' frame, 0 where there is none."""
+    """Intensity rho |n . d| of each hit, (n,) float32; 0 on a miss. hits: with normals in the rays' frame.
+
+    reflectivity: (shapes,) float32, 0 to 1.
+    """
     out = wp.empty(hits.distance.size, dtype=float, device=hits.distance.device) if out is None else out
     launch_over_runs(reflected_share, out.size, [reflectivity, rays.arrays, hits.out()], [out], out.device)
     return out

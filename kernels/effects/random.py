@@ -1,12 +1,12 @@
-"""Random numbers that can be repeated: a function of (seed, sensor, world, frame, ray, draw), never of a stream.
+"""Repeatable random numbers: a function of (seed, sensor, world, frame, ray, draw), never of a stream.
 
 Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011): ten rounds of
 
     (c0, c1, c2, c3) -> (hi(M1 c2) ^ c1 ^ k0, lo(M1 c2), hi(M0 c0) ^ c3 ^ k1, lo(M0 c0)),  (k0, k1) += (W0, W1)
 
-turn a counter of four words and a key of two into four words. Here the counter is (draw, ray, frame, world) and the key
-is hashed from the seed and the sensor's name. Logarithms, sines and cosines are polynomials here, of sums and products
-alone, so that all numbers have the same bits on every device; and no loop over rays stops to call a function for them.
+turn a counter of four words and a key of two into four words. The counter is (draw, ray, frame, world); the key is
+hashed from the seed and the sensor's name. Logarithms, sines and cosines are computed by polynomials, with sums and
+products alone. So all numbers have the same bits on every device, and loops over rays are vectorised.
 """
 
 import hashlib
@@ -22,15 +22,15 @@ W1 = wp.constant(wp.uint32(0xBB67AE85))
 WORD = wp.constant(wp.uint64(32))
 UNUSED_BITS = wp.constant(wp.uint32(9))
 SQRT_HALF_BITS, MANTISSA_BITS = wp.constant(0x3F3504F3), wp.constant(23)  # of a float32
-LN_2, LN_2_REST = wp.constant(0.693359375), wp.constant(-2.12194440e-4)  # the first times a power of two is exact
+LN_2, LN_2_REST = wp.constant(0.693359375), wp.constant(-2.12194440e-4)  # in all ln 2; an exponent times LN_2 is exact
 QUARTER = wp.constant(1.5707963267948966)  # of a turn [rad]
 
 
 @wp.struct
 class RandomSource:
-    """Which numbers a sensor draws for one frame; made by `random_source`.
+    """The random numbers of a sensor for one frame; made by `random_source`.
 
-    Rays are counted through all worlds: number i is ray i % rays of the world that is called worlds[i / rays].
+    Rays are counted over all worlds: ray i is ray i % rays of world worlds[i / rays].
     """
 
     key: wp.vec2ui
@@ -42,10 +42,14 @@ class RandomSource:
 def random_source(
     seed: int, sensor: str, frame: int, worlds: wp.array | None = None, rays: int = 2**31 - 1
 ) -> RandomSource:
-    """The numbers of one frame of one sensor.
+    """The source of a sensor's random numbers for one frame. Its key is BLAKE2b of the name, keyed with the seed.
 
-    seed: 0 to 2^64 - 1. frame: taken modulo 2^32. The key is BLAKE2b of the name, keyed with the seed.
-    worlds: (nworld,) uint32, the worlds in which these numbers are drawn, None for world 0. rays: of each world.
+    Args:
+        seed: 0 to 2^64 - 1.
+        sensor: the sensor's name.
+        frame: number of the frame; taken modulo 2^32.
+        worlds: (nworld,) uint32, numbers of the worlds; None for world 0.
+        rays: number of rays per world.
     """
     digest = hashlib.blake2b(sensor.encode(), digest_size=8, key=seed.to_bytes(8, "little")).digest()
     source = RandomSource()
@@ -59,7 +63,7 @@ def random_source(
 
 @wp.func
 def philox(counter: wp.vec4ui, key: wp.vec2ui) -> wp.vec4ui:
-    """Philox4x32-10."""
+    """Four random words by Philox4x32-10."""
     c = counter
     k = key
     for _ in range(10):
@@ -74,7 +78,7 @@ def philox(counter: wp.vec4ui, key: wp.vec2ui) -> wp.vec4ui:
 
 @wp.func
 def random_bits(source: RandomSource, ray: int, draw: int) -> wp.vec4ui:
-    """Four words of 32 random bits."""
+    """Four words of 32 random bits for a ray, counted over all worlds."""
     world = wp.uint32(0)
     if source.worlds.shape[0] > 0:
         world = source.worlds[ray / source.rays]
@@ -83,14 +87,17 @@ def random_bits(source: RandomSource, ray: int, draw: int) -> wp.vec4ui:
 
 @wp.func
 def as_uniform(bits: wp.uint32) -> float:
-    """(k + 1/2) / 2^23 of the upper 23 bits k: exact in float32, never 0 or 1, with a mean of exactly 1/2."""
+    """A uniform number (k + 1/2) / 2^23 from the upper 23 bits k: exact in float32, never 0 or 1, mean exactly 1/2."""
     return (float(bits >> UNUSED_BITS) + 0.5) * (1.0 / 8388608.0)
 
 
 @wp.func
 def log_of(u: float) -> float:
-    """ln u of a number between 0 and 1 that is not subnormal, to an ulp of 1 + |ln u|: that of a power of two, and of
-    m = 1 + x in [sqrt 1/2, sqrt 2) the polynomial of Cephes' logf (Moshier)."""
+    """ln u for u in (0, 1), not subnormal, with an error of at most an ulp of 1 + |ln u|.
+
+    With u = 2^k m, m = 1 + x in [sqrt 1/2, sqrt 2), it is k ln 2 + ln m; ln m by the polynomial of Cephes' logf
+    (Moshier).
+    """
     bits = wp.cast(u, int)
     power = (bits - SQRT_HALF_BITS) >> MANTISSA_BITS
     x = wp.cast(bits - (power << MANTISSA_BITS), float) - 1.0
@@ -108,8 +115,10 @@ def log_of(u: float) -> float:
 
 @wp.func
 def cosine_of(v: float, quarters: int) -> float:
-    """cos(2 pi v - quarters pi / 2) of v between 0 and 1, to an ulp of 1: the polynomials of Cephes' cosf and sinf, of
-    what is left of whole quarters of a turn."""
+    """cos(2 pi v - quarters pi / 2) for v in (0, 1), with an error of at most an ulp of 1.
+
+    It uses the polynomials of Cephes' cosf and sinf on the remainder after whole quarter turns.
+    """
     nearest = int(4.0 * v + 0.5)
     angle = (4.0 * v - float(nearest)) * QUARTER
     z = angle * angle
@@ -122,15 +131,15 @@ def cosine_of(v: float, quarters: int) -> float:
 
 @wp.func
 def normal_radius(u: float) -> float:
-    """sqrt(-2 ln u)."""
+    """The radius sqrt(-2 ln u) of Box and Muller's method."""
     return wp.sqrt(-2.0 * log_of(u))
 
 
 @wp.func
 def random_numbers(source: RandomSource, ray: int, draw: int) -> wp.vec4:
-    """Two standard normal numbers, up to 5.77 in size, and two uniform ones between 0 and 1, all independent.
+    """Two standard normal numbers, at most 5.77 in size, and two uniform ones in (0, 1), all independent.
 
-    The normal ones are sqrt(-2 ln u) (cos 2 pi v, sin 2 pi v) of two uniform ones (Box and Muller, 1958).
+    The normal ones are sqrt(-2 ln u) (cos 2 pi v, sin 2 pi v) from uniform u and v (Box and Muller, 1958).
     """
     bits = random_bits(source, ray, draw)
     radius = normal_radius(as_uniform(bits[0]))

@@ -22,10 +22,19 @@ def recorded(
     Structs among the arguments are read anew at each launch. block_dim: threads per block, on CUDA.
     """
     command = command_for(kernel, count, inputs, outputs, device, block_dim)
-    return (_OnCpu if wp.get_device(device).is_cpu else _OnCuda)(command, (*inputs, *outputs))
+    arguments = (*inputs, *outputs)
+    is_short = wp.get_device(device).is_cpu and _is_as_known(command, len(arguments))
+    return (_Shortened if is_short else _ByWarp)(command, arguments)
 
 
-class _OnCuda:
+def _is_as_known(command: wp.Launch, arguments: int) -> bool:
+    """Whether a launch has the parts by which it is shortened; they are not public, and may differ in a later Warp."""
+    forward = getattr(getattr(command, "hooks", None), "forward", None)
+    params = getattr(command, "params", None)  # bounds and arguments
+    return callable(forward) and isinstance(params, Sequence) and len(params) == 1 + arguments
+
+
+class _ByWarp:
     def __init__(self, command: wp.Launch, arguments: Sequence[Any]) -> None:
         self._command, self._arguments = command, arguments
 
@@ -33,7 +42,7 @@ class _OnCuda:
         self._command.launch()
 
 
-class _OnCpu:
+class _Shortened:
     """Calls the compiled function directly, with the arguments that Warp packed at the first launch.
 
     At each launch Warp looks up a struct for all arguments by their types and copies the arguments there, which takes

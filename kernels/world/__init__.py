@@ -1,1 +1,1 @@
-"""What rays are cast against, made and kept up to date: triangle trees, shapes, and the trees over them."""
+"""The geometry that rays are cast against, built and kept up to date: triangle trees, shapes, trees over shapes."""

@@ -1,4 +1,4 @@
-"""Triangle trees and shapes as numpy arrays, of which a world is made."""
+"""Triangle trees and shapes as numpy arrays, from which a World is made."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -13,9 +13,10 @@ from rigcast.kernels.trees.nodes import FIRST_PATCH, Node, moved_nodes, struct_z
 
 @dataclass(frozen=True)
 class TriangleTree:
-    """A tree over triangles, in the frame of its vertices; child ~k of a node is block k, ~(FIRST_PLOT + k) plot k.
+    """A tree over triangles, in the frame of its vertices. Child ~k of a node is block k, ~(FIRST_PLOT + k) is plot k.
 
-    dropped: how many faces had no area and were left out. plots, sides, columns: of a height field, see Geometry.
+    lower, upper: (3,) ends of the tree's box [m]. dropped: number of faces without area, which were left out. plots,
+    sides, columns: of a height field, see Geometry.
     """
 
     nodes: npt.NDArray[np.void]
@@ -26,11 +27,11 @@ class TriangleTree:
     plots: npt.NDArray[np.void] = field(default_factory=lambda: struct_zeros(Plot, 0))
     sides: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
     columns: int = 0
-    first_side: int = 0  # what plots call sides[0]
+    first_side: int = 0  # index that plots use for sides[0]
 
 
 class TreePlace(NamedTuple):
-    """Where in joined arrays a tree's nodes, blocks, plots and sides begin."""
+    """Index of a tree's first node, block, plot and side in joined arrays."""
 
     node: int
     block: int
@@ -39,7 +40,7 @@ class TreePlace(NamedTuple):
 
 
 class JoinedTrees(NamedTuple):
-    """The arrays of several trees, one after the other, and where in them each begins."""
+    """The concatenated arrays of several trees, and the place of each tree in them."""
 
     nodes: npt.NDArray[np.void]
     blocks: npt.NDArray[np.void]
@@ -49,9 +50,9 @@ class JoinedTrees(NamedTuple):
 
 
 def join_triangle_trees(trees: Sequence[TriangleTree]) -> JoinedTrees:
-    """All trees in one array of each kind.
+    """Concatenate the arrays of trees.
 
-    Raises ValueError for more blocks or patches than there are numbers for.
+    Raises ValueError for more than FIRST_PATCH blocks or patches.
     """
     sizes = np.array([tree_sizes(tree) for tree in trees]).reshape(-1, 4)
     _, blocks, plots, _ = sizes.sum(axis=0)
@@ -70,12 +71,12 @@ def join_triangle_trees(trees: Sequence[TriangleTree]) -> JoinedTrees:
 
 
 def tree_sizes(tree: TriangleTree) -> TreePlace:
-    """How much room a tree takes in joined arrays."""
+    """Numbers of entries of a tree in joined arrays."""
     return TreePlace(len(tree.nodes), len(tree.blocks), len(tree.plots), len(tree.sides))
 
 
 def moved_tree(tree: TriangleTree, place: TreePlace) -> TriangleTree:
-    """The tree as it is at a place of joined arrays."""
+    """The tree with its indices shifted to a place in joined arrays."""
     plots = tree.plots.copy()
     plots["x"] += place.side - tree.first_side
     plots["y"] += place.side - tree.first_side
@@ -84,7 +85,7 @@ def moved_tree(tree: TriangleTree, place: TreePlace) -> TriangleTree:
 
 
 def boxes_of(trees: Sequence[TriangleTree]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Centre and half size (n, 3) [m] of boxes that hold all triangles of each tree."""
+    """Centre and half size (n, 3) [m] of the box around each tree's triangles."""
     lower, upper = (
         np.array([getattr(tree, side) for tree in trees], np.float32).reshape(-1, 3) for side in ("lower", "upper")
     )
@@ -113,14 +114,14 @@ class Shapes:
 
     @staticmethod
     def of_trees(kind: Sequence[int], tree: Sequence[int], trees: Sequence[TriangleTree]) -> "Shapes":
-        """Shapes of these kinds, TRIANGLES or SHEET, each of the tree with this index."""
+        """Shapes of these kinds, TRIANGLES or SHEET; tree: index of each shape's tree."""
         index = np.array(tree, np.int32)
         center, half = (ends[index] for ends in boxes_of(trees))
         return Shapes(np.array(kind, np.int32), np.zeros_like(center), index, center, half)
 
     @staticmethod
     def joined(parts: "Sequence[Shapes]", first_tree: npt.NDArray[np.int_]) -> "Shapes":
-        """All shapes in one; the trees of part k are counted from first_tree[k]."""
+        """The shapes of all parts; tree indices of part k are shifted by first_tree[k]."""
         tree = [np.where(p.tree >= 0, p.tree + first, -1) for p, first in zip(parts, first_tree, strict=True)]
         return Shapes(
             np.concatenate([p.kind for p in parts]),

@@ -1,8 +1,8 @@
 """Triangle trees whose vertices move: cloth, soft bodies, skins.
 
-Moving the vertices keeps the tree's structure and fits its boxes and normals to the new triangles, which takes a small
-part of the time of a build. Boxes that once lay side by side overlap more and more; when their areas, which the
-surface-area heuristic takes for the cost of a ray, have grown by REBUILD_RATIO, the tree is built anew.
+When vertices move, the tree keeps its topology and is refitted: boxes and normals are recomputed, which takes a small
+fraction of the time of a build. Boxes overlap more and more with this. When their total area, the cost of a ray by the
+surface-area heuristic, has grown by REBUILD_RATIO, the tree is rebuilt.
 """
 
 import numpy as np
@@ -31,7 +31,7 @@ def fit_tree(
     # out:
     fits: wp.array[Fit],
 ) -> None:
-    """One thread: fit the boxes of all nodes to those of the leaves, children first; leaf ~k has box k."""
+    """Refit the boxes of all nodes to those of the leaves in one thread, children first; leaf ~k has box k."""
     for k in range(nodes.shape[0]):
         at = nodes.shape[0] - 1 - k
         node = nodes[at]
@@ -51,10 +51,10 @@ def fit_tree(
 
 
 class DeformingTree:
-    """A tree over triangles whose vertices move. A face is not hit while it has no area.
+    """A tree over triangles whose vertices move. Faces are not hit while they have no area.
 
     Args:
-        vertices: (n, 3) [m], as at the start.
+        vertices: (n, 3) [m], initial positions.
         faces: (m, 3) indices into vertices, counter-clockwise seen from outside.
 
     Raises:
@@ -68,18 +68,18 @@ class DeformingTree:
             face = int(np.argmax(((corners < 0) | (corners >= len(start))).any(axis=1)))
             raise ValueError(f"face {face}: got vertices {corners[face].tolist()}, expected 0 to {len(start) - 1}")
         self._faces = corners.astype(np.int32)
-        self._faces_on_cpu = wp.array(self._faces, dtype=wp.vec3i, device="cpu")  # a copy, as they are wound by now
+        self._faces_on_cpu = wp.array(self._faces, dtype=wp.vec3i, device="cpu")  # a copy, with the present winding
         self._build(_checked(start))
 
     @property
     def tree(self) -> TriangleTree:
-        """As it is now. Its arrays are overwritten by the next move."""
+        """The tree as it is now; the next move overwrites its arrays."""
         return TriangleTree(self._nodes.numpy(), self._blocks.numpy(), *whole_box(*self._boxes), dropped=0)
 
     def move(self, vertices: npt.ArrayLike, is_turned: npt.NDArray[np.bool_] | None = None) -> TriangleTree:
-        """Take other places (n, 3) [m] of the vertices, up to FARTHEST in size; return the tree as it is now.
+        """Move the vertices to positions (n, 3) [m], with coordinates up to FARTHEST; return the updated tree.
 
-        is_turned: (m,) which faces are clockwise by now, seen from outside; None: none.
+        is_turned: (m,) which faces are now clockwise seen from outside; None for none.
 
         Raises:
             ValueError: a vertex that is not finite or too large.
@@ -102,14 +102,14 @@ class DeformingTree:
         self._built_area = self._area
 
     def _refit(self, vertices: npt.NDArray[np.float32]) -> None:
-        """Corners, normals and boxes of the present structure, for vertices that have moved."""
+        """Recompute corners, normals and boxes for moved vertices."""
         self._boxes = fill(self._blocks, on_cpu(vertices, wp.vec3), self._faces_on_cpu)
         boxes = [on_cpu(ends, wp.vec3) for ends in self._boxes]
         launch(fit_tree, 1, boxes, [self._nodes, self._fits], "cpu")
 
     @property
     def _area(self) -> float:
-        """Of all boxes of the tree."""
+        """Total half area of the tree's boxes [m^2]."""
         return float(self._fits.numpy()["area"][0])
 
 

@@ -1,4 +1,4 @@
-"""Trees over height fields: plots of the surface in a regular tree, and rows of triangles beside and below it."""
+"""Trees over height fields: a regular tree over plots of the surface, and rows of triangles for sides and bottom."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -18,27 +18,27 @@ from .triangle_tree import fill, on_cpu
 Floats = npt.NDArray[np.float32]
 
 MOST_ROWS = 5
-"""Of triangles, which are children of the root, as are the nodes of the surface: eight in all."""
+"""Most rows of triangles. Each takes one child of the root, whose other children are nodes of the surface."""
 
 
 def build_height_field(
     x: npt.ArrayLike, y: npt.ArrayLike, heights: npt.ArrayLike, others: Sequence[npt.NDArray[np.floating]]
 ) -> TriangleTree:
-    """Build a tree over a surface of cells, each split from its corner of lower x and y to that of higher ones.
+    """Build a tree over a surface of cells, each split along the diagonal from lower x and y to higher x and y.
 
     Args:
-        x, y: (columns,) and (rows,) where corners of cells are [m], in rising order, at least two each.
+        x, y: (columns,) and (rows,) coordinates of the cells' corners [m], ascending, at least two each.
         heights: (rows, columns) [m].
-        others: up to MOST_ROWS rows of triangles (n, 3, 3) [m], each beside the one before. One without area is never
-            hit. Nothing is farther from 0 than FARTHEST.
+        others: up to MOST_ROWS rows of triangles (n, 3, 3) [m]; consecutive triangles of a row are neighbours.
+            Triangles without area are never hit. No coordinate may exceed FARTHEST.
 
     Returns:
-        A tree whose faces 2 k and 2 k + 1 are cell k, row by row, below and above its diagonal; the others follow.
+        A tree. Faces 2 k and 2 k + 1 are cell k, row by row, below and above its diagonal; those of `others` follow.
 
     Raises:
-        ValueError: a corner that is not finite or too large, or too many of them.
+        ValueError: a corner that is not finite or too large, or too many corners.
     """
-    with np.errstate(over="ignore"):  # what becomes infinite is refused
+    with np.errstate(over="ignore"):  # values that become infinite are refused below
         x, y, heights = (np.asarray(a, np.float32) for a in (x, y, heights))
     _require_usable(x, y, heights)
     cells = (len(y) - 1, len(x) - 1)
@@ -71,7 +71,7 @@ def _require_usable(x: Floats, y: Floats, heights: Floats) -> None:
 
 
 class _Corners(NamedTuple):
-    """The corners of whole plots; rigcast.kernels.shapes.patches says what those have that are not there."""
+    """The corners of cells, padded to whole plots as described in rigcast.kernels.shapes.patches."""
 
     x: Floats
     y: Floats
@@ -87,7 +87,7 @@ class _Corners(NamedTuple):
         )
 
     def plots(self, columns: int) -> npt.NDArray[np.void]:
-        """(n,) of Plot, row by row; columns: the cells of a row."""
+        """The plots (n,) of Plot, row by row. columns: cells per row of the field."""
         windows = np.lib.stride_tricks.sliding_window_view(self.z, (ROWS + 1, COLUMNS + 1))[::ROWS, ::COLUMNS]
         row, column = np.arange(len(windows))[:, None], np.arange(windows.shape[1])
         plots = struct_zeros(Plot, windows.shape[0] * windows.shape[1])
@@ -99,29 +99,29 @@ class _Corners(NamedTuple):
         return plots
 
     def sides(self) -> Floats:
-        """Of all columns of plots, then of all rows, as Plot says."""
+        """The array Geometry.sides: entries of all columns of plots, then of all rows; see Plot."""
         return np.concatenate([sides.ravel() for sides in self._sides()])
 
     def _sides(self) -> tuple[Floats, Floats]:
-        """Of the columns (n, 17) and of the rows (m, 21)."""
+        """Entries of `sides` per column of plots (n, 17) and per row of plots (m, 21)."""
         across, along = _side(self.x, COLUMNS), _side(self.y, ROWS)
         return np.concatenate(across, axis=1), np.concatenate([along[0], *np.repeat(along[1:], 4, axis=2)], axis=1)
 
     def boxes(self) -> Boxes:
-        """Those of the plots."""
+        """The boxes of the plots."""
         lower, upper = (self._ends(end) for end in (np.fmin, np.fmax))
         number = np.arange(lower[..., 0].size, dtype=np.int32).reshape(lower.shape[:2])
         return Boxes(lower, upper, ~(FIRST_PLOT + number))
 
     def _ends(self, end: np.ufunc) -> Floats:
-        """The lower or upper ends (rows, columns, 3) of the plots."""
+        """The lower or upper ends (rows, columns, 3) of the boxes of the plots."""
         x, y = _over(end, self.x, COLUMNS), _over(end, self.y, ROWS)
         z = _over(end, _over(end, self.z, ROWS).T, COLUMNS).T
         return np.stack([*np.meshgrid(x, y, copy=False), z], axis=-1)
 
 
 def _side(corners: Floats, cells: int) -> tuple[Floats, Floats, Floats]:
-    """Of each plot its corners (n, cells + 1), and centre and half size (n, cells / 2) of the boxes of patches."""
+    """Per plot along one axis: corners (n, cells + 1), centres and half sizes (n, cells / 2) of its patches' boxes."""
     windows = np.lib.stride_tricks.sliding_window_view(corners, cells + 1)[::cells]
     low, middle, high = windows[:, 0:-1:2], windows[:, 1::2], windows[:, 2::2]
     high = np.where(np.isnan(high), middle, high)
@@ -132,14 +132,14 @@ def _side(corners: Floats, cells: int) -> tuple[Floats, Floats, Floats]:
 
 
 def _over(end: np.ufunc, values: Floats, step: int) -> Floats:
-    """The least or the largest of numbers 0 to step, step to 2 step, ... along the first axis."""
+    """The least or largest value in the windows [0, step], [step, 2 step], ... along the first axis, ends included."""
     runs = values[:-1].reshape(-1, step, *values.shape[1:])
     found: Floats = end(end.reduce(runs, axis=1), values[step::step])
     return found
 
 
 def _blocks(rows: Sequence[npt.NDArray[np.floating]], first_face: int) -> tuple[npt.NDArray[np.void], list[Boxes]]:
-    """(blocks,) of TriangleBlock, and the boxes of those of each row of triangles, whose faces are numbered on."""
+    """Blocks of rows of triangles, and the boxes of each row's blocks. Faces are numbered from first_face on."""
     corners = np.concatenate(rows).astype(np.float32).reshape(-1, 3)
     faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
     own = np.split(np.arange(len(faces), dtype=np.int32), np.cumsum([*map(len, rows)])[:-1])

@@ -1,7 +1,7 @@
-"""Trees over shapes fitted on CUDA: a block of threads for each, all its levels in one launch.
+"""Refit of the trees over shapes on CUDA: one thread block per tree, all levels in one launch.
 
-Threads take the children of a level, and then its nodes, one each: none waits for the poses of many shapes. Boxes of
-nodes are kept by their ends, see rigcast.kernels.trees.nodes.
+For each level, threads first take its children, one each, then its nodes. So no thread waits for the poses of many
+shapes. Boxes are stored by their ends, see rigcast.kernels.trees.nodes.
 """
 
 import warp as wp
@@ -22,12 +22,12 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 @wp.func_native(on_cuda("__syncthreads(); return 0;"))
 def meet() -> int:  # type: ignore[empty-body]
-    """The threads of a block wait for each other, and see what all have written."""
+    """Synchronise the threads of a block: each waits for the others and sees what they have written."""
 
 
 @wp.func_native(on_cuda("return nodes.data[at].child[j];"))
 def child_of(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[empty-body]
-    """Read alone, as below: Warp would copy the node."""
+    """Child j of node `at`, read alone, as below; Warp would copy the node."""
 
 
 @wp.func_native(
@@ -37,7 +37,7 @@ def child_of(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[emp
 """)
 )
 def lower_end(nodes: wp.array[Node], at: int, j: int) -> wp.vec3:
-    """Of the box of child j."""
+    """Lower end of the box of child j."""
 
 
 @wp.func_native(
@@ -47,7 +47,7 @@ def lower_end(nodes: wp.array[Node], at: int, j: int) -> wp.vec3:
 """)
 )
 def upper_end(nodes: wp.array[Node], at: int, j: int) -> wp.vec3:
-    """Of the box of child j."""
+    """Upper end of the box of child j."""
 
 
 @wp.func_native(
@@ -59,12 +59,12 @@ def upper_end(nodes: wp.array[Node], at: int, j: int) -> wp.vec3:
 """)
 )
 def set_ends(nodes: wp.array[Node], at: int, j: int, lower: wp.vec3, upper: wp.vec3) -> int:  # type: ignore[empty-body]
-    """Of the box of child j."""
+    """Set the ends of the box of child j."""
 
 
 @wp.func
 def fit_child(g: Geometry, span: int, at: int, j: int, anchor: wp.vec3d, fits: wp.array[Fit]) -> None:
-    """Fit the box of child j of node `at`; that of a node is known by then."""
+    """Refit the box of child j of node `at`; a child that is a node must have been refitted before."""
     child = child_of(g.top, at, j)
     box = empty_box()
     if child >= 0:
@@ -76,7 +76,7 @@ def fit_child(g: Geometry, span: int, at: int, j: int, anchor: wp.vec3d, fits: w
 
 @wp.func
 def fit_around(g: Geometry, at: int, fits: wp.array[Fit]) -> None:
-    """What node `at` holds, whose children have been fitted before."""
+    """Compute the Fit of node `at`, whose children must have been refitted before."""
     whole = no_fit()
     for j in range(WIDTH):
         child = child_of(g.top, at, j)
@@ -89,7 +89,7 @@ def fit_around(g: Geometry, at: int, fits: wp.array[Fit]) -> None:
 
 @wp.func
 def fit_levels(g: Geometry, span: int, thread: int, levels: wp.array[int], these: Refit) -> None:
-    """One thread's part of a tree."""
+    """Refit one thread's share of a tree, level by level."""
     anchor = anchor_of(g, span, these.anchor_shape)
     root = span * g.top_count
     for k in range(levels.shape[0] - 1):
@@ -111,5 +111,5 @@ def fit_levels(g: Geometry, span: int, thread: int, levels: wp.array[int], these
 
 @wp.kernel
 def refit_in_blocks(g: Geometry, levels: wp.array[int], these: Refit) -> None:
-    """Fit the nodes of every tree. levels: where each begins among the nodes, and where the last one ends."""
+    """Refit every tree. levels: index of each level's first node, and the end of the last level."""
     fit_levels(g, wp.tid() / BLOCK, wp.tid() % BLOCK, levels, these)

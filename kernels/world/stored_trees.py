@@ -1,4 +1,4 @@
-"""Triangle trees where casts read them: one after the other in the arrays of a geometry, on its device."""
+"""Storage of triangle trees for casts: concatenated in the arrays of a geometry, on its device."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,11 +15,11 @@ from .arrays import TriangleTree, join_triangle_trees, moved_tree, tree_sizes
 from .unfolded import lead_to_nodes, nodes_of, patches_of
 
 MOST_STORED = 2**14
-"""Plots up to which they are stored as nodes on a CPU, too: these fit its cache, and need not be made."""
+"""Most plots that are stored as nodes on a CPU, too: these nodes fit its cache and need not be made during casts."""
 
 
 class StoredTrees:
-    """The triangle trees of a geometry. trees: as given, but on the CPU their triangles are those of the geometry."""
+    """The triangle trees of a geometry. trees: as given; on the CPU they share the geometry's arrays of triangles."""
 
     def __init__(self, geometry: Geometry, trees: Sequence[TriangleTree], device: wp.Device) -> None:
         self.trees = list(trees)
@@ -28,7 +28,7 @@ class StoredTrees:
 
     @property
     def roots(self) -> list[int]:
-        """The node of each tree's root."""
+        """Node index of each tree's root."""
         return [place.node for place in self._places]
 
     @property
@@ -37,7 +37,7 @@ class StoredTrees:
         return self._first_plot is not None
 
     def take(self, index: int, tree: TriangleTree) -> bool:
-        """Take another tree in place of one. Whether all the others, and its root, have stayed where they were."""
+        """Replace a tree. Returns whether all roots and the other trees stayed in place."""
         old, self.trees[index] = self.trees[index], tree
         fits = tree_sizes(old) == tree_sizes(tree) and old.columns == tree.columns
         if fits:
@@ -51,7 +51,7 @@ class StoredTrees:
         nodes, blocks, plots, sides, self._places = join_triangle_trees(self.trees)
         plots = _on_cache_lines(plots)
         g.blocks = wp.array(blocks, dtype=TriangleBlock, device=self._device, copy=False)
-        self._first_plot: int | None = None  # of nodes that are plots
+        self._first_plot: int | None = None  # index of the first node that is a plot
         if self._device.is_cpu:
             g.plots = wp.array(plots, dtype=Plot, device=self._device, copy=False)
             g.sides = wp.array(sides, dtype=float, device=self._device, copy=False)
@@ -62,7 +62,7 @@ class StoredTrees:
             if not self._device.is_cpu:
                 g.patches = wp.array(patches, dtype=Patch, device=self._device)
         g.nodes = self._on_device(nodes)
-        # the triangles of all trees are held once
+        # self.trees share these arrays, so that triangles are kept once
         self.trees = [
             replace(
                 tree,
@@ -92,7 +92,7 @@ class StoredTrees:
             self._overwrite_plots(tree, place.plot, self._first_plot + place.plot)
 
     def _overwrite_plots(self, tree: TriangleTree, first: int, first_node: int) -> None:
-        """Those of a tree as nodes and, on CUDA, as patches."""
+        """Overwrite the nodes of a tree's plots and, on CUDA, their patches."""
         g, first_patch = self._geometry, PATCHES * first
         patches = patches_of(tree.plots, tree.sides, tree.first_side)
         wp.copy(g.nodes, self._on_device(nodes_of(patches, first_patch)), dest_offset=first_node)
@@ -101,7 +101,7 @@ class StoredTrees:
 
 
 def _on_cache_lines(values: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """A copy that begins on a cache line, in memory of numpy's, which is in huge pages, where Warp's is not."""
+    """A copy that begins on a cache line. It is in numpy's memory, which is in huge pages; Warp's is not."""
     room = np.empty(values.nbytes + CACHE_LINE, np.uint8)
     first = -room.ctypes.data % CACHE_LINE
     copy = room[first : first + values.nbytes].view(values.dtype)

@@ -1,12 +1,12 @@
-"""The trees over shapes: boxes of the shapes where they stand, or move, and trees refitted around them.
+"""Trees over shapes: boxes of shapes at rest or in motion, and the refit of trees around them.
 
-Each span has a tree of its own, all of them alike but for their boxes. Everything is relative to an anchor near the
-shapes, so that boxes stay tight far from the world's origin.
+Each span has its own tree; all share the same topology. Boxes are relative to an anchor near the shapes, so that they
+stay tight far from the world's origin.
 
-The box of a shape that moves holds it all the way. At the fraction f a point p of the shape, in its own frame, is at
-x(f) + R(f) p. x(f) is on the chord between its ends. R(f) p runs on an arc of the angle a, at the distance r from its
-axis, and is off its own chord, at the same f, by no more than a^2 r / 8: so much does linear interpolation miss a curve
-whose second derivative is a^2 r. What runs on chords stays within the box of both ends, which is widened by that.
+The box of a moving shape contains it during the whole span. At the fraction f a point p of the shape, in its own frame,
+is at x(f) + R(f) p. x(f) is on the chord between its ends. R(f) p moves on an arc of angle a at the distance r from the
+axis. Its distance from its own chord at the same f is at most a^2 r / 8, the error of linear interpolation of a curve
+whose second derivative is a^2 r. Points on chords stay within the box around both ends, which is widened by that.
 """
 
 import warp as wp
@@ -32,9 +32,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 @wp.func
 def shape_box(pose: Pose, center: wp.vec3, half: wp.vec3, anchor: wp.vec3d) -> Box:
-    """The box, relative to the anchor, of a local box under a pose; empty where that is not finite or too far away.
+    """The box, relative to the anchor, of a local box under a pose; empty if the pose is not finite or beyond FARTHEST.
 
-    A plane without bounds that stands along two axes is infinite along these alone: no ray that leaves it meets it.
+    An unbounded plane parallel to two axes gets a box infinite along these two only, so rays that leave it miss it.
     """
     if not is_somewhere(pose):
         return empty_box()
@@ -59,7 +59,7 @@ def is_empty(box: Box) -> bool:
 
 @wp.func
 def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
-    """The box of a shape during a span, relative to the anchor; empty where it has none at either end."""
+    """The box of a shape during a span, relative to the anchor; empty if it has none at either end."""
     shapes = g.kind.shape[0]
     entry = first_instant_of(g, span) + shape
     sized = first_of_world(g.size.shape[0], shapes, world_of(g.instants, span)) + shape
@@ -73,7 +73,7 @@ def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
         return end
     bulge = float(0.0)
     angle = float(wp.length(g.turn[span * shapes + shape]))
-    if angle > 0.0:  # 0 inf is NaN
+    if angle > 0.0:  # 0 * inf would be NaN
         bulge = OUTWARDS * 0.125 * angle * (angle * wp.length(wp.abs(center) + half))
     wider = wp.vec3(bulge, bulge, bulge)
     return join(make_box(end.lower - wider, end.upper + wider), box.lower - wider, box.upper + wider)
@@ -81,7 +81,7 @@ def span_box(g: Geometry, span: int, shape: int, anchor: wp.vec3d) -> Box:
 
 @wp.func
 def anchor_of(g: Geometry, span: int, shape: int) -> wp.vec3d:
-    """Where this shape stands when the span begins; where it was if it stands nowhere now."""
+    """The position of this shape at the begin of the span; the previous anchor if that is not finite."""
     if shape < g.kind.shape[0]:
         position = pose_at(g, first_instant_of(g, span) + shape).position
         if is_within_reach(position):
@@ -91,7 +91,7 @@ def anchor_of(g: Geometry, span: int, shape: int) -> wp.vec3d:
 
 @wp.func
 def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: wp.array[Fit]) -> None:
-    """Fit the boxes of a node to its children, which have been fitted before."""
+    """Refit the boxes of a node to its children, which must have been refitted before."""
     children = g.top[at].child
     lower_x = vec8()
     lower_y = vec8()
@@ -120,7 +120,7 @@ def fit_node(g: Geometry, span: int, at: int, anchor: wp.vec3d, fits: wp.array[F
 
 @wp.struct
 class Refit:
-    """What is fitted around the nodes of all trees, anchored at a shape, and the area of the boxes of each."""
+    """Output of a refit: the Fit of every node of all trees, and each tree's total half area of boxes."""
 
     anchor_shape: int
     fits: wp.array[Fit]
@@ -129,7 +129,7 @@ class Refit:
 
 @wp.func
 def end_refit(g: Geometry, span: int, anchor: wp.vec3d, these: Refit) -> None:
-    """What there is to know of a tree whose nodes have been fitted."""
+    """Write anchor, reach and area of a tree whose nodes have been refitted."""
     root = span * g.top_count
     g.anchor[span] = anchor
     g.top_reach[span] = these.fits[root].reach
@@ -138,7 +138,7 @@ def end_refit(g: Geometry, span: int, anchor: wp.vec3d, these: Refit) -> None:
 
 @wp.kernel
 def refit(first: int, g: Geometry, these: Refit) -> None:
-    """Fit the nodes of one tree, the last first. On the CPU: rigcast.kernels.world.refit_in_blocks is CUDA's."""
+    """Refit one tree per thread, the last node first. For the CPU; CUDA uses rigcast.kernels.world.refit_in_blocks."""
     span = first + wp.tid()
     anchor = anchor_of(g, span, these.anchor_shape)
     root = span * g.top_count
@@ -149,7 +149,7 @@ def refit(first: int, g: Geometry, these: Refit) -> None:
 
 @wp.kernel
 def plant(first: int, nodes: wp.array[Node], top: wp.array[Node]) -> None:
-    """Make every tree of `top` one of these nodes."""
+    """Copy these nodes to every tree of `top`."""
     i = first + wp.tid()
     start = i / nodes.shape[0] * nodes.shape[0]
     node = nodes[i - start]
@@ -169,7 +169,7 @@ class Boxes:
 
 @wp.kernel
 def first_boxes(first: int, g: Geometry, anchor_shape: int, boxes: Boxes) -> None:
-    """The box of each shape in the first span in which it has one; empty where it never has."""
+    """Write the box of each shape in the first span in which it has one; empty if it never has."""
     shape = first + wp.tid()
     box = empty_box()
     span = int(0)
@@ -182,7 +182,7 @@ def first_boxes(first: int, g: Geometry, anchor_shape: int, boxes: Boxes) -> Non
 
 @wp.kernel
 def turn_shapes(first: int, g: Geometry) -> None:
-    """The turn of each shape during each span."""
+    """Write the rotation vector of each shape during each span."""
     i = first + wp.tid()
     shapes = g.kind.shape[0]
     entry = first_instant_of(g, i / shapes) + i % shapes

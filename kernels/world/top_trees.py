@@ -1,4 +1,4 @@
-"""The trees over the shapes of a geometry, one for each span: planted, refitted, and built anew when they are loose."""
+"""The trees over the shapes of a geometry, one per span: copied, refitted, and rebuilt when their boxes get loose."""
 
 from collections.abc import Callable
 
@@ -16,19 +16,19 @@ from rigcast.kernels.trees.tree import build_tree
 from .top_level import Boxes, Refit, first_boxes, plant, refit, turn_shapes
 
 LEAVES_PER_SLICE = 4096
-"""Shapes that one CPU thread fits trees to before it takes more."""
+"""Number of shapes, over several trees, that a CPU thread refits per slice."""
 _BYTES_PER_NODE = wp.types.type_size_in_bytes(Node) + wp.types.type_size_in_bytes(Fit)
 _BYTES_PER_TREE = 32  # its anchor, reach and area
 BYTES_PER_SHAPE = 96
-"""Of the nodes of the tree of each of many worlds, at most, if there are three shapes or more."""
+"""Most bytes per shape of a world's tree when there are several worlds, for three shapes or more."""
 
 
 class TopTrees:
-    """Of a geometry whose shapes and poses are set; it keeps `top`, `anchor`, `top_reach` and `turn` up to date.
+    """Keeps `top`, `anchor`, `top_reach` and `turn` of a geometry up to date, whose shapes and poses are set.
 
-    All trees have the same nodes but for their boxes: the heuristic's, for the shapes where they were when the trees
-    were last built, each in the first span in which it was anywhere. Those of many worlds have full nodes where the
-    heuristic's would take more than BYTES_PER_SHAPE.
+    All trees share the topology of one tree, built by the surface-area heuristic from the shapes' boxes at the last
+    build, each in the first span in which it had one. With several worlds the leaves are grouped into full nodes if the
+    tree would take more than BYTES_PER_SHAPE.
     """
 
     def __init__(self, geometry: Geometry, device: wp.Device) -> None:
@@ -42,19 +42,19 @@ class TopTrees:
 
     @property
     def launch(self) -> Callable[[], object]:
-        """Of a fit: it holds what it reads and writes besides the geometry."""
+        """The launch of a refit; it holds the arrays that it uses, besides the geometry's."""
         return self._launch
 
     @property
     def bytes_per_tree(self) -> int:
-        """With what is fitted around its nodes; of many worlds the most that it can be, until they are built."""
+        """Bytes of one tree with the Fit of its nodes; an upper bound before several worlds are first fitted."""
         nodes = self._nodes.size * _BYTES_PER_NODE
         if self._worlds < 2:
             nodes = max(_BYTES_PER_NODE, BYTES_PER_SHAPE * self._geometry.kind.size)
         return nodes + _BYTES_PER_TREE
 
     def fit(self, worlds: int, instants: int) -> None:
-        """Fit the trees to the poses of so many worlds at so many instants each."""
+        """Fit the trees to the geometry's poses, of `worlds` worlds at `instants` instants each."""
         g, device = self._geometry, self._device
         spans = worlds * max(instants - 1, 1)
         if (worlds > 1) != (self._worlds > 1):
@@ -71,7 +71,7 @@ class TopTrees:
         self.refit()
 
     def refit(self) -> None:
-        """Fit the trees to the poses as they are by now, of as many worlds and instants as before."""
+        """Fit the trees to the present poses; the numbers of worlds and instants must not have changed."""
         if self._instants > 1:
             launch_over_rays(turn_shapes, self._geometry.turn.size, [self._geometry], [], self._device)
         self._launch()
@@ -79,7 +79,7 @@ class TopTrees:
             self._build()
 
     def _build(self) -> None:
-        """Build the trees anew, and anchor them at a shape in the midst."""
+        """Rebuild the trees, and anchor them at a shape near the middle of the scene."""
         lower, upper = self._first_boxes()
         is_bounded = np.isfinite(lower.min(axis=1))
         nodes = _tree_over(lower, upper, is_bounded, leaf_size=1)
@@ -87,7 +87,7 @@ class TopTrees:
             nodes = _tree_over(lower, upper, is_bounded, leaf_size=WIDTH)
         bounded = np.flatnonzero(is_bounded)
         if bounded.size:
-            # near the median, as one shape that has gone astray must not loosen the boxes of all others
+            # near the median, so that one shape far away does not loosen the boxes of all others
             center = 0.5 * lower[bounded] + 0.5 * upper[bounded]
             median = np.sort(center, axis=0)[len(center) // 2]
             offset = np.abs(center - median).max(axis=1)
@@ -102,7 +102,7 @@ class TopTrees:
         self._nodes = wp.array(nodes, dtype=Node, device=self._device)
 
     def _plant(self) -> None:
-        """Make a tree of the present nodes for every span."""
+        """Copy the present nodes to the tree of every span."""
         count = self._spans * self._nodes.size
         self._fits = wp.empty(count, dtype=Fit, device=self._device)
         self._geometry.top_count = self._nodes.size
@@ -111,7 +111,7 @@ class TopTrees:
         self._launch = self._prepare_launch()
 
     def _prepare_launch(self) -> Callable[[], object]:
-        """On the CPU a thread for some of the trees, on CUDA a block of threads for each."""
+        """The launch of a refit: on the CPU a slice of trees per thread, on CUDA a thread block per tree."""
         these = Refit()
         these.anchor_shape, these.fits, these.area = self._anchor_shape, self._fits, self._area
         if self._device.is_cpu:
@@ -131,7 +131,7 @@ class TopTrees:
         return boxes.lower.numpy(), boxes.upper.numpy()
 
     def _mean_area(self) -> float:
-        """Of the trees' boxes; on CUDA, once they are built, that of an earlier fit, so as not to wait for this one."""
+        """Mean area of the trees' boxes. On CUDA, once built, that of an earlier refit, to avoid waiting."""
         if self._area_view is not None:
             return float(self._area_view.sum()) / self._spans if self._spans > 1 else self._area_view.item()
         if self._built_area < 0:
@@ -149,7 +149,7 @@ class TopTrees:
 
 
 def _by_level(nodes: npt.NDArray[np.void]) -> tuple[npt.NDArray[np.void], list[int]]:
-    """The nodes level by level from the root, and where each level begins, and the last one ends."""
+    """The nodes sorted by level from the root; index of each level's first node, and the end of the last level."""
     depth = np.zeros(len(nodes), int)
     for at, child in enumerate(nodes["child"]):
         depth[child[child >= 0]] = depth[at] + 1
@@ -169,7 +169,7 @@ def _tree_over(
     nodes = _tree_of(np.flatnonzero(is_bounded), lower, upper, leaf_size)
     if is_bounded.all():
         return nodes
-    # those without bounds, and those that are nowhere yet
+    # unbounded shapes, and those without a finite pose so far
     nowhere = np.zeros_like(lower)
     return join_trees(nodes, _tree_of(np.flatnonzero(~is_bounded), nowhere, nowhere, WIDTH))
 
@@ -177,7 +177,7 @@ def _tree_over(
 def _tree_of(
     shapes: npt.NDArray[np.intp], lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], leaf_size: int
 ) -> npt.NDArray[np.void]:
-    """Nodes of a tree over some of the shapes, those of a leaf in a node of their own."""
+    """Nodes of a tree over some of the shapes; a leaf with several shapes becomes a node over them."""
     tree = build_tree(lower[shapes], upper[shapes], leaf_size)
     lane = np.arange(WIDTH)
     place = np.minimum(tree.leaf_first[:, None] + lane, shapes.size - 1)

@@ -1,6 +1,6 @@
-"""Trees over triangles: which face is in which block is decided once, its corners and normal are filled in by a kernel.
+"""Trees over triangles. The assignment of faces to blocks is fixed by the build; a kernel fills in corners and normals.
 
-The same kernel fills them in again where vertices move.
+The same kernel runs again when vertices move.
 """
 
 from typing import Any
@@ -42,6 +42,7 @@ def measure_faces(
     upper: wp.array[wp.vec3],
     has_area: wp.array[wp.bool],
 ) -> None:
+    """Write the box of each face, and whether it has an area."""
     i = first_face + wp.tid()
     triangle = triangle_of(vertices, faces[i])
     lower[i] = wp.min(wp.min(triangle.a, triangle.b), triangle.c)
@@ -60,7 +61,10 @@ def fill_blocks(
     lower: wp.array[wp.vec3],
     upper: wp.array[wp.vec3],
 ) -> None:
-    """A triangle without area has a normal of NaN, and is never hit."""
+    """Fill in corners and normals of each block's faces, and write its box.
+
+    A triangle without area gets a normal of NaN and is never hit.
+    """
     i = first_block + wp.tid()
     block = blocks[i]
     box = empty_box()
@@ -104,12 +108,12 @@ def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triang
     """
     v, f = np.asarray(vertices), np.asarray(faces).reshape(-1, 3)
     _require_usable(v, f)
-    with np.errstate(over="ignore"):  # of vertices that are in no face
+    with np.errstate(over="ignore"):  # vertices that are in no face may overflow
         places = on_cpu(v.astype(np.float32, copy=False), wp.vec3)
     corners = on_cpu(f.astype(np.int32, copy=False), wp.vec3i)
     lower, upper, has_area = _measured(places, corners)
     face = np.flatnonzero(has_area)
-    kept = slice(None) if len(face) == len(f) else face  # without a copy where it is all of them
+    kept = slice(None) if len(face) == len(f) else face  # avoids a copy if all are kept
     tree = build_tree(lower[kept], upper[kept], leaf_size=WIDTH)
     blocks = blocks_of(tree, face)
     box = whole_box(*fill(on_cpu(blocks, TriangleBlock), places, corners))
@@ -138,7 +142,7 @@ def _measured(places: wp.array, corners: wp.array) -> tuple[Floats, Floats, npt.
 
 
 def blocks_of(tree: Tree, face: npt.NDArray[np.integer]) -> npt.NDArray[np.void]:
-    """(leaves,) of TriangleBlock, to be filled: box k of the tree is that of face[k]."""
+    """Blocks (leaves,) of TriangleBlock with face numbers only; box k of the tree is that of face[k]."""
     lane = np.arange(WIDTH)
     is_absent = lane >= tree.leaf_count[:, None]
     dtype: np.dtype[np.void] = TriangleBlock.numpy_dtype()
@@ -150,7 +154,7 @@ def blocks_of(tree: Tree, face: npt.NDArray[np.integer]) -> npt.NDArray[np.void]
 
 
 def fill(blocks: wp.array, places: wp.array, corners: wp.array) -> list[Floats]:
-    """Fill in the corners and normals of the blocks' faces; return their boxes, lower and upper ends (blocks, 3)."""
+    """Fill in corners and normals of the blocks' faces; return the blocks' boxes, lower and upper ends (blocks, 3)."""
     boxes = [wp.empty(blocks.size, dtype=wp.vec3, device="cpu") for _ in range(2)]
     launch_over_rays(fill_blocks, blocks.size, [places, corners], [blocks, *boxes], "cpu")
     return [ends.numpy() for ends in boxes]

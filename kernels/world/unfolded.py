@@ -1,4 +1,4 @@
-"""Plots of height fields as nodes, which are stored after all others, and as the patches that CUDA has."""
+"""Plots of height fields converted to nodes, stored after all others, and to patches for CUDA."""
 
 import numpy as np
 import numpy.typing as npt
@@ -8,7 +8,7 @@ from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, NO_CHILD, OUTWA
 
 
 def lead_to_nodes(nodes: npt.NDArray[np.void], first: int) -> npt.NDArray[np.void]:
-    """The same nodes with node first + k in place of plot k."""
+    """The nodes with child plot k replaced by node first + k."""
     led = nodes.copy()
     child = led["child"]
     led["child"] = np.where((~child >= FIRST_PLOT) & (child != NO_CHILD), ~child - FIRST_PLOT + first, child)
@@ -18,7 +18,10 @@ def lead_to_nodes(nodes: npt.NDArray[np.void], first: int) -> npt.NDArray[np.voi
 def patches_of(
     plots: npt.NDArray[np.void], sides: npt.NDArray[np.float32], first_side: int = 0
 ) -> npt.NDArray[np.void]:
-    """(PATCHES n,) of Patch of n plots, which call sides[0] first_side; those that are not there have x or y of NaN."""
+    """The patches (PATCHES n,) of Patch of n plots; absent ones have NaN in x or y.
+
+    first_side: index that plots use for sides[0].
+    """
     patches = struct_zeros(Patch, PATCHES * len(plots))
     grid = patches.reshape(-1, 2, 4)
     grid["x"] = _threes(sides[plots["x"][:, None] - first_side + np.arange(9)], 1)[:, None]
@@ -29,11 +32,11 @@ def patches_of(
 
 
 def nodes_of(patches: npt.NDArray[np.void], first_patch: int = 0) -> npt.NDArray[np.void]:
-    """(n,) of Node over the patches of n plots, whose first one has this number."""
+    """Nodes (n,) of Node over the patches of n plots. first_patch: number of the first patch."""
     nodes = empty_nodes(len(patches) // PATCHES)
     is_there = np.isfinite(patches["x"][:, 1]) & np.isfinite(patches["y"][:, 1])
     for axis in "xyz":
-        # NumPy is slow to reduce a few numbers at a time
+        # transposed, because NumPy is slow to reduce short rows
         values = np.ascontiguousarray(patches[axis].reshape(len(patches), 9 if axis == "z" else 3).T)
         low, high = np.fmin.reduce(values), np.fmax.reduce(values)
         center = np.float32(0.5) * low + np.float32(0.5) * high
@@ -46,5 +49,5 @@ def nodes_of(patches: npt.NDArray[np.void], first_patch: int = 0) -> npt.NDArray
 
 
 def _threes(values: npt.NDArray[np.float32], axis: int) -> npt.NDArray[np.float32]:
-    """A view of numbers 0 to 2, 2 to 4, 4 to 6, ... along an axis, along a last axis of three."""
+    """A view of the windows 0..2, 2..4, 4..6, ... along an axis, as a new last axis of size 3."""
     return np.lib.stride_tricks.sliding_window_view(values, 3, axis)[(slice(None),) * axis + (slice(None, None, 2),)]

@@ -1,6 +1,6 @@
-"""Shapes that move, in one world or many, on one device.
+"""Moving shapes in one world or many, on one device.
 
-Triangle trees are copied there once. Poses are taken at every update, and the trees over shapes fitted to them there.
+Triangle trees are copied to the device once. Each update takes poses and refits the trees over the shapes there.
 """
 
 import math
@@ -26,7 +26,7 @@ Poses = npt.NDArray[np.floating[Any]] | wp.array
 class World:
     """Triangle trees and the shapes that place them, ready to be cast against as `geometry`.
 
-    There may be many worlds of these shapes; each update says how many.
+    There may be many worlds of these shapes; their number is set by each update.
     """
 
     def __init__(self, trees: Sequence[TriangleTree], shapes: Shapes, device: wp.DeviceLike) -> None:
@@ -41,25 +41,25 @@ class World:
 
     @property
     def trees(self) -> list[TriangleTree]:
-        """As given, but on the CPU their triangles are those of `geometry`."""
+        """The triangle trees as given; on the CPU they share the triangles of `geometry`."""
         return self._trees.trees
 
     @property
     def bytes_per_world(self) -> int:
-        """What every world of a batch takes, beside its poses and, where they differ, sizes and boxes."""
+        """Bytes per world of a batch, besides its poses and, where these differ between worlds, sizes and boxes."""
         return self._top.bytes_per_tree
 
     @property
     def on_device(self) -> list[object]:
-        """All that an update and a cast read and write by now, for whoever repeats them."""
+        """Owners of the arrays that updates and casts now use; a CUDA graph that repeats them must hold these."""
         geometry = Geometry()
         geometry.assign(self.geometry)
         return [geometry, self._top.launch]
 
     def set_shapes(self, shapes: Shapes) -> None:
-        """Take other sizes and local boxes; the next update makes them count.
+        """Replace sizes and local boxes, with effect from the next update.
 
-        They are those of the n shapes, whose number and kinds stay, or of the n shapes of each of several worlds.
+        shapes: the n shapes, whose number and kinds stay the same, or those of each of several worlds (W n,).
         """
         device = self.device
         self._tree_of_shape = shapes.tree
@@ -73,23 +73,23 @@ class World:
         self.geometry.kind = wp.array(shapes.kind[: self._count], dtype=int, device=device)
         self.geometry.twin = wp.array(_twins(shapes.kind[: self._count], shapes.tree[: self._count]), device=device)
         self._take_shapes(slice(0, len(shapes.kind)))
-        self._poses: tuple[wp.array | None, wp.array | None] = (None, None)  # they fit no more
+        self._poses: tuple[wp.array | None, wp.array | None] = (None, None)  # no longer valid
 
     def set_tree(self, index: int, tree: TriangleTree) -> None:
-        """Take another triangle tree in place of one; shapes whose boxes change with it must be set too."""
+        """Replace a triangle tree; shapes whose boxes change with it must be set, too."""
         if not self._trees.take(index, tree):
             self._take_trees()
             self._take_shapes(self._taken)
 
     def _take_shapes(self, part: slice) -> None:
-        """Make sizes and boxes of the geometry some of those that were set."""
+        """Use part of the sizes and boxes that were set in the geometry."""
         self._taken = part
         for name, values in self._of_shapes.items():
             is_whole = part == slice(0, values.size)
             setattr(self.geometry, name, values if is_whole else values[part])
 
     def _take_trees(self) -> None:
-        """Say which tree each shape has; closed forms have any."""
+        """Set each shape's tree and columns in the geometry; closed forms get arbitrary ones."""
         columns = [tree.columns for tree in self.trees]
         root, cells = (np.array([*each, 0], np.int32)[self._tree_of_shape] for each in (self._trees.roots, columns))
         self._of_shapes |= {
@@ -100,14 +100,14 @@ class World:
         self.geometry.fields = wp.array(np.flatnonzero(are_in_plots), dtype=int, device=self.device)
 
     def update(self, position: Poses, rotation: Poses, part: slice | None = None) -> None:
-        """Take the poses of the shapes of one world or of many. A pose that is not finite is never hit.
+        """Take the poses of the shapes of one world or many. A shape whose pose is not finite is never hit.
 
         Args:
-            position: (n, 3) or (worlds, n, 3) [m], kept in float32 if it is that, else in float64; or a Warp array on
-                the world's device, (worlds, n) of vec3d or vec3, which is used in place: when what is in it changes,
-                update again.
+            position: (n, 3) or (worlds, n, 3) [m], stored in float32 if it is float32, else in float64; or a Warp array
+                on the world's device, (worlds, n) of vec3d or vec3. That is used in place: update again when its
+                contents change.
             rotation: likewise (..., n, 9) or (..., n, 3, 3), row-major, or mat33d or mat33; columns are shapes' axes.
-            part: which of the worlds that sizes were set for these are; None: all.
+            part: the worlds to which these poses belong, among those for which sizes were set; None for all.
 
         Raises:
             ValueError: sizes were set for another number of worlds.
@@ -121,12 +121,12 @@ class World:
         self._fit(position, rotation, math.prod(_leading(position)), 1, part)
 
     def sweep(self, position: Poses, rotation: Poses) -> None:
-        """Take the poses of the shapes at following instants, between which they move as
-        rigcast.kernels.poses.scope says.
+        """Take the poses of the shapes at consecutive instants, between which they move as described in
+        rigcast.kernels.poses.moving.
 
         Args:
-            position: (instants, n, 3) or (worlds, instants, n, 3), else as for `update`. With S = instants - 1, what
-                moves in world w between instants k and k + 1 is span w S + k.
+            position: (instants, n, 3) or (worlds, instants, n, 3), else as for `update`. With S = instants - 1, the
+                motion in world w between instants k and k + 1 is span w S + k.
             rotation: likewise. A shape whose pose is not finite at one end of a span is not hit in that span.
         """
         *worlds, instants = _leading(position)
@@ -134,7 +134,7 @@ class World:
         self._fit(position, rotation, math.prod(worlds), instants)
 
     def _set_movers(self, moves: npt.NDArray[np.bool_]) -> None:
-        """Say which shapes (n,) do not stand still."""
+        """Set the movers of the geometry. moves: (n,) which shapes move."""
         place = np.where(moves, np.cumsum(moves) - 1, -1)
         self.geometry.movers = wp.array(np.flatnonzero(moves), dtype=int, device=self.device)
         self.geometry.place = wp.array(place, dtype=int, device=self.device)
@@ -144,7 +144,7 @@ class World:
         if sizes > count:
             own = slice(0, sizes) if part is None else slice(part.start * count, part.stop * count)
             if own.stop - own.start != worlds * count:
-                raise ValueError(f"got poses of {worlds} worlds, expected {sizes // count}, as sizes were set for")
+                raise ValueError(f"got poses of {worlds} worlds, expected {sizes // count}, for which sizes were set")
             if own != self._taken:
                 self._take_shapes(own)
         self._part = part
@@ -164,7 +164,7 @@ class World:
     def _uploaded(
         self, position: npt.NDArray[np.floating[Any]], rotation: npt.NDArray[np.floating[Any]]
     ) -> tuple[wp.array, wp.array]:
-        """The values in arrays of the world's own, the same ones for as long as they fit."""
+        """Copy the values to arrays of the world's own, which are reused while they fit."""
         count, dtypes = position.size // 3, _DOUBLE if position.dtype == np.float64 else _SINGLE
         if self._uploads is None or self._uploads[0].array.size != count or self._uploads[0].array.dtype != dtypes[0]:
             self._uploads = Upload(count, dtypes[0], self.device), Upload(count, dtypes[1], self.device)
@@ -175,7 +175,7 @@ class World:
 
 
 def _twins(kind: npt.NDArray[np.int32], tree: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """(n,) the last shape before each one that has the same kind and triangle tree, -1 where there is none."""
+    """For each shape (n,), the last earlier one with the same kind and triangle tree; -1 if there is none."""
     order = np.lexsort((kind, tree))
     before, after = order[:-1], order[1:]
     is_same = (tree[after] >= 0) & (tree[after] == tree[before]) & (kind[after] == kind[before])
@@ -185,12 +185,12 @@ def _twins(kind: npt.NDArray[np.int32], tree: npt.NDArray[np.int32]) -> npt.NDAr
 
 
 def _leading(position: Poses) -> tuple[int, ...]:
-    """The axes before those of the shapes and of their coordinates."""
+    """The sizes of the axes before those of shapes and coordinates."""
     return tuple(position.shape[:-1] if isinstance(position, wp.array) else position.shape[:-2])
 
 
 def _moves(position: Poses, rotation: Poses) -> npt.NDArray[np.bool_]:
-    """(n,) which shapes do not stand still through all instants, in any world; all, where poses are on the device."""
+    """Which shapes (n,) move between any two instants in any world; all of them if the poses are on the device."""
     *worlds, instants = _leading(position)
     if isinstance(position, wp.array) or isinstance(rotation, wp.array):
         return np.ones(position.shape[len(worlds) + 1], np.bool_)

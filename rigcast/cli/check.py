@@ -14,8 +14,8 @@ from rigcast.checking import Hit, Report, Row, WrongRay
 from rigcast.checking import check as check_rig
 from rigcast.cli.common.options import Device, JsonFile, ModelPath, Overrides, RigPath, console_beside, say, write_json
 from rigcast.cli.common.ready import ready_rig
+from rigcast.motion.simulation import initial_data
 from rigcast.rig_file import open_rig
-from rigcast.simulation import initial_data
 
 COUNTS = ("rays", "agree", "edge", "wrong")
 

@@ -8,21 +8,28 @@ import mujoco
 import typer
 from rich.console import Console
 
+from rigcast.cli.common.moving import Controller, Motion, MotionRate, moving
 from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say
 from rigcast.cli.common.progress import step_count
 from rigcast.cli.common.ready import ready_rig
+from rigcast.motion.simulation import initial_data
+from rigcast.motion.steps import Step
 from rigcast.rig_file import open_rig
 from rigcast.ros.node import RosNode, require_ros
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
-from rigcast.simulation import initial_data
 
 
 def publish(
     rig: RigPath,
     model: ModelPath = None,
-    duration: Annotated[float | None, typer.Option(help="time to simulate [s]  [default: until Ctrl-C]")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="time to simulate [s]  [default: until Ctrl-C, or the end of the motion]")
+    ] = None,
     speed: Annotated[float, typer.Option(help="simulated seconds per second at most")] = 1.0,
+    controller: Controller = None,
+    motion: Motion = None,
+    motion_rate: MotionRate = None,
     device: Device = None,
     seed: Seed = None,
     overrides: Overrides = None,
@@ -33,23 +40,26 @@ def publish(
     require_ros()
     console = Console(highlight=False)
     config, compiled = open_rig(rig, model, overrides or ())
-    steps = None if duration is None else step_count(compiled, duration)
+    moved = moving(rig, compiled, controller, motion, motion_rate)
+    simulated = moved.duration(duration)
+    steps = None if simulated is None else step_count(compiled, simulated)
     data = initial_data(compiled, config.keyframe)
+    step = moved.step(compiled, data, config.seed if seed is None else seed)
     loaded = ready_rig(console, config, compiled, data, device, seed)
     node = RosNode(compiled, config.sensors, classes=config.classes, props=config.props, options=config.export)
     with node:
         say(console, f"{rig}: publishing {', '.join(spec.name for spec in config.sensors)}; Ctrl-C ends it")
-        frames = _simulate(loaded, data, node, steps, speed)
+        frames = _simulate(loaded, data, step, node, steps, speed)
     say(console, f"published {counted(frames, 'frame')}")
 
 
-def _simulate(rig: Rig, data: mujoco.MjData, node: RosNode, steps: int | None, speed: float) -> int:
+def _simulate(rig: Rig, data: mujoco.MjData, step: Step, node: RosNode, steps: int | None, speed: float) -> int:
     """Step and publish, not faster than `speed`; the number of frames."""
     count = 0
     began, start = perf_counter(), data.time
     node.step(data, ())
     for _ in itertools.count() if steps is None else range(steps):
-        mujoco.mj_step(rig.model, data)
+        step()
         frames = rig.step(data)
         node.step(data, frames)
         count += len(frames)

@@ -12,10 +12,13 @@ from rich.filesize import decimal
 from rich.markup import escape
 from rich.table import Table
 
+from rigcast.cli.common.moving import Controller, Motion, MotionRate, moving
 from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_writable
+from rigcast.motion.simulation import Diverged, Spent, initial_data
+from rigcast.motion.steps import Step
 from rigcast.recording.formats import FORMATS, choose_formats
 from rigcast.recording.layout import INDEX_NAME
 from rigcast.recording.recorder import Recorder
@@ -23,20 +26,27 @@ from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.specs.sensor_spec import SensorSpec
-from rigcast.simulation import Spent, divergence, initial_data
+
+DURATION = 3.0
+"""Time to simulate where nothing says how long [s]."""
 
 
 def run(
     rig: RigPath,
     model: ModelPath = None,
     out: Annotated[Path | None, typer.Option(help="folder to write to  [default: out/<rig>]")] = None,
-    duration: Annotated[float, typer.Option(help="time to simulate [s]")] = 3.0,
+    duration: Annotated[
+        float | None, typer.Option(help="time to simulate [s]  [default: 3, or as long as the motion]")
+    ] = None,
     formats: Annotated[
         str | None,
         typer.Option(
             "--format", help=f"one or more of {','.join(FORMATS)}  [default: exr for cameras, ply for others]"
         ),
     ] = None,
+    controller: Controller = None,
+    motion: Motion = None,
+    motion_rate: MotionRate = None,
     device: Device = None,
     seed: Seed = None,
     overrides: Overrides = None,
@@ -45,21 +55,25 @@ def run(
     console = Console(highlight=False)
     began = perf_counter()
     config, compiled = open_rig(rig, model, overrides or ())
-    steps = step_count(compiled, duration)
+    moved = moving(rig, compiled, controller, motion, motion_rate)
+    asked = moved.duration(duration)
+    simulated = DURATION if asked is None else asked
+    steps = step_count(compiled, simulated)
     folder = Path("out") / rig.stem if out is None else out
     wanted = None if formats is None else split_formats(formats)
     choose_formats(config.sensors, wanted)
     make_writable(folder)  # mistakes are told before anything is compiled
     data = initial_data(compiled, config.keyframe)
+    step = moved.step(compiled, data, config.seed if seed is None else seed)
     loaded = ready_rig(console, config, compiled, data, device, seed)
     how: dict[str, Any] = {"classes": config.classes, "props": config.props, "options": config.export}
     recorder = Recorder(folder, compiled, config.sensors, wanted, **how)
     names = ", ".join(spec.name for spec in config.sensors)
     spent = Spent(loading=perf_counter() - began)
     try:
-        say(console, f"{rig}: {names}; {duration:g} s on {loaded.scene.device}, to {folder}")
+        say(console, f"{rig}: {names}; {simulated:g} s on {loaded.scene.device}, to {folder}")
         with progress(console, steps * compiled.opt.timestep) as report:
-            simulate(loaded, data, steps, recorder, spent, report)
+            simulate(loaded, data, step, steps, recorder, spent, report)
     finally:
         finishing = perf_counter()
         recorder.finish()
@@ -79,12 +93,13 @@ def split_formats(text: str) -> list[str]:
 def simulate(
     rig: Rig,
     data: mujoco.MjData,
+    step: Step,
     steps: int,
     recorder: Recorder,
     spent: Spent,
     report: Callable[[float, int], None],
 ) -> None:
-    """Step the model, sense after every step and write the frames that fell due.
+    """Take so many steps, sense after each and write the frames that fell due.
 
     `report` is called after every step with the time simulated [s] and the frames written so far.
 
@@ -92,11 +107,9 @@ def simulate(
         InputError: the simulation diverged, or a file cannot be written. Earlier frames are whole.
     """
     recorder.step(data, ())
-    for step in range(1, steps + 1):
+    for number in range(1, steps + 1):
         start = perf_counter()
-        time = data.time
-        mujoco.mj_step(rig.model, data)
-        _refuse_divergence(rig.model, data, time, recorder)
+        _take(step, recorder)
         stepped = perf_counter()
         frames = rig.step(data)
         sensed = perf_counter()
@@ -104,13 +117,15 @@ def simulate(
         spent.stepping += stepped - start
         spent.sensing += sensed - stepped
         spent.writing += perf_counter() - sensed
-        report(step * rig.model.opt.timestep, recorder.frames)
+        report(number * rig.model.opt.timestep, recorder.frames)
 
 
-def _refuse_divergence(model: mujoco.MjModel, data: mujoco.MjData, time: float, recorder: Recorder) -> None:
-    reason = divergence(model, data, time)
-    if reason is not None:
-        raise InputError(f"{reason}; {counted(recorder.frames, 'frame')} from before are in {recorder.folder}")
+def _take(step: Step, recorder: Recorder) -> None:
+    try:
+        step()
+    except Diverged as error:
+        written = f"{counted(recorder.frames, 'frame')} from before are in {recorder.folder}"
+        raise InputError(f"{error}; {written}") from None
 
 
 def summary(sensors: Sequence[SensorSpec], recorder: Recorder) -> Table:

@@ -9,13 +9,13 @@ from rich.table import Table
 
 from rigcast.card import angles_deg, arc_deg
 from rigcast.cli.common.options import JsonFile, ModelPath, Overrides, RigPath, console_beside, counted, say, write_json
+from rigcast.motion.simulation import initial_data
 from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.rig.timing.one_state import too_often
 from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.sensor_spec import SensorSpec
-from rigcast.simulation import initial_data
 
 
 def validate(

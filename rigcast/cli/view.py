@@ -15,10 +15,10 @@ from rigcast.cli.common.options import Device, ModelPath, Overrides, counted, sa
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_room_for, replacing
+from rigcast.motion.simulation import initial_data
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.sensor_spec import SensorSpec
-from rigcast.simulation import initial_data
 from rigcast.view.bag import is_bag, read_bag
 from rigcast.view.in_rerun import Moment, load_rerun, show_in_rerun
 from rigcast.view.page import MOST_POINTS, MOST_SHOTS, WIDEST, write_page

@@ -11,10 +11,10 @@ from rich.console import Console
 from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, counted, say
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_writable, replacing
+from rigcast.motion.simulation import initial_data
 from rigcast.rig_file import open_rig
 from rigcast.rig_file.layers import refuse_other_names
 from rigcast.sensors.errors import InputError
-from rigcast.simulation import initial_data
 
 _PERIOD = 0.3  # s between two looks at the files
 

@@ -93,7 +93,8 @@ def open_rig(
     faults += mesh_faults(document, faults)
     compiled, model_faults = (given, []) if given is not None else _own_model(document, faults)
     if compiled is not None:
-        faults += binding_faults(document, faults, compiled)
+        unbound = binding_faults(document, faults, compiled)
+        faults += unbound + _urdf_faults(document, model, unbound)
     if compiled is None or faults:
         raise document.error(faults + model_faults)
     return _config(document), compiled
@@ -139,6 +140,18 @@ def compile_model(path: Path) -> mujoco.MjModel:
     except (ValueError, mujoco.FatalError) as error:
         reason = "; ".join(str(error).splitlines()).replace(":; ", ": ")
         raise InputError(f"{path} does not compile: {reason}") from None
+
+
+def _urdf_faults(
+    document: YamlFile, model: mujoco.MjModel | str | Path | None, unbound: Sequence[Fault]
+) -> list[Fault]:
+    """Why links that a URDF has are not bodies of its model, where a body is not found."""
+    source = document.content.get("model") if model is None else model
+    if not str(source).endswith(".urdf") or not any(fault.message.startswith("no body") for fault in unbound):
+        return []
+    kept = '<mujoco><compiler fusestatic="false" discardvisual="false"/></mujoco>'
+    message = f"MuJoCo merges links of a URDF that are fixed to another, and leaves out visuals; within <robot> {kept}"
+    return [Fault(("model",) if model is None else (), f"{message} keeps both")]
 
 
 def _own_model(document: YamlFile, faults: list[Fault]) -> tuple[mujoco.MjModel | None, list[Fault]]:

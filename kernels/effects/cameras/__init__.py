@@ -1,1 +1,1 @@
-"""What depth cameras make of hits: stereo, time of flight, readings that are lost."""
+"""Effects of depth cameras: stereo, structured light (the first Kinect), time of flight, lost pixels."""

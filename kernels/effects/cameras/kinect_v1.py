@@ -1,8 +1,8 @@
-"""The error of the first Kinect, by two models of depth z [m].
+"""Measurement error of the first Kinect at depth z [m], by two models.
 
 Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction and tracking" (3DIMPVT 2012),
-with theta the angle between the surface's normal and the ray (they turned a board in the middle of the image; of a
-floor below a level camera the angle to the axis would say nothing):
+with theta the angle between the surface's normal and the ray. (They tilted a board in the middle of the image, where
+the ray is the camera's axis. For a floor below a level camera the angle to the axis would be meaningless.)
 
     sigma_z = 0.0012 + 0.0019 (z - 0.4)^2 + (0.0001 / sqrt z) theta^2 / (pi/2 - theta)^2     [m]
     sigma_l = 0.8 + 0.035 theta / (pi/2 - theta)                                             [pixels], across and down
@@ -12,7 +12,7 @@ Bohg et al. round it: pixels shifted by half a pixel, N(0, 1/2) across and down,
 
     z' = 35130 / round(35130 / round(100 z) + N(0, 1/6) + 1/2) / 100
 
-A shift of a pixel is made by casting its ray anew.
+A pixel is shifted by casting its ray anew in another direction.
 """
 
 import warp as wp
@@ -35,13 +35,16 @@ EIGHTHS = wp.constant(35130.0)  # disparity in eighths of a pixel times depth in
 
 @wp.func
 def incidence(normal: wp.vec3, direction: wp.vec3d) -> float:
-    """theta; 0 where nothing was hit."""
+    """The angle theta [rad] between ray and normal; 0 on a miss."""
     return wp.where(wp.length_sq(normal) > 0.0, wp.acos(cos_incidence(normal, direction)), 0.0)
 
 
 @wp.func
 def ray_through(directions: wp.array[wp.vec3d], width: int, height: int, u: float, v: float) -> wp.vec3d:
-    """The direction at a place between pixel centres, bilinear; no farther out than the centres of the last pixels."""
+    """Unit direction through the image point (u, v) [pixels], interpolated bilinearly between pixel centres.
+
+    Points outside the centres of the outermost pixels are clamped to these.
+    """
     across = wp.clamp(u, 0.0, float(width - 1))
     down = wp.clamp(v, 0.0, float(height - 1))
     u0 = wp.min(int(across), wp.max(width - 2, 0))
@@ -67,6 +70,7 @@ def shift_pixels(
     # out:
     shifted: wp.array[wp.vec3d],
 ) -> None:
+    """Write the unit direction of each pixel's ray after its lateral error, N(0, sigma) pixels across and down."""
     i = first + wp.tid()
     sigma = float(0.5)
     if model == NGUYEN:
@@ -80,9 +84,13 @@ def shift_pixels(
 
 
 def shift(model: int, size: tuple[int, int], source: RandomSource, directions: wp.array, normal: wp.array) -> wp.array:
-    """(n,) vec3d, n as of the normals: the rays of an image of this width and height, shifted by the lateral error.
+    """Unit directions (n,) vec3d of an image's rays, shifted by the model's lateral error.
 
-    model: NGUYEN, which needs the normals of what the rays meet, or DISPARITY.
+    Args:
+        model: NGUYEN or DISPARITY.
+        size: (width, height) [pixels]; n is width * height for each world.
+        directions: (width * height,) vec3d, unit, of the pixels, row by row.
+        normal: (n,) of the surfaces hit, in the frame of the directions, 0 on a miss; used by NGUYEN.
     """
     out = wp.empty(normal.size, dtype=wp.vec3d, device=directions.device)
     draws = drawn(source, DRAW_SHIFT, out.size, out.device)
@@ -98,17 +106,22 @@ def keep_depth(
     # in and out:
     distance: wp.array[float],
 ) -> None:
+    """Scale distances along shifted rays to the same depth along the pixels' own rays."""
     i = first + wp.tid()
     distance[i] = distance[i] * float(shifted[i][2] / of_ray(directions, i)[2])
 
 
 def at_own_pixel(distance: wp.array, shifted: wp.array, directions: wp.array) -> None:
-    """Turn distances along shifted rays into those along the pixels' own that have the same depth, in place."""
+    """Convert distances [m] along shifted rays to distances along the pixels' own rays at the same depth, in place.
+
+    Distances that are not finite stay so.
+    """
     launch_over_rays(keep_depth, distance.size, [shifted, directions], [distance], directions.device)
 
 
 @wp.func
 def nguyen_sigma(z: float, theta: float) -> float:
+    """sigma_z [m] of Nguyen's model at depth z [m] and angle theta [rad]."""
     from_normal = theta / wp.max(HALF_PI - theta, 1.0e-6)
     return 0.0012 + 0.0019 * (z - 0.4) * (z - 0.4) + 0.0001 / wp.sqrt(z) * from_normal * from_normal
 
@@ -123,6 +136,7 @@ def disturb_depth(
     # in and out:
     distance: wp.array[float],
 ) -> None:
+    """Add the model's depth error to finite distances with z > 0; others are left as they are."""
     i = first + wp.tid()
     direction = of_ray(directions, i)
     along = float(direction[2])
@@ -140,6 +154,9 @@ def disturb_depth(
 
 
 def measure_depth(model: int, source: RandomSource, directions: wp.array, normal: wp.array, distance: wp.array) -> None:
-    """Give distances the axial error, in place."""
+    """Add the model's error in depth to distances (n,) [m], in place; distances that are not finite stay.
+
+    model: NGUYEN or DISPARITY. normal: (n,) as for `shift`, used by NGUYEN.
+    """
     inputs = [model, drawn(source, DRAW_DEPTH, distance.size, distance.device), directions, normal]
     launch_over_rays(disturb_depth, distance.size, inputs, [distance], distance.device)

@@ -1,4 +1,4 @@
-"""Which pixels of a depth camera give no reading: for want of light, for how a surface lies, or by chance."""
+"""Pixels of a depth camera that give no reading: too little light, too oblique a surface, or by chance."""
 
 import warp as wp
 
@@ -12,17 +12,17 @@ from rigcast.kernels.vectors import of_ray
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-DRAW_LOSS = wp.constant(0)  # draws are told apart within a camera's frame: see stereo, kinect_v1, time_of_flight
+DRAW_LOSS = wp.constant(0)  # unique among the draws of a camera's frame: see stereo, kinect_v1, time_of_flight
 
 
 @wp.struct
 class Losses:
-    """Which pixels are lost: dropout and untextured_dropout are probabilities, the others limits."""
+    """Conditions under which a pixel is lost."""
 
-    dropout: float
-    untextured_dropout: float
-    min_cosine: float
-    min_intensity: float
+    dropout: float  # probability for any pixel
+    untextured_dropout: float  # further probability on an untextured shape
+    min_cosine: float  # least |n . d|
+    min_intensity: float  # least rho |n . d| / R^2 [1/m^2]
 
 
 @wp.kernel
@@ -35,6 +35,7 @@ def lose_some(
     directions: wp.array[wp.vec3d],
     hits: Out,  # distance in and out
 ) -> None:
+    """Set the distance of lost pixels to NaN; pixels without a hit are left as they are."""
     i = first + wp.tid()
     shape = hits.shape[i]
     distance = hits.distance[i]
@@ -57,7 +58,13 @@ def lose(
     reflectivity: wp.array,
     textured: wp.array,
 ) -> None:
-    """Make the distance NaN where a pixel is lost. reflectivity, textured: of each shape."""
+    """Set the distance of lost pixels to NaN, in place; pixels without a hit are left as they are.
+
+    Args:
+        hits: (n,), with normals in the frame of the directions.
+        reflectivity: (shapes,) float32, 0 to 1.
+        textured: (shapes,) bool.
+    """
     count, device = hits.distance.size, directions.device
     inputs = [losses, drawn(source, DRAW_LOSS, count, device), reflectivity, textured, directions]
     launch_over_rays(lose_some, count, inputs, [hits.out()], device)

@@ -1,13 +1,13 @@
-"""What a stereo camera makes of the depth that it looks at.
+"""Measurement of depth by a stereo camera.
 
-With focal length f [pixels] and baseline B [m] a point at depth z is seen with the disparity d = f |B| / z between the
-camera and the second imager, or the projector, at (B, 0, 0) in the optical frame. The camera
+With focal length f [pixels] and baseline B [m], a point at depth z has the disparity d = f |B| / z between the camera
+and the second imager, or projector, at (B, 0, 0) in the optical frame. The camera
 
-- does not match points that the second imager does not see: a ray from there to the point meets something before it;
+- does not match points hidden from the second imager: a ray from there to the point meets something before it;
 - matches windows, so that a foreground's edge grows into the background by half a window ("foreground fattening":
   Scharstein and Szeliski, IJCV 47, 2002, sec. 5);
-- measures d with an error of standard deviation s, which is sigma_z = z^2 s / (f |B|) in depth, in steps, and up to a
-  greatest disparity, so that nearer surfaces are not found.
+- measures d with an error of standard deviation s [pixels], which is sigma_z = z^2 s / (f |B|) in depth; rounds it to
+  steps; and finds no surface nearer than the depth of a greatest disparity.
 """
 
 from dataclasses import dataclass
@@ -27,13 +27,14 @@ from rigcast.kernels.vectors import of_ray, to_double, to_float
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 DRAW_DISPARITY = wp.constant(1)
-EDGE = wp.constant(1.0)  # [pixels] of disparity by which a neighbour in front of the own surface is an edge
-SAME_SURFACE = wp.constant(1.0e-4)  # [m] at 1 m, faced: what two casts to one point may differ by, 4 times and more
+EDGE = wp.constant(1.0)  # disparity [pixels] by which a pixel must be in front of a surface to be an edge
+SAME_SURFACE = wp.constant(1.0e-4)  # tolerance [m] at 1 m, facing: at least 4 times the error of two casts to a point
 
 
 @wp.struct
 class StereoPair:
-    """width, height of the image, focal length fx and principal point cx [pixels]; baseline [m], signed."""
+    """Geometry of a stereo pair: image width and height, focal length fx and principal point cx [pixels], signed
+    baseline [m]."""
 
     width: int
     height: int
@@ -44,14 +45,14 @@ class StereoPair:
 
 @wp.struct
 class Lines:
-    """Rays, n of each world or the same n in all, and how far each goes."""
+    """Rays with directions per ray of each world, or of one world for all, and the distance [m] of each."""
 
     directions: wp.array[wp.vec3d]
     distance: wp.array[float]
 
 
 def lines_of(directions: wp.array, distance: wp.array) -> Lines:
-    """Arrays in a struct, for Warp compiles a kernel twice that is given any by itself."""
+    """Lines of these arrays. A struct, because Warp compiles a kernel twice if arrays are its arguments."""
     lines = Lines()
     lines.directions, lines.distance = directions.flatten(), distance
     return lines
@@ -59,13 +60,16 @@ def lines_of(directions: wp.array, distance: wp.array) -> Lines:
 
 @wp.func
 def depth_of_disparity(pair: StereoPair, disparity: float) -> float:
-    """z = f |B| / d, and the other way round."""
+    """Depth z = f |B| / d [m] of a disparity [pixels], or the disparity of a depth."""
     return pair.focal * wp.abs(pair.baseline) / disparity
 
 
 @wp.kernel
 def look_from_second(first: int, baseline: float, seen: Lines, second: Lines) -> None:
-    """Rays from the second imager to the points; where there is no point, to one that is infinitely far away."""
+    """Write rays from the second imager to the points of `seen`, with their lengths.
+
+    Where the distance is not finite, the ray keeps its direction and its length is +inf.
+    """
     i = first + wp.tid()
     direction = of_ray(seen.directions, i)
     distance = seen.distance[i]
@@ -80,7 +84,11 @@ def look_from_second(first: int, baseline: float, seen: Lines, second: Lines) ->
 
 @wp.kernel
 def hide_unseen(first: int, pair: StereoPair, second: Lines, met: Out, hits: Out) -> None:
-    """Hits that the second imager sees keep their distance; `met` is what its rays meet."""
+    """Set the distance of hits that the second imager does not see to NaN.
+
+    second: rays from the second imager to the hits. met: their hits. A hit is not seen if its ray meets something
+    nearer, or if it is outside the second image, which is as wide as the first.
+    """
     i = first + wp.tid()
     if not wp.isfinite(hits.distance[i]):
         return
@@ -88,7 +96,7 @@ def hide_unseen(first: int, pair: StereoPair, second: Lines, met: Out, hits: Out
     length = second.distance[i]
     column = pair.focal * float(ray[0] / ray[2]) + pair.centre
     is_in_picture = ray[2] > wp.float64(0.0) and column >= 0.0 and column <= float(pair.width)
-    # the error of a distance grows as the surface turns away
+    # the error of a distance grows as 1 / |cos|
     slack = SAME_SURFACE * (1.0 + length) / wp.max(cos_incidence(hits.normal[i], ray), 1.0e-3)
     if met.distance[i] < length - slack or not is_in_picture:
         hits.distance[i] = wp.nan
@@ -96,14 +104,14 @@ def hide_unseen(first: int, pair: StereoPair, second: Lines, met: Out, hits: Out
 
 @dataclass(frozen=True)
 class SecondView:
-    """Rays from the second imager to what the camera sees, and the distance of that [m]."""
+    """Rays from the second imager to the camera's hits, and their lengths [m], +inf where there is no hit."""
 
     rays: Rays
     length: wp.array
 
 
 def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
-    """From the second imager to each hit of the camera's rays."""
+    """The rays from the second imager to each hit of the camera's rays."""
     device = rays.directions.device
     towards = wp.empty(hits.distance.size, dtype=wp.vec3d, device=device)
     length = wp.empty(hits.distance.size, dtype=float, device=device)
@@ -114,17 +122,20 @@ def second_view(hits: HitArrays, rays: Rays, pair: StereoPair) -> SecondView:
 
 
 def hide(hits: HitArrays, view: SecondView, met: HitArrays, pair: StereoPair) -> None:
-    """Make the distance NaN of hits that the second imager does not see, where its rays met something else."""
+    """Set the distance of hits that the second imager does not see to NaN, in place. met: hits of the view's rays."""
     inputs = [pair, lines_of(view.rays.directions, view.length), met.out()]
     launch_over_rays(hide_unseen, hits.distance.size, inputs, [hits.out()], hits.distance.device)
 
 
 @wp.kernel
 def fatten_edges(first: int, pair: StereoPair, half: int, surface: Out, matched: Lines, out: Out) -> None:
-    """The nearest surface in the window that stands out from the plane of the own one.
+    """Give each pixel the depth, shape and normal of the nearest surface in its window that is an edge.
 
-    `matched` is what is matched of the surface that is there. On the plane n . p = c the inverse depth along a ray
-    (x, y, 1) is n . (x, y, 1) / c: a slanted surface is no edge.
+    A pixel of the window is an edge if its disparity exceeds that of the plane of the pixel's own surface by EDGE. On
+    the plane n . p = c the inverse depth along a ray (x, y, 1) is n . (x, y, 1) / c, so a slanted surface is no edge.
+    Without an edge a pixel keeps its own surface.
+
+    surface: the hits. matched: distance [m] of each pixel, NaN where it is not matched. half: of the window [pixels].
     """
     i = first + wp.tid()
     ray = of_ray(matched.directions, i)
@@ -155,7 +166,10 @@ def fatten_edges(first: int, pair: StereoPair, half: int, surface: Out, matched:
 
 
 def fatten(surface: HitArrays, matched: wp.array, directions: wp.array, pair: StereoPair, window: int) -> HitArrays:
-    """What windows of an odd number of pixels match, where `matched` is the distance of each pixel, or NaN."""
+    """Hits after matching windows of `window` pixels, an odd number; see fatten_edges.
+
+    matched: (n,) float32 [m], the distance of each pixel of `surface`; NaN where it is not matched.
+    """
     out = HitArrays.empty(matched.size, matched.device)
     inputs = [pair, window // 2, surface.out(), lines_of(directions, matched)]
     launch_over_rays(fatten_edges, matched.size, inputs, [out.out()], matched.device)
@@ -164,6 +178,11 @@ def fatten(surface: HitArrays, matched: wp.array, directions: wp.array, pair: St
 
 @wp.func
 def disturb(i: int, chance: float, pair: StereoPair, std: float, step: float, greatest: float, seen: Lines) -> None:
+    """Add the error of the measured disparity to distance i.
+
+    d' = d + std * chance, rounded to multiples of `step` if that is > 0 [pixels]. The distance becomes +inf if d' <= 0,
+    -inf if d' > greatest, NaN if the depth is not positive. One that is not finite stays.
+    """
     along = float(of_ray(seen.directions, i)[2])
     z = seen.distance[i] * along
     if not wp.isfinite(seen.distance[i]):
@@ -193,6 +212,7 @@ def disturb_disparity(
     draws: Draws,
     seen: Lines,  # distance in and out
 ) -> None:
+    """Add the error of the measured disparity to all distances; see `disturb`."""
     i = (first + wp.tid()) * run
     end = wp.min(i + run, seen.distance.shape[0])
     while i < end:
@@ -210,7 +230,15 @@ def measure_disparity(
     step: float,
     greatest: float,
 ) -> None:
-    """Give distances the error of a measured disparity [pixels], in place; beyond the greatest it is -inf."""
+    """Add the error of the measured disparity to distances [m], in place.
+
+    Distances become +inf for a measured disparity <= 0 and -inf for one above `greatest`; those not finite stay.
+
+    Args:
+        std: standard deviation of the disparity [pixels].
+        step: the disparity is rounded to multiples of it [pixels]; 0 for none.
+        greatest: the largest disparity that is found [pixels].
+    """
     count, device = hits.distance.size, directions.device
     inputs = [pair, std, step, greatest, drawn(source, DRAW_DISPARITY, count, device)]
     launch_over_runs(disturb_disparity, count, inputs, [lines_of(directions, hits.distance)], device)

@@ -1,8 +1,8 @@
-"""What a time-of-flight camera makes of the ranges in its pixels.
+"""Measurement of range by a time-of-flight camera.
 
-A pixel measures the mean of the ranges in it, each weighted by the light that returns from there, rho |n . d| / R^2
-("flying pixels" where they differ). A phase tells ranges apart only up to c / (2 f), where f is the modulation's
-frequency; farther ones wrap.
+A pixel measures the mean of the ranges within it, weighted by the returned light rho |n . d| / R^2; where these ranges
+differ it is a "flying pixel". Phase is unambiguous up to the range c / (2 f), where f is the modulation frequency;
+larger ranges wrap around.
 """
 
 import warp as wp
@@ -30,6 +30,7 @@ def mix_subrays(
     hits: Out,
     mixed: Out,
 ) -> None:
+    """Write the reading of each pixel from its sub-rays; see `mix`."""
     i = first + wp.tid()
     light = float(0.0)
     light_times_range = float(0.0)
@@ -53,7 +54,16 @@ def mix_subrays(
 
 
 def mix(hits: HitArrays, directions: wp.array, reflectivity: wp.array, subrays: int) -> HitArrays:
-    """One reading per pixel from its sub-rays, which follow each other; shape and normal are the brightest one's."""
+    """One reading per pixel: the mean range of its sub-rays' hits by returned light, with the shape and normal of the
+    brightest.
+
+    If no sub-ray hits, distance, shape and normal are those of the first: +inf or NaN, -1, 0. `face` is not written.
+
+    Args:
+        hits: sub-ray j of pixel i is entry i * subrays + j; normals in the frame of the directions.
+        directions: vec3d, unit, of the sub-rays, of one world or of all.
+        reflectivity: (shapes,) float32, 0 to 1.
+    """
     device = directions.device
     mixed = HitArrays.empty(hits.distance.size // subrays, device)
     inputs = [subrays, reflectivity, directions, hits.out()]
@@ -72,6 +82,7 @@ def disturb_range(
     draws: Draws,
     out: Out,  # in and out
 ) -> None:
+    """Add bias and noise to finite distances and wrap them; see `measure_range`."""
     i = (first + wp.tid()) * run
     end = wp.min(i + run, out.distance.shape[0])
     while i < end:
@@ -87,7 +98,10 @@ def disturb_range(
 def measure_range(
     hits: HitArrays, source: RandomSource, *, std: float, bias: float, bias_per_metre: float, wrap: float
 ) -> None:
-    """Give distances [m] bias, noise and, where `wrap` [m] is finite, the remainder by it, in place."""
+    """Add bias and noise to distances R [m], in place: R + bias + bias_per_metre R + N(0, std), modulo `wrap`.
+
+    Distances that are not finite stay. std, bias: [m]. bias_per_metre: [m/m]. wrap: ambiguity range [m], inf for none.
+    """
     count, device = hits.distance.size, hits.distance.device
     inputs = [std, bias, bias_per_metre, wrap, drawn(source, DRAW_RANGE, count, device)]
     launch_over_runs(disturb_range, count, inputs, [hits.out()], device)

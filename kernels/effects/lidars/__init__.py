@@ -1,1 +1,1 @@
-"""What lidars make of hits: beams, echoes and returns, ranges, weather."""
+"""Effects of lidars: beams, echoes, returns, ranging, weather."""

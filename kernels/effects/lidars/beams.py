@@ -1,10 +1,10 @@
-"""Where the light of a lidar goes: beams turned by angular noise and spread over their divergence.
+"""Directions of a lidar's light: beams with angular noise, and sub-rays spread over the beam's divergence.
 
-A direction d is turned by small angles about the vertical and the horizontal, a = (a_h, a_v) [rad]:
+A direction d is deflected sideways and upwards by small angles a = (a_h, a_v) [rad]:
 
     d' = cos |a| d + sin |a| (a_h h + a_v v) / |a|,   h = z x d / |z x d|,   v = d x h
 
-with z the up axis of the sensor's frame. Sub-ray s of beam i is ray i S + s.
+with z the up axis of the sensor's frame. With S sub-rays per beam, sub-ray s of beam i is ray i S + s.
 """
 
 import math
@@ -28,8 +28,8 @@ NEARLY_VERTICAL = wp.constant(wp.float64(1.0e-9))
 def hexagonal_rings(rings: int, width: tuple[float, float]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Sub-rays over the cross-section of a Gaussian beam: one in the middle, 6 k on ring k.
 
-    width: full widths across and up [rad] at which the irradiance exp(-2 r^2) has fallen to 1 / e^2 of the middle's.
-    Ring k has radius k / (rings + 1/2) of the half widths, so that every sub-ray stands for the same area.
+    width: full widths (across, up) [rad] at which the irradiance exp(-2 r^2) has fallen to 1 / e^2 of that in the
+    middle. Ring k has radius k / (rings + 1/2) of the half widths, so that all sub-rays represent equal areas.
 
     Returns:
         Angles (n, 2) float32 [rad], the middle first, and weights (n,) float32 with sum 1.
@@ -44,7 +44,7 @@ def hexagonal_rings(rings: int, width: tuple[float, float]) -> tuple[npt.NDArray
 
 @wp.func
 def horizontal_of(d: wp.vec3d) -> wp.vec3d:
-    """Unit, across d and the z axis; +y where d is along z."""
+    """The unit vector h = z x d / |z x d|; +y if d is along z."""
     across = wp.sqrt(d[0] * d[0] + d[1] * d[1])
     if across < NEARLY_VERTICAL:
         return wp.vec3d(wp.float64(0.0), wp.float64(1.0), wp.float64(0.0))
@@ -53,6 +53,7 @@ def horizontal_of(d: wp.vec3d) -> wp.vec3d:
 
 @wp.func
 def turned(d: wp.vec3d, h: wp.vec3d, v: wp.vec3d, angles: wp.vec2) -> wp.vec3d:
+    """The direction d deflected by angles (a_h, a_v) [rad], by this module's equation."""
     side = wp.float64(angles[0]) * h + wp.float64(angles[1]) * v
     angle = wp.length(side)
     if angle == wp.float64(0.0):
@@ -71,6 +72,7 @@ def aim_beams(
     # out, spread.size for each direction:
     aimed: wp.array[wp.vec3d],
 ) -> None:
+    """Write the directions of all sub-rays of each beam, with the same noise for the sub-rays of a beam."""
     i = first + wp.tid()
     d = of_ray(directions, i)
     h = horizontal_of(d)
@@ -90,9 +92,10 @@ def repeat_origins(first: int, origins: wp.array[wp.vec3d], times: int, repeated
 
 
 def aim(rays: Rays, spread: wp.array, source: RandomSource, angle_std: float, worlds: int = 1) -> wp.array:
-    """(worlds n S,) vec3d directions of the sub-rays of n rays, in their frame.
+    """Unit directions (worlds n S,) vec3d of the S sub-rays of n rays, in the rays' frame.
 
-    spread: (S,) vec2 [rad]. angle_std: standard deviation of the noise about each of the two axes [rad].
+    spread: (S,) vec2 [rad], deflection of each sub-ray. angle_std: standard deviation of the noise of a_h and of a_v
+    [rad].
     """
     count, device = worlds * rays.directions.size, rays.directions.device
     aimed = wp.empty(count * spread.size, dtype=wp.vec3d, device=device)
@@ -102,7 +105,7 @@ def aim(rays: Rays, spread: wp.array, source: RandomSource, angle_std: float, wo
 
 
 def repeated(origins: wp.array, times: int) -> wp.array:
-    """(n times,) each origin so many times in a row; a single one stays single."""
+    """Origins (n times,), each repeated `times` times in a row; a single origin, for all rays, stays single."""
     if origins.size == 1 or times == 1:
         return origins
     out = wp.empty(origins.size * times, dtype=wp.vec3d, device=origins.device)

@@ -1,20 +1,17 @@
-"""What comes back of a lidar's light from the surfaces that it meets.
+"""Echoes of a lidar's light from the surfaces that it meets.
 
-The received power of a surface that reflects the share rho of the light in all directions (Lambert), relative to that
-of a white one facing the sensor at 1 m, after Kilic et al., "Lidar light scattering augmentation (LISA)", 2021,
-arXiv 2107.07004:
+The received power from a Lambertian surface of reflectivity rho, relative to that of a white surface facing the sensor
+at 1 m, is after Kilic et al., "Lidar light scattering augmentation (LISA)", 2021, arXiv 2107.07004:
 
     P = rho cos(theta) exp(-2 a R) / R^2
 
-with theta the angle of incidence, R the range and a the extinction of the air. A surface lets the share T of the light
-through and reflects s of the rest as a mirror. Its echo is then
+with theta the angle of incidence, R the range [m] and a the extinction of the air [1/m]. A surface transmits the share
+T of the light and reflects the share s of the rest as a mirror. Its echo is then
 
     P = (1 - T) ((1 - s) rho cos(theta) + s [theta <= lobe]) exp(-2 a R) / R^2
 
-and T^2 of the power is left of what lies behind it, on the way out and back. What a mirror shows beyond that lobe has
-((1 - T) s)^2 of the power, and is found by the receiver where its light seems to come from: straight on.
-
-Echoes stand in slots: that of sub-ray s at the l-th surface of beam i, of n with S sub-rays each, is (l S + s) n + i.
+Echoes from behind it keep T^2 of their power, for the ways out and back. Beyond the lobe a mirror sends light aside;
+echoes of what that light meets keep ((1 - T) s)^2 of their power, and the receiver locates them straight ahead.
 """
 
 import math
@@ -38,7 +35,7 @@ SHALLOWEST = wp.constant(0.05)  # least cosine by which the way past a surface i
 
 @wp.struct
 class SurfaceArrays:
-    """How each shape reflects: diffuse reflectivity, share let through, mirror share of the rest."""
+    """Optics of each shape, (shapes,): diffuse reflectivity rho, transmission T, mirror share s of the rest."""
 
     reflectivity: wp.array[float]
     transmission: wp.array[float]
@@ -47,21 +44,27 @@ class SurfaceArrays:
 
 @wp.struct
 class Echoes:
-    """Echoes in slots. distance +inf where there is none, NaN where the beam itself is not finite."""
+    """Echoes, or returns, of a number of beams, in arrays (slots * beams,).
 
-    distance: wp.array[float]
-    power: wp.array[float]
+    An echo of beam i in slot q is entry q * beams + i. The l-th surface that sub-ray s meets, of S sub-rays per beam,
+    has slot q = l * S + s. What a mirror shows counts as one more surface; rain and fog take the last two slots. The
+    returns of `returns.choose` are ordered by beam instead: return k of beam i is entry i * per_beam + k.
+    """
+
+    distance: wp.array[float]  # range along the beam [m]; +inf for no echo, NaN for a beam that is not finite
+    power: wp.array[float]  # P as above; 0 for no echo
+    # of the surface that is hit; not defined where there is no echo:
     shape: wp.array[int]
     face: wp.array[int]
-    normal: wp.array[wp.vec3]
+    normal: wp.array[wp.vec3]  # unit, in the world
 
 
 @wp.struct
 class Paths:
-    """Light on its way, one per sub-ray, in the rays' frame. A direction of NaN is light that does not go on.
+    """Paths of light in the rays' frame, one per sub-ray. A direction of NaN marks light that has ended.
 
-    travelled: from the sensor to the origin [m]. share: of the power that is left. Any of these may be the same in all
-    worlds, as light leaves the sensor, and origin the same for all.
+    origin: [m]. travelled: length of the path from the sensor to the origin [m]. share: of the power that is left, 0 to
+    1. Each array has one entry per path, or per path of one world for all worlds; origin may also have just one.
     """
 
     direction: wp.array[wp.vec3d]
@@ -72,10 +75,10 @@ class Paths:
 
 @dataclass(frozen=True)
 class Setting:
-    """What the light of one reading meets.
+    """The conditions of one reading.
 
-    rays: whose light it is, before it meets anything. limit: the farthest echo [m]. extinction: of the air [1/m].
-    lobe: half angle within which a mirror sends light back to the receiver [rad]. sub_rays: of each beam.
+    rays: as they leave the sensor. limit: range of the farthest echo [m]. extinction: of the air [1/m]. lobe: half
+    angle within which a mirror reflects light back to the receiver [rad]. sub_rays: number per beam.
     """
 
     surfaces: SurfaceArrays
@@ -88,12 +91,13 @@ class Setting:
 
 @wp.func
 def stopped() -> wp.vec3d:
+    """The direction, NaN, of light that has ended."""
     return wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
 
 
 @wp.func
 def spread_power(share: float, distance: float, extinction: float) -> float:
-    """share exp(-2 a R) / R^2."""
+    """The power share exp(-2 a R) / R^2, with R at least NEAREST in the denominator."""
     nearest = wp.max(distance, NEAREST)
     if extinction > 0.0:
         share *= wp.exp(-2.0 * extinction * distance)
@@ -102,14 +106,17 @@ def spread_power(share: float, distance: float, extinction: float) -> float:
 
 @wp.func
 def diffuse_share(surfaces: SurfaceArrays, shape: int, cosine: float) -> float:
-    """(1 - T) (1 - s) rho cos(theta)."""
+    """The share (1 - T) (1 - s) rho cos(theta) of diffuse reflection."""
     opaque = 1.0 - surfaces.transmission[shape]
     return opaque * (1.0 - surfaces.mirror[shape]) * surfaces.reflectivity[shape] * cosine
 
 
 @wp.func
 def go_on(paths: Paths, j: int, direction: wp.vec3d, distance: float, share: float, out: Paths) -> None:
-    """Light that goes on from this far along path j, a share of it each way."""
+    """Continue path j in `out` from a point at this distance [m] on it.
+
+    share: of the light that passes that point on the way out, and again on the way back.
+    """
     out.direction[j] = direction
     out.origin[j] = of_ray(paths.origin, j) + wp.float64(distance) * of_ray(paths.direction, j)
     out.travelled[j] = paths.travelled[within(j, paths.travelled.shape[0])] + distance
@@ -118,7 +125,10 @@ def go_on(paths: Paths, j: int, direction: wp.vec3d, distance: float, share: flo
 
 @wp.struct
 class Meeting:
-    """Surfaces, what of them is hit, and the light that meets them, as in Setting; the slots of its echoes."""
+    """Setting as a struct for kernels, with the paths, their hits, and the first slot of their echoes.
+
+    hits: of the paths, entry j for path j; normals in the world.
+    """
 
     surfaces: SurfaceArrays
     hits: Out
@@ -133,7 +143,7 @@ class Meeting:
 
 @wp.func
 def slot_of(meeting: Meeting, j: int) -> int:
-    """Of the echo of path j."""
+    """Index in Echoes' arrays of the echo of path j, the path of sub-ray j % sub_rays of beam j / sub_rays."""
     paths = meeting.hits.distance.shape[0]
     if meeting.sub_rays == 1:
         return meeting.first_slot * paths + j
@@ -142,6 +152,17 @@ def slot_of(meeting: Meeting, j: int) -> int:
 
 @wp.func
 def reflect_path(meeting: Meeting, j: int, echoes: Echoes, beyond: Paths, aside: Paths) -> None:
+    """Write the echo of path j's hit, and the paths of the light that goes on from there.
+
+    The echo has the range of the whole path, path.travelled + hit distance [m], and the power of this module's
+    equation times the path's share. Without a hit, or beyond the limit, its distance is +inf and its power 0; at the
+    first surface (first_slot = 0) a miss keeps its distance, so that NaN marks a beam that is not finite. shape, face
+    and normal are written only for an echo.
+
+    beyond: path j goes on behind the surface if that transmits light, else its direction becomes NaN. aside: path j
+    goes on in the mirrored direction, for the first mirror on the way that the light meets outside the lobe. Both begin
+    a step of 1e-5 (1 + distance) / cos(theta) off the surface, so as not to hit it again, and both may be empty.
+    """
     hits = meeting.hits
     paths = meeting.paths
     surfaces = meeting.surfaces
@@ -177,12 +198,10 @@ def reflect_path(meeting: Meeting, j: int, echoes: Echoes, beyond: Paths, aside:
     echoes.face[slot] = hits.face[j]
     echoes.normal[slot] = hits.normal[j]
     let_through = surfaces.transmission[hit]
-    # a little on, so as not to hit the same surface again
     step = 1.0e-5 * (1.0 + distance) / wp.max(cosine, SHALLOWEST)
     if beyond.direction.shape[0] > 0 and let_through > 0.0:
         go_on(paths, j, direction, distance + step, let_through, beyond)
     is_seen_aside = aside.direction.shape[0] > 0 and mirrored > 0.0 and cosine < meeting.lobe_cosine
-    # one bounce: the first mirror on the way
     # nested, as older versions of Warp evaluate the whole of an `and`, and aside may be empty
     if is_seen_aside:  # noqa: SIM102
         if not wp.isfinite(aside.direction[j]):
@@ -200,6 +219,7 @@ def reflect_paths(
     beyond: Paths,
     aside: Paths,
 ) -> None:
+    """Write the echoes and continued paths of all paths; see `reflect_path`."""
     j = (first + wp.tid()) * run
     end = wp.min(j + run, meeting.hits.distance.shape[0])
     while j < end:
@@ -208,7 +228,7 @@ def reflect_paths(
 
 
 def new_echoes(slots: int, beams: int, device: wp.DeviceLike) -> Echoes:
-    """Room for echoes, not yet written."""
+    """Uninitialised arrays for echoes in `slots` slots of each beam."""
     count = slots * beams
     echoes = Echoes()
     echoes.distance = wp.empty(count, dtype=float, device=device)
@@ -220,7 +240,7 @@ def new_echoes(slots: int, beams: int, device: wp.DeviceLike) -> Echoes:
 
 
 def started(rays: Rays, travelled: wp.array, share: wp.array) -> Paths:
-    """The light of rays as it leaves the sensor."""
+    """Paths of the rays as they leave the sensor. travelled, share: arrays of 0 and of the light's shares."""
     paths = Paths()
     paths.direction, paths.origin = rays.directions.flatten(), rays.origins.flatten()
     paths.travelled, paths.share = travelled, share
@@ -228,7 +248,7 @@ def started(rays: Rays, travelled: wp.array, share: wp.array) -> Paths:
 
 
 def new_paths(count: int, device: wp.DeviceLike) -> Paths:
-    """Room for light that goes on, none of which does yet; with count 0 nothing ever goes on."""
+    """Paths for light that goes on, all marked as ended; with count 0 no light is followed."""
     paths = Paths()
     nan = wp.vec3d(wp.nan, wp.nan, wp.nan)
     paths.direction = wp.full(count, nan, dtype=wp.vec3d, device=device)
@@ -240,9 +260,12 @@ def new_paths(count: int, device: wp.DeviceLike) -> Paths:
 def reflect(
     setting: Setting, hits: HitArrays, paths: Paths, first_slot: int, echoes: Echoes, beyond: Paths, aside: Paths
 ) -> None:
-    """Write the echo of each path's hit to the slots from first_slot on, and the light that goes on.
+    """Write the echo of each path's hit to slots first_slot, ... first_slot + sub_rays - 1, and the light that goes on.
 
-    beyond: what goes through a surface. aside: what the first mirror throws elsewhere.
+    Args:
+        hits: of the paths, with normals in the world.
+        beyond: out, paths of light transmitted by the surfaces; empty to drop it.
+        aside: in and out, paths of light that the first mirror on the way sends aside; empty to drop it.
     """
     meeting = Meeting()
     meeting.surfaces, meeting.hits, meeting.paths = setting.surfaces, hits.out(), paths

@@ -1,16 +1,16 @@
-"""What a receiver makes of a return: a range with its noise, rounded and within limits, and an intensity.
+"""Measurement of returns by a lidar's receiver: range with noise, resolution and limits; intensity; losses.
 
-The range of a return of power P has a normal error of variance
+The range R of a return of power P has a normal error of variance
 
     range_std^2 + dR^2 / (2 SNR) + (k (1 - exp(-rain))^2 R)^2,   SNR = P / P_min
 
-of which the second term is that of Kilic et al. 2021 (arXiv 2107.07004) and the third that of Goodin et al.,
-"Predicting the influence of rain on LIDAR in ADAS", Electronics 8(1), 2019. A return is lost with the probability
+where the second term is from Kilic et al. 2021 (arXiv 2107.07004) and the third from Goodin et al., "Predicting the
+influence of rain on LIDAR in ADAS", Electronics 8(1), 2019. A return is lost with the probability
 
     1 - (1 - dropout) (1 - dark_dropout max(0, 1 - intensity / dark_limit))
 
-the second factor being that of CARLA's lidar. Intensity is P R^2: what a white surface facing the sensor would have to
-reflect instead, 1 for that surface itself in clear air.
+where the second factor is that of CARLA's lidar. Intensity is P R^2: the reflectivity of a surface that would return
+the same power facing the sensor in clear air.
 """
 
 import warp as wp
@@ -23,26 +23,32 @@ from .echoes import Echoes
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-DRAW_RETURN = wp.constant(1)  # and the one after it, for the second return
+DRAW_RETURN = wp.constant(1)  # the second return uses the next one
 
 
 @wp.struct
 class RangeNoise:
-    """As in the module's equations; power_std: dR sqrt(P_min / 2), rain_std: k (1 - exp(-rain))^2. [m] or shares."""
+    """Parameters of the module's equations."""
 
-    range_std: float
-    power_std: float
-    rain_std: float
-    resolution: float  # [m], 0 for none
-    dropout: float
-    dark_dropout: float
-    dark_limit: float
+    range_std: float  # [m]
+    power_std: float  # dR sqrt(P_min / 2) [m]
+    rain_std: float  # k (1 - exp(-rain))^2, a share of the range
+    resolution: float  # ranges are rounded to multiples of it [m]; 0 for none
+    dropout: float  # probability
+    dark_dropout: float  # probability at intensity 0
+    dark_limit: float  # intensity from which dark_dropout has no effect
 
 
 @wp.func
 def measure_return(
     k: int, numbers: wp.vec4, noise: RangeNoise, min_range: float, max_range: float, returns: Echoes
 ) -> None:
+    """Turn return k into a measurement in place.
+
+    The distance [m] gets noise and is rounded; it becomes +inf if the return is lost or beyond max_range, -inf below
+    min_range; one that is not finite stays. The power becomes the intensity, 0 without a reading. Where a reading is
+    dropped, the shape becomes -1 and the normal 0. numbers: of the return, see `draws.drawn`.
+    """
     d = returns.distance[k]
     intensity = returns.power[k] * d * d
     returns.power[k] = 0.0
@@ -76,12 +82,13 @@ def measure_returns(
     first: int,
     run: int,  # returns per thread
     noise: RangeNoise,
-    draws: Draws,  # the first of all beams, then the second
+    draws: Draws,  # of the first return of all beams, then of the second
     per_beam: int,
     min_range: float,
     max_range: float,
     returns: Echoes,  # in and out
 ) -> None:
+    """Turn all returns into measurements; see `measure_return`."""
     k = (first + wp.tid()) * run
     end = wp.min(k + run, returns.distance.shape[0])
     beams = returns.distance.shape[0] / per_beam
@@ -96,9 +103,14 @@ def measure_returns(
 def measure(
     returns: Echoes, per_beam: int, noise: RangeNoise, source: RandomSource, limits: tuple[float, float]
 ) -> None:
-    """Turn returns into measurements in place: +inf where one is lost or beyond the limits [m], -inf nearer than them.
+    """Turn returns into measurements in place.
 
-    Their power is overwritten with the intensity, 0 where there is no return.
+    The distance [m] becomes +inf if a return is lost or beyond the upper limit, -inf below the lower one; +inf and NaN
+    stay. The power becomes the intensity P R^2, 0 where there is no reading.
+
+    Args:
+        returns: return k of beam i is entry i * per_beam + k.
+        limits: (min_range, max_range) [m].
     """
     count, device = returns.distance.size, returns.distance.device
     draws = drawn(source, DRAW_RETURN, count // per_beam, device, per_beam)

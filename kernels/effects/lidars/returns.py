@@ -1,8 +1,9 @@
-"""From the echoes of each beam to the returns that the receiver reports.
+"""Selection of the returns that a receiver reports from the echoes of each beam.
 
-Echoes that follow each other by less than the gap c tau / 2 of a pulse of length tau are one to the receiver: their
-powers add up, and their range is the mean by power, between the surfaces that a beam straddles (a mixed pixel). Of the
-groups whose power reaches the least that is detected, the first, the last, the strongest, or two are reported.
+A receiver does not separate echoes closer than the gap c tau / 2 of a pulse of length tau. Such a group of echoes is
+one return: its power is their sum and its range their mean weighted by power, which lies between the surfaces that a
+beam straddles (a mixed pixel). Of the groups with at least the detectable power, it reports the first, the last, the
+strongest, or two. Slots are laid out as in rigcast.kernels.effects.lidars.echoes.Echoes.
 """
 
 import warp as wp
@@ -17,12 +18,16 @@ FIRST = wp.constant(0)
 LAST = wp.constant(1)
 STRONGEST = wp.constant(2)
 DUAL = wp.constant(3)
-WEAKEST = wp.constant(1.0e-20)  # least weight of an echo: a black surface has a range too
+WEAKEST = wp.constant(1.0e-20)  # least weight of an echo, so that black surfaces have a range
 
 
 @wp.struct
 class Return:
-    """A group of echoes: range [m] +inf for none, power, the slot of its strongest echo, and where the group ends."""
+    """A group of echoes.
+
+    distance: range [m], +inf for none. power: sum of the powers, -1 for none. slot: index of its strongest echo in
+    Echoes' arrays, -1 for none. end: range of its last echo [m].
+    """
 
     distance: float
     power: float
@@ -64,7 +69,7 @@ def group_extent(echoes: Echoes, i: int, beams: int, gap: float, after: float) -
 
 @wp.func
 def next_group(echoes: Echoes, i: int, beams: int, gap: float, after: float) -> Return:
-    """The nearest group of echoes beyond a range."""
+    """The nearest group of echoes of beam i beyond a range `after` [m]; `no_return()` if there is none."""
     extent = group_extent(echoes, i, beams, gap, after)
     group = no_return()
     if extent[0] == wp.inf:
@@ -92,6 +97,7 @@ def next_group(echoes: Echoes, i: int, beams: int, gap: float, after: float) -> 
 
 @wp.func
 def write_return(r: Return, k: int, echoes: Echoes, returns: Echoes) -> None:
+    """Write return k with the surface of its strongest echo; without one power is 0, shape and face -1, normal 0."""
     returns.distance[k] = r.distance
     returns.power[k] = wp.max(r.power, 0.0)
     returns.shape[k] = -1
@@ -105,7 +111,7 @@ def write_return(r: Return, k: int, echoes: Echoes, returns: Echoes) -> None:
 
 @wp.func
 def choose_only(echoes: Echoes, i: int, least_power: float, mode: int, returns: Echoes) -> None:
-    """Where a beam has one echo at most: as `choose_among`, in a part of its time."""
+    """`choose_among` for beams with a single slot, in a fraction of its time."""
     only = no_return()
     none = no_return()
     d = echoes.distance[i]
@@ -127,6 +133,17 @@ def choose_only(echoes: Echoes, i: int, least_power: float, mode: int, returns: 
 def choose_among(
     echoes: Echoes, i: int, beams: int, gap: float, least_power: float, mode: int, returns: Echoes
 ) -> None:
+    """Write the returns of beam i.
+
+    Groups of echoes are visited from near to far; those with less than least_power are skipped. Of the others,
+
+    - FIRST and LAST report the nearest and the farthest;
+    - STRONGEST reports the one of largest power, of equal ones the nearest;
+    - DUAL reports the strongest as return 0 and the last as return 1, or, if these are the same, the second strongest
+      as return 1. With a single group, return 1 has no echo.
+
+    A return without an echo has distance +inf. If the beam is not finite (distance NaN in slot 0), all are NaN.
+    """
     first = no_return()
     last = no_return()
     strongest = no_return()
@@ -173,6 +190,7 @@ def choose_returns(
     mode: int,
     returns: Echoes,
 ) -> None:
+    """Write the returns of all beams; see `choose_among`."""
     i = (first + wp.tid()) * run
     end = wp.min(i + run, beams)
     is_one = echoes.distance.shape[0] == beams
@@ -185,10 +203,13 @@ def choose_returns(
 
 
 def choose(echoes: Echoes, beams: int, gap: float, least_power: float, mode: int) -> Echoes:
-    """The returns of each beam: one per beam, or two beside each other for DUAL.
+    """The returns of each beam: entry i, or for DUAL entries 2 i and 2 i + 1, are those of beam i; see `choose_among`.
 
-    gap: least distance [m] of echoes that are told apart. least_power: of a return, as `Echoes.power`.
-    mode: FIRST, LAST, STRONGEST, or DUAL: the strongest, then the last, or where that is the same the second strongest.
+    Args:
+        echoes: (slots * beams,), see Echoes.
+        gap: distance [m] up to which an echo belongs to the group of the one before it.
+        least_power: of a return, in units of `Echoes.power`.
+        mode: FIRST, LAST, STRONGEST or DUAL.
     """
     device = echoes.distance.device
     returns = new_echoes(2 if mode == DUAL else 1, beams, device)

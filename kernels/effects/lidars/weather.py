@@ -1,20 +1,22 @@
-"""Rain and fog in a lidar's beam: how they dim it, and the echoes that they send back themselves.
+"""Rain and fog in a lidar's beam: their extinction, and their own echoes.
 
 Rain. Drops of diameter D [mm] in rain of R mm/h (Marshall and Palmer, "The distribution of raindrops with size", 1948):
 
     N(D) = 8000 exp(-4.1 R^-0.21 D)  [1 / (m^3 mm)]
 
-each of which takes twice its cross-section out of the beam, as is so for all that is large against the wavelength:
+each of which removes twice its cross-section from the beam, as any object does that is large against the wavelength:
 
     a = integral of 2 (pi D^2 / 4) N(D) dD = 8000 pi 1e-6 / (4.1 R^-0.21)^3  [1/m]
 
-As in LISA (Kilic et al. 2021, arXiv 2107.07004), the beam is a cone of width D_b = b R from 1.5 m on, drops larger than
-0.05 mm stand in it at random, a drop reflects ((n - 1) / (n + 1))^2 with n = 1.328, and sends back
+As in LISA (Kilic et al. 2021, arXiv 2107.07004), the beam is a cone of width D_b = b R from 1.5 m on, with b its
+divergence and drops larger than 0.05 mm at random places in it. A drop reflects ((n - 1) / (n + 1))^2 with n = 1.328
+and returns the power
 
-    P = ((n - 1) / (n + 1))^2 exp(-2 a R) / R^2 min((D / D_b)^2, 1);
+    P = ((n - 1) / (n + 1))^2 exp(-2 a R) / R^2 min((D / D_b)^2, 1)
 
-the strongest drop in front of the target counts. Of the thousands of drops in a long beam the nearest DROPS are looked
-at, in the order of the volume v of the cone up to them, which grows by -ln(u) / density from one to the next.
+The strongest drop in front of the target is the echo of rain. Of the thousands of drops in a long beam only the nearest
+DROPS are considered, in the order of the volume v of the cone up to them, which grows by -ln(u) / density from one to
+the next.
 
 Fog, after Hahner et al., "Fog simulation on real lidar point clouds for 3D object detection in adverse weather", ICCV
 2021, with the meteorological range MOR [m], a pulse of 2 tau = 40 ns and an overlap xi of beam and receiver that rises
@@ -23,7 +25,7 @@ from 0 at 0.9 m to 1 at 1 m:
     a = ln(20) / MOR,  b = 0.046 / MOR,  b_0 = 1e-6 / pi
     P(R) = b / b_0 integral over t of sin^2(pi t / 2 tau) xi(r) exp(-2 a r) / r^2,  r = R - c t / 2 before the target
 
-The echo is at the R where this is largest, less c tau / 2, by which the pulse's own peak lags.
+The echo is at the R where P is largest, less c tau / 2, the lag of the pulse's own peak.
 """
 
 import math
@@ -46,7 +48,7 @@ DRAW_DROPS = wp.constant(16)
 NEAREST_DROP = wp.constant(1.5)
 SMALLEST_DROP = wp.constant(0.05)
 DROP_REFLECTIVITY = wp.constant((0.328 / 2.328) ** 2)
-CUBE_ROOT_BITS = wp.constant(709_921_077)  # two thirds of those of 1, less what a straight line is off by
+CUBE_ROOT_BITS = wp.constant(709_921_077)  # two thirds of the bits of 1.0f, less the error of a straight line
 FOG_STEP = wp.constant(0.1)  # [m] between targets in the table of fog echoes
 _FOG_REACH = 20.0
 _HALF_PULSE = 20e-9
@@ -54,7 +56,7 @@ _HALF_PULSE = 20e-9
 
 @wp.struct
 class Rain:
-    """density: of drops [1/m^3], 0 without rain. slope: 4.1 R^-0.21 [1/mm]. divergence: the beam's full width [rad]."""
+    """Rain. density: of drops [1/m^3], 0 for none. slope: 4.1 R^-0.21 [1/mm]. divergence: full beam width [rad]."""
 
     density: float
     slope: float
@@ -63,19 +65,20 @@ class Rain:
 
 @wp.struct
 class Fog:
-    """The echo of fog in front of a target at k FOG_STEP, or farther for the last k. Empty without fog."""
+    """Table of fog echoes: entry k for a target at the range k FOG_STEP, the last also for all beyond. Empty for no
+    fog."""
 
-    distance: wp.array[float]
+    distance: wp.array[float]  # range of the echo [m], +inf for none
     power: wp.array[float]
 
 
 def drop_slope(rain_rate: float) -> float:
-    """4.1 R^-0.21 [1/mm] of rain of R mm/h."""
+    """The slope 4.1 R^-0.21 [1/mm] of the drop-size distribution in rain of R mm/h."""
     return 4.1 * rain_rate**-0.21
 
 
 def rain_of(rain_rate: float, divergence: float) -> Rain:
-    """Drops in a beam; rain_rate [mm/h], divergence [rad]."""
+    """Rain of rain_rate [mm/h] in a beam of this divergence [rad]."""
     rain = Rain()
     rain.divergence = divergence
     rain.slope = drop_slope(rain_rate) if rain_rate > 0 else 1.0
@@ -84,25 +87,25 @@ def rain_of(rain_rate: float, divergence: float) -> Rain:
 
 
 def rain_extinction(rain_rate: float) -> float:
-    """a [1/m] of rain of R mm/h, from the distribution of its drops."""
+    """Extinction a [1/m] of rain of R mm/h, from its drop-size distribution."""
     return 8000 * math.pi * 1e-6 / drop_slope(rain_rate) ** 3 if rain_rate > 0 else 0.0
 
 
 def fog_extinction(visibility: float) -> float:
-    """a = ln(20) / MOR [1/m]."""
+    """Extinction a = ln(20) / MOR [1/m] of fog with visibility MOR [m]."""
     return math.log(20) / visibility
 
 
 @dataclass(frozen=True)
 class FogResponse:
-    """(n,) the echo of fog in front of a target at k FOG_STEP: range [m], power."""
+    """Range [m] and power, (n,) each, of the echo of fog in front of a target at the range k FOG_STEP."""
 
     distance: npt.NDArray[np.float32]
     power: npt.NDArray[np.float32]
 
 
 def fog_response(visibility: float, extinction: float) -> FogResponse:
-    """The strongest echo of fog with this MOR [m], dimmed by all that is in the air, extinction [1/m]."""
+    """The strongest echo of fog with visibility MOR [m]. extinction: of everything in the air [1/m]."""
     step = 0.01
     r = np.arange(step, _FOG_REACH, step)
     overlap = np.clip((r - 0.9) / 0.1, 0, 1)
@@ -119,7 +122,7 @@ def fog_response(visibility: float, extinction: float) -> FogResponse:
 
 
 def fog_of(response: FogResponse | None, device: wp.DeviceLike) -> Fog:
-    """The table on a device; of None, one without fog."""
+    """The table of fog echoes on a device; empty for None."""
     fog = Fog()
     nothing = np.zeros(0, np.float32)
     fog.distance = wp.array(nothing if response is None else response.distance, dtype=float, device=device)
@@ -129,14 +132,14 @@ def fog_of(response: FogResponse | None, device: wp.DeviceLike) -> Fog:
 
 @wp.func
 def drop_power(distance: float, diameter: float, divergence: float, extinction: float) -> float:
-    """Power of the echo of a drop of this diameter [mm]."""
+    """Power of the echo of a drop of this diameter [mm] at a distance [m]."""
     share = 1.0e-3 * diameter / (divergence * distance)
     return spread_power(DROP_REFLECTIVITY * wp.min(share * share, 1.0), distance, extinction)
 
 
 @wp.func
 def cube_root(x: float) -> float:
-    """Of a number that is not subnormal: from a third of its logarithm, as its bits have it, two of Halley's steps."""
+    """Cube root of a positive number, not subnormal: an estimate from a third of its bits, then two Halley steps."""
     y = wp.cast(wp.cast(x, int) / 3 + CUBE_ROOT_BITS, float)
     for _ in range(2):
         cube = y * y * y
@@ -146,7 +149,7 @@ def cube_root(x: float) -> float:
 
 @wp.func
 def strongest_drop(rain: Rain, source: RandomSource, i: int, target: float, extinction: float) -> wp.vec2:
-    """Range [m] and power of the strongest drop in front of the target; +inf and 0 if there is none."""
+    """Range [m] and power of the strongest drop in front of a target at this range [m]; +inf and 0 if there is none."""
     per_volume = 12.0 / (wp.PI * rain.divergence * rain.divergence)
     cube = float(NEAREST_DROP * NEAREST_DROP * NEAREST_DROP)
     best = wp.vec2(wp.inf, 0.0)
@@ -170,6 +173,11 @@ def strongest_drop(rain: Rain, source: RandomSource, i: int, target: float, exti
 def scatter_beam(
     i: int, rain: Rain, fog: Fog, source: RandomSource, extinction: float, beams: int, first_slot: int, echoes: Echoes
 ) -> None:
+    """Write the echo of rain in beam i to slot first_slot and that of fog to first_slot + 1.
+
+    The target is the echo in slot 0, of the beam's middle sub-ray. Without an echo of rain or fog, or with a target of
+    NaN, the distance is +inf and the power 0. shape and face are -1, the normal is 0.
+    """
     target = echoes.distance[i]
     drop = wp.vec2(wp.inf, 0.0)
     if rain.density > 0.0 and not wp.isnan(target):
@@ -202,6 +210,7 @@ def scatter(
     first_slot: int,
     echoes: Echoes,
 ) -> None:
+    """Write the echoes of rain and fog of all beams; see `scatter_beam`."""
     i = (first + wp.tid()) * run
     end = wp.min(i + run, beams)
     while i < end:
@@ -212,7 +221,10 @@ def scatter(
 def add_weather(
     rain: Rain, fog: Fog, source: RandomSource, extinction: float, echoes: Echoes, beams: int, first_slot: int
 ) -> None:
-    """Write the echoes of rain and fog to slots first_slot and first_slot + 1, before what the beam's middle hits."""
+    """Write the echoes of rain and fog in front of each beam's first hit to slots first_slot and first_slot + 1.
+
+    extinction: of everything in the air [1/m]. The hit is that of the middle sub-ray, in slot 0.
+    """
     launch_over_runs(
         scatter, beams, [rain, fog, source, extinction, beams, first_slot], [echoes], echoes.distance.device
     )

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
+from rigcast.motion.functions import UserFunction, find_function, module_file
 from rigcast.rig_file import read_rig
 from rigcast.rig_file.layers import read_layers
 from rigcast.sensors.errors import InputError
@@ -17,7 +18,6 @@ from rigcast.sensors.yaml.kinds import other_kind
 
 from .faults import faults_in
 from .file import DatasetFile, RecordedMotion, SceneSource, UserController
-from .functions import UserFunction, find_function, module_file
 
 
 class Unit(NamedTuple):

@@ -7,6 +7,8 @@ from pathlib import Path
 import mujoco
 
 from rigcast.export.fields import field_names
+from rigcast.motion.functions import find_function
+from rigcast.motion.recorded import read_motion
 from rigcast.recording.formats import FORMATS
 from rigcast.rig_file import RigConfig, compile_model, read_rig
 from rigcast.sensors.errors import InputError
@@ -15,8 +17,6 @@ from rigcast.sensors.faults import Fault
 from rigcast.sensors.names import expected_one_of, model_names
 
 from .file import DatasetFile, RecordedMotion, UserController
-from .functions import find_function
-from .motion import read_motion
 
 _LOW, _HIGH = 0, 1
 _KINDS = {"body": mujoco.mjtObj.mjOBJ_BODY, "site": mujoco.mjtObj.mjOBJ_SITE, "camera": mujoco.mjtObj.mjOBJ_CAMERA}

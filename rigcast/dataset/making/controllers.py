@@ -1,20 +1,17 @@
 """What takes an episode from one step to the next: physics under some controller, or a recorded motion."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
 
 from rigcast.dataset.description.config import DatasetConfig
 from rigcast.dataset.description.file import RandomActions, RecordedMotion, UserController
-from rigcast.dataset.description.motion import read_motion
-from rigcast.sensors.errors import InputError
+from rigcast.motion.recorded import read_motion
+from rigcast.motion.steps import Control, Step, control_of, physics, playback
 from rigcast.sensors.rig.timing.schedule import uniform
-from rigcast.simulation import divergence
 
 from .randomise import of_free_bodies, place_bodies
-
-Step = Callable[[], None]
 
 
 def stepper(
@@ -26,42 +23,17 @@ def stepper(
     """
     controller = config.file.episodes.controller
     if isinstance(controller, RecordedMotion):
-        return _playback(config, controller, model, data, of_free_bodies(model, poses))
+        rows = read_motion(config.folder / controller.file, model)
+        free = of_free_bodies(model, poses)  # by how much they are away from where the recording has them
+        return playback(rows, controller.rate_hz, model, data, lambda data: place_bodies(model, data, free))
     if isinstance(controller, RandomActions):
-        return _physics(model, data, _random_actions(controller, model, seed))
+        return physics(model, data, _random_actions(controller, model, seed))
     if isinstance(controller, UserController):
-        return _physics(model, data, _users(config, controller.function, model, seed))
-    return _physics(model, data, lambda _data: None)
+        return physics(model, data, control_of(config.function(controller.function), model, seed))
+    return physics(model, data)
 
 
-def _physics(model: mujoco.MjModel, data: mujoco.MjData, control: Callable[[mujoco.MjData], object]) -> Step:
-    def step() -> None:
-        control(data)
-        time = data.time
-        mujoco.mj_step(model, data)
-        reason = divergence(model, data, time)
-        if reason is not None:
-            raise InputError(reason)
-
-    return step
-
-
-def _users(config: DatasetConfig, name: str, model: mujoco.MjModel, seed: int) -> Callable[[mujoco.MjData], None]:
-    function = config.function(name)
-    control = function(model, seed)
-    if not callable(control):
-        raise function.wrong(f"got {type(control).__name__}, expected a function of the MjData")
-    returned = function.returned(control)
-
-    def controlled(data: mujoco.MjData) -> None:
-        value = returned(data)
-        if value is not None:
-            raise returned.wrong(f"got {type(value).__name__} from the function of the MjData, which writes data.ctrl")
-
-    return controlled
-
-
-def _random_actions(actions: RandomActions, model: mujoco.MjModel, seed: int) -> Callable[[mujoco.MjData], None]:
+def _random_actions(actions: RandomActions, model: mujoco.MjModel, seed: int) -> Control:
     limited = model.actuator_ctrllimited.astype(bool)
     low = np.where(limited, model.actuator_ctrlrange[:, 0], -1.0)
     high = np.where(limited, model.actuator_ctrlrange[:, 1], 1.0)
@@ -76,32 +48,3 @@ def _random_actions(actions: RandomActions, model: mujoco.MjModel, seed: int) ->
             data.ctrl[:] = low + (high - low) * np.array(shares)
 
     return control
-
-
-def _playback(
-    config: DatasetConfig,
-    motion: RecordedMotion,
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    moved: Mapping[str, list[float]],
-) -> Step:
-    """moved: by how much free bodies are away from where the recording has them."""
-    rows = read_motion(config.folder / motion.file)
-    if rows.shape[1] != model.nq:
-        raise InputError(f"{motion.file}: got rows of {rows.shape[1]} numbers, expected nq = {model.nq} of the model")
-    began = data.time
-    data.qpos[:] = rows[0]
-    place_bodies(model, data, moved)
-
-    def step() -> None:
-        data.time += model.opt.timestep
-        at = (data.time - began) * motion.rate_hz
-        row = min(int(at), len(rows) - 2)
-        # on the manifold of qpos, where quaternions turn evenly
-        velocity = np.zeros(model.nv)
-        mujoco.mj_differentiatePos(model, velocity, 1.0, rows[row], rows[row + 1])
-        data.qpos[:] = rows[row]
-        mujoco.mj_integratePos(model, data.qpos, velocity, at - row)
-        place_bodies(model, data, moved)
-
-    return step

@@ -12,10 +12,10 @@ import mujoco
 
 from rigcast.dataset.description.config import DatasetConfig, Unit
 from rigcast.dataset.storage.shards import Shard, appearing, model_digest
+from rigcast.motion.simulation import Spent, initial_data
 from rigcast.rig_file import compile_model, open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
-from rigcast.simulation import Spent, initial_data
 
 from .controllers import stepper
 from .environment import environment, prepare_warp

@@ -11,8 +11,8 @@ from typing import Any
 from rigcast.dataset.description.config import DatasetConfig, Unit
 from rigcast.dataset.storage.manifest import begin, is_finished, note_failure, write_manifest
 from rigcast.dataset.storage.shards import sweep
+from rigcast.motion.simulation import Spent
 from rigcast.sensors.errors import InputError
-from rigcast.simulation import Spent
 
 from .engines import Engine
 from .environment import environment, prepare_warp

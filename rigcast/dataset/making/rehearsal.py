@@ -4,8 +4,8 @@ from pathlib import Path
 
 from rigcast.dataset.description.config import DatasetConfig
 from rigcast.dataset.description.file import SceneSource, UserController
-from rigcast.dataset.description.functions import FunctionFault
 from rigcast.dataset.storage.manifest import is_finished
+from rigcast.motion.functions import FunctionFault
 from rigcast.sensors.device import compiling, find_device
 from rigcast.sensors.errors import InputError
 

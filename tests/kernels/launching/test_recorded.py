@@ -1,5 +1,6 @@
 """Launches that are made again and again do each time what Warp's own launch does."""
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 import warp as wp
 
 from rigcast.kernels.hits.reading import depth_along_z
-from rigcast.kernels.launching.recorded import _OnCpu, recorded
+from rigcast.kernels.launching.recorded import _ByWarp, _Shortened, recorded
 from rigcast.kernels.rays.arrays import RayArrays
 
 DISTANCE = np.arange(1.0, 5.0)
@@ -54,8 +55,35 @@ def test_a_function_that_warp_calls_in_another_way_is_left_to_warp(calls: list[t
             command.hooks.forward(*arguments)
 
     command.launch = launch
-    again = _OnCpu(command, ())
+    again = _Shortened(command, ())
     for count in (1, 2, 3):
         again()
         assert len(made) == count
         assert compiled == calls * count
+
+
+@pytest.mark.parametrize(
+    ("parts", "kind"),
+    [
+        (lambda command: command, _Shortened),
+        (lambda command: SimpleNamespace(launch=command.launch, params=command.params), _ByWarp),
+        (lambda command: SimpleNamespace(launch=command.launch, params=command.params, hooks=object()), _ByWarp),
+        (lambda command: SimpleNamespace(launch=command.launch, hooks=command.hooks), _ByWarp),
+        (lambda command: SimpleNamespace(launch=command.launch, hooks=command.hooks, params=[0]), _ByWarp),
+    ],
+    ids=["all", "no hooks", "no forward", "no params", "other params"],
+)
+def test_a_launch_without_the_parts_that_are_known_is_left_to_warp(
+    parts: Callable[[Any], Any], kind: type, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    launch = wp.launch
+    monkeypatch.setattr(wp, "launch", lambda *given, **named: parts(launch(*given, **named)))
+    rays, depth = RayArrays(), wp.zeros(4, dtype=float, device="cpu")
+    rays.directions = directions(1.0, "cpu")
+    inputs = [0, 4, rays, wp.array(DISTANCE, dtype=float, device="cpu")]
+    again = recorded(depth_along_z, 1, inputs, [depth], "cpu")
+    assert type(again) is kind
+    for z in (1.0, 0.5, -0.25):
+        rays.directions = directions(z, "cpu")
+        again()
+        np.testing.assert_array_equal(depth.numpy(), z * DISTANCE)

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from rigcast.cli import app
 from rigcast.cli.common.progress import progress, step_count
+from rigcast.motion.simulation import initial_data
 from rigcast.sensors.errors import InputError
-from rigcast.simulation import initial_data
 
 MODEL = """
 <mujoco>

@@ -331,3 +331,22 @@ def test_load_rig_gives_a_rig(folder: Path) -> None:
     rig = load_rig(write(folder, GOOD), device="cpu")
     assert [sensor.name for sensor in rig.sensors] == ["top", "front", "feet"]
     assert rig.model.nkey == 1
+
+
+@pytest.mark.parametrize("given", [False, True])
+def test_links_that_a_urdf_loses_are_explained(tmp_path: Path, given: bool) -> None:
+    link = '<link name="{}"><collision><geometry><box size="1 1 1"/></geometry></collision></link>'
+    joint = '<joint name="j" type="fixed"><parent link="base"/><child link="eye"/></joint>'
+    robot = f'<robot name="r">{{}}{link.format("base")}{link.format("eye")}{joint}</robot>'
+    (tmp_path / "r.urdf").write_text(robot.format(""))
+    sensor = "{name: a, type: lidar, mount: {body: eye}, elevation_deg: [0], columns: 4}"
+    rig = write(tmp_path, f"model: r.urdf\nsensors: [{sensor}]\n")
+    model = tmp_path / "r.urdf" if given else None
+    with pytest.raises(InputError) as caught:
+        open_rig(rig, model)
+    kept = '<mujoco><compiler fusestatic="false" discardvisual="false"/></mujoco>'
+    assert "no body 'eye' in the model" in str(caught.value)
+    assert "MuJoCo merges links of a URDF that are fixed to another, and leaves out visuals" in str(caught.value)
+    assert f"within <robot> {kept} keeps both" in str(caught.value)
+    (tmp_path / "r.urdf").write_text(robot.format(kept))
+    open_rig(rig, model)

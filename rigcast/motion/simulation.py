@@ -1,15 +1,21 @@
-"""A simulation as commands run it: how it begins, how it diverges, and what its time goes to."""
+"""A simulation as commands run it: its start, how it diverges, and where its time goes."""
 
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from rigcast.sensors.errors import InputError
+
 _DIVERGED = {
     mujoco.mjtWarning.mjWARN_BADQPOS: "position",
     mujoco.mjtWarning.mjWARN_BADQVEL: "velocity",
     mujoco.mjtWarning.mjWARN_BADQACC: "acceleration",
 }
+
+
+class Diverged(InputError):
+    """A simulation has diverged; says when and where."""
 
 
 @dataclass
