@@ -1,7 +1,8 @@
 """A rig: sensors mounted on a MuJoCo model, read together."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import weakref
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
 from typing import Literal, NamedTuple, NoReturn
 
@@ -100,6 +101,7 @@ class Rig:
         self._under_way = UnderWay(self._scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
+        self._stepped: Callable[[], mujoco.MjData | None] = lambda: None  # of the last step, unless it is gone by now
 
     @fixed
     def model(self) -> mujoco.MjModel:
@@ -193,9 +195,14 @@ class Rig:
         Calls that skip steps see one state where several readings fell due. Of a sensor that stands still, those due
         within the last timestep are read; if there are none but earlier ones, one is, and its `time` is `data.time`.
         A RuntimeWarning says once for each sensor if that is fewer than fell due.
+
+        Raises:
+            InputError: data as `sense` refuses it, or another MjData than before without `reset` between, unless the
+                first is gone or the other's clock is behind.
         """
         with self._in_use:
             self._kinematics.require_own(data)
+            self._require_one_clock(data)
             if not data.time >= self._clock:
                 self._undelivered.clear()
                 self._under_way.start_over()
@@ -211,6 +218,21 @@ class Rig:
             arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
             self._undelivered = [each for each in self._undelivered if each not in arrived]
             return [each.frame for each in sorted(arrived, key=lambda each: each.time)]
+
+    def _require_one_clock(self, data: mujoco.MjData) -> None:
+        """Raise InputError where two MjData take turns: the clock of one would be taken for that of the other.
+
+        Another one whose clock is behind is a new episode, as the same one is whose clock goes back.
+        """
+        stepped = self._stepped()
+        if stepped is data:
+            return
+        if stepped is not None and data.time >= self._clock:
+            raise InputError(
+                f"Rig.step: data: got another MjData than in the call before, which was at {self._clock:g} s, expected "
+                "one rig for each MjData, or rig.reset() before another one"
+            )
+        self._stepped = weakref.ref(data)
 
     def _due(self, sensor: Sensor, now: float) -> list[float]:
         """The times [s] of the readings that there are now, of what fell due since the last call."""
