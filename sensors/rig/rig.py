@@ -14,7 +14,7 @@ from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.fixed import fixed
 from rigcast.sensors.names import expected_one_of, require_different
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
-from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
+from rigcast.sensors.scene.batch.worlds import Worlds, as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
@@ -34,6 +34,9 @@ from .reading import read_frames
 from .timing.one_state import missed, reads_too_often, times_of_one_state, too_often
 from .timing.schedule import Schedule
 from .under_way import UnderWay
+
+_CHECKED = 2
+"""How many readings of a list of MjData are checked for poses of before: one to begin with, and one within a loop."""
 
 
 class Rig:
@@ -91,6 +94,7 @@ class Rig:
         odd = (enclosed(model, self._kinematics.data, self._sensors), too_often(self._sensors, model.opt.timestep))
         for sentence in chain(*odd):
             warn_user(sentence, UserWarning)
+        self._unchecked = _CHECKED
         self._has_missed: set[str] = set()  # sensors of which a warning has said so
         self._begin(seed)
 
@@ -181,7 +185,25 @@ class Rig:
             self._kinematics.require_same_optics()
             worlds = as_worlds(data)
             worlds.require_sensors(self._mounted)
-            return sense_worlds(self._scene, mounted, worlds, out, self.seed)
+            of_worlds = sense_worlds(self._scene, mounted, worlds, out, self.seed)
+            if self._unchecked:
+                self._check_poses(worlds)
+            return of_worlds
+
+    def _check_poses(self, worlds: Worlds) -> None:
+        """Warn once where poses of MjData, which are read as they stand, are not of now."""
+        data = worlds.first_data
+        if data is None:
+            return
+        self._unchecked -= 1
+        if not self._kinematics.are_of(data):
+            self._unchecked = 0
+            warn_user(
+                "Rig.sense: a list of MjData is read with the poses that they have, and those of world 0 are not of "
+                "its qpos; mj_step leaves them a step behind: expected mujoco.mj_kinematics, or mj_forward, of each "
+                "before",
+                RuntimeWarning,
+            )
 
     def step(self, data: mujoco.MjData) -> list[Frame]:
         """The frames that are due since the last call, in order of arrival; call this after each `mj_step`.
