@@ -118,6 +118,11 @@ def test_every_public_name_is_in_the_api_reference() -> None:
     assert sorted(described) == sorted(rigcast.__all__)
 
 
+def test_no_public_name_is_that_of_a_module() -> None:
+    """Which would take its place once somebody imports that module."""
+    assert [name for name in rigcast.__all__ if find_spec(f"rigcast.{name}") is not None] == []
+
+
 def test_every_public_name_is_listed_once() -> None:
     assert rigcast.Lidar.__name__ in (names := dir(rigcast)), "also where it has been used"
     assert len(names) == len(set(names))
