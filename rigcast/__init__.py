@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .checking import check as check
     from .dataset.reading import open_dataset as open_dataset
     from .export.options import Export as Export
-    from .overlay import overlay as overlay
+    from .in_viewer import overlay as overlay
     from .recording.recorder import Recorder as Recorder
     from .rig_file import load_rig as load_rig
     from .ros.node import RosNode as RosNode
@@ -88,7 +88,7 @@ _HOME = {
     "from_model": "sensors.specs.imported",
     "load_rig": "rig_file",
     "open_dataset": "dataset.reading",
-    "overlay": "overlay",
+    "overlay": "in_viewer",
     "set_threads": "sensors.threads",
 }
 

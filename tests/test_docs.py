@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import iter_modules
 
 import pytest
 from typer.testing import CliRunner
@@ -116,6 +117,11 @@ def test_every_format_and_setting_is_described() -> None:
 def test_every_public_name_is_in_the_api_reference() -> None:
     described = re.findall(r"^::: rigcast\.(\w+)$", (CHECKOUT / "docs" / "api.md").read_text(), re.MULTILINE)
     assert sorted(described) == sorted(rigcast.__all__)
+
+
+def test_no_public_name_is_that_of_a_module() -> None:
+    """Which would take its place once somebody imports that module."""
+    assert {module.name for module in iter_modules(rigcast.__path__)}.isdisjoint(rigcast.__all__)
 
 
 def test_every_public_name_is_listed_once() -> None:

@@ -1,7 +1,6 @@
 """`rigcast validate`: check a rig and its model without casting a ray."""
 
 import json
-from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
@@ -12,6 +11,7 @@ from rigcast.card import angles_deg, arc_deg
 from rigcast.cli.common.options import JsonFile, ModelPath, Overrides, RigPath, console_beside, counted, say, write_json
 from rigcast.motion.simulation import initial_data
 from rigcast.rig_file import RigConfig, open_rig
+from rigcast.sensors.rig.timing.one_state import too_often
 from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.pattern import Pattern
@@ -36,7 +36,7 @@ def validate(
     console.print(table)
     data = initial_data(compiled, config.keyframe)
     mujoco.mj_fwdPosition(compiled, data)
-    for sentence in [*enclosed(compiled, data, config.sensors), *_too_often(compiled, config.sensors)]:
+    for sentence in [*enclosed(compiled, data, config.sensors), *too_often(config.sensors, compiled.opt.timestep)]:
         say(console, sentence)
     say(console, f"{rig}: valid, {counted(len(config.sensors), 'sensor')}")
     if json_file is not None:
@@ -59,17 +59,6 @@ def as_json(config: RigConfig, model: mujoco.MjModel) -> str:
         ],
     }
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
-
-
-def _too_often(model: mujoco.MjModel, sensors: Iterable[SensorSpec]) -> Iterator[str]:
-    """A sentence for each sensor that reads several times in a step, which is one state for all but those that move."""
-    steps = 1 / float(model.opt.timestep)
-    for sensor in sensors:
-        if sensor.rate_hz is not None and sensor.rate_hz > steps * (1 + 1e-6) and not sensor.moves:
-            yield (
-                f"sensor {sensor.name!r} reads at {sensor.rate_hz:g} Hz, the model steps at {steps:g} Hz: the frames "
-                "of a step show the same state"
-            )
 
 
 def _view(sensor: SensorSpec, pattern: Pattern) -> str:

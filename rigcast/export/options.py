@@ -27,6 +27,9 @@ class Export(Spec):
         default="32FC1",
         description="ROS depth images: metres in 32FC1, or whole millimetres in 16UC1 with 0 for a miss",
     )
+    depth_points: bool = Field(
+        default=False, description="ROS: whether depth cameras give a PointCloud2 of all pixels besides their images"
+    )
     world_frame: str = Field(default="map", min_length=1, description="ROS name of MuJoCo's world frame")
     transform_rate_hz: float = Field(
         default=100.0, gt=0, description="ROS: /clock and /tf between frames, at most this often [Hz]"

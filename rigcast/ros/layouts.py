@@ -8,6 +8,7 @@
     hesai     x y z intensity f32, ring u16, timestamp f64             s, absolute            hits, as fired
     full      x y z normal_x normal_y normal_z range f32, every other  s, absolute            all, as in the frame
               field that the frame has, timestamp f64
+    pixels    x y z f32, of depth cameras, as depth_image_proc has it                         all, rows x columns
 
 x, y, z are NaN where nothing was hit; range is 0 there in Ouster's integer millimetres. `tag` holds the number of
 the return in bits 4 and 5, as livox_ros_driver2 has it. In the fields of makers a white surface that faces the
@@ -22,9 +23,10 @@ from numpy.typing import NDArray
 
 from rigcast.export.fields import Fields, fields_of, intensity_of, rays_of
 from rigcast.export.options import PointLayout
-from rigcast.sensors.rig.frame import Frame
+from rigcast.sensors.rig.frame import CameraFrame, Frame
 
 _XYZI = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")]
+_PIXEL = np.dtype(_XYZI[:3])
 _MAKERS = {
     "velodyne": np.dtype([*_XYZI, ("ring", "<u2"), ("time", "<f4")]),
     "livox": np.dtype([*_XYZI, ("tag", "u1"), ("line", "u1"), ("timestamp", "<f8")]),
@@ -78,6 +80,12 @@ def lay_out(frame: Frame, layout: str) -> Points:
     order = np.argsort(rays["stamp"], kind="stable")
     order = order[np.isfinite(rays["range"])[order]]
     return Points(_of_maker({name: field[order] for name, field in rays.items()}, layout)[None], True)
+
+
+def lay_out_pixels(frame: CameraFrame) -> Points:
+    """The points of a camera, rows x columns, x y z alone."""
+    points = np.ascontiguousarray(fields_of(frame, ["points"])["points"], "<f4")
+    return Points(points.view(_PIXEL)[..., 0], False)
 
 
 def _rows_columns(frame: Frame) -> tuple[int, int]:

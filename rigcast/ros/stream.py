@@ -5,6 +5,7 @@
     /<sensor>/points               PointCloud2 of lidars and height scans
     /<sensor>/scan                 LaserScan of scanners in one plane
     /<sensor>/depth/image          Image of depth cameras, beside /<sensor>/depth/camera_info
+    /<sensor>/depth/points         PointCloud2 of depth cameras, with `depth_points`
 
 /rigcast/ids is a String: the JSON of `IdTable`, which says what the ids in the points stand for.
 """
@@ -27,7 +28,7 @@ from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 from . import messages
-from .layouts import choose_layout, lay_out
+from .layouts import choose_layout, lay_out, lay_out_pixels
 from .transforms import TransformTree
 
 
@@ -101,13 +102,17 @@ class MessageStream:
             yield _message(f"/{frame.sensor}/depth/image", time, image)
             info = messages.camera_info(frame, frame_id)
             yield _message(f"/{frame.sensor}/depth/camera_info", time, info)
+            if self._options.depth_points:
+                points = messages.point_cloud(frame.time, frame_id, lay_out_pixels(frame))
+                yield _message(f"/{frame.sensor}/depth/points", time, points)
             return
         angles = self._angles[frame.sensor]
         if angles is not None:
             yield _message(f"/{frame.sensor}/scan", time, messages.laser_scan(frame, frame_id, angles, spec))
             return
-        points = lay_out(frame, choose_layout(self._options.point_layout, spec.preset))
-        yield _message(f"/{frame.sensor}/points", time, messages.point_cloud(frame.time, frame_id, points))
+        layout = choose_layout(self._options.point_layout, spec.preset)
+        points = messages.point_cloud(frame.time, frame_id, lay_out(frame, layout))
+        yield _message(f"/{frame.sensor}/points", time, points)
 
     def _moved(self, data: mujoco.MjData) -> list[Message]:
         self._last_clock = data.time
@@ -122,9 +127,11 @@ class MessageStream:
 
     def _topics(self, spec: SensorSpec) -> list[Topic]:
         if isinstance(spec, DepthCamera):
+            points = Topic(f"/{spec.name}/depth/points", "sensor_msgs/msg/PointCloud2")
             return [
                 Topic(f"/{spec.name}/depth/image", "sensor_msgs/msg/Image"),
                 Topic(f"/{spec.name}/depth/camera_info", "sensor_msgs/msg/CameraInfo"),
+                *([points] if self._options.depth_points else []),
             ]
         if self._angles[spec.name] is not None:
             return [Topic(f"/{spec.name}/scan", "sensor_msgs/msg/LaserScan")]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from typing import Literal, NamedTuple, NoReturn
 
 import mujoco
@@ -29,6 +30,7 @@ from .kinematics import Kinematics
 from .mounted import Mounted, Sensor, WorldRays
 from .of_worlds import sense_worlds
 from .reading import read_frames
+from .timing.one_state import missed, reads_too_often, times_of_one_state, too_often
 from .timing.schedule import Schedule
 from .under_way import UnderWay
 
@@ -85,8 +87,10 @@ class Rig:
         optics = [m for m in self._mounted.values() if isinstance(m.spec, DepthCamera) and m.spec.takes_optics]
         self._kinematics = Kinematics(model, [m.mount.id for m in optics])
         # once, here: where sensors are in their own bodies is the same in every frame
-        for sentence in enclosed(model, self._kinematics.data, self._sensors):
+        odd = (enclosed(model, self._kinematics.data, self._sensors), too_often(self._sensors, model.opt.timestep))
+        for sentence in chain(*odd):
             warn_user(sentence, UserWarning)
+        self._has_missed: set[str] = set()  # sensors of which a warning has said so
         self._begin(seed)
 
     def _begin(self, seed: int) -> None:
@@ -181,11 +185,14 @@ class Rig:
         """The frames that are due since the last call, in order of arrival; call this after each `mj_step`.
 
         A sensor with `rate_hz` is due at phase + k / rate_hz of `data.time` for every k, one without it at every call;
-        its frame is returned `latency` later. Each frame is returned once, however many arrive in one step, and is
-        complete whatever the timestep. It shows the world at the step that reached `frame.time`, less than a timestep
-        later. With `motion` or a rolling shutter it shows the world as it moves between the steps that it spans, and is
-        returned once its last ray is fired. When the clock goes backwards the schedule restarts, and frames under way
-        or not yet returned are discarded.
+        its frame is returned `latency` later, once. It is complete whatever the timestep, and shows the world at the
+        step that reached `frame.time`, less than a timestep later. With `motion` or a rolling shutter it shows the
+        world as it moves between the steps that it spans, and is returned once its last ray is fired. When the clock
+        goes backwards the schedule restarts, and frames under way or not yet returned are discarded.
+
+        Calls that skip steps see one state where several readings fell due. Of a sensor that stands still, those due
+        within the last timestep are read; if there are none but earlier ones, one is, and its `time` is `data.time`.
+        A RuntimeWarning says once for each sensor if that is fewer than fell due.
         """
         with self._in_use:
             self._kinematics.require_own(data)
@@ -193,7 +200,7 @@ class Rig:
                 self._undelivered.clear()
                 self._under_way.start_over()
             self._clock = data.time
-            due = [(time, m) for m in self._mounted.values() for time in self._schedules[m.spec.name].due(data.time)]
+            due = [(time, m) for m in self._mounted.values() for time in self._due(m.spec, data.time)]
             still = [(time, m) for time, m in due if not m.spec.moves]
             if still:
                 self._look(data)
@@ -204,6 +211,19 @@ class Rig:
             arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
             self._undelivered = [each for each in self._undelivered if each not in arrived]
             return [each.frame for each in sorted(arrived, key=lambda each: each.time)]
+
+    def _due(self, sensor: Sensor, now: float) -> list[float]:
+        """The times [s] of the readings that there are now, of what fell due since the last call."""
+        due = self._schedules[sensor.name].due(now)
+        if not due or sensor.rate_hz is None or sensor.moves:
+            return due
+        timestep = self._model.opt.timestep
+        given = times_of_one_state(sensor, due, now, timestep)
+        is_told = sensor.name in self._has_missed or reads_too_often(sensor, timestep)
+        if len(given) < len(due) and not is_told:
+            self._has_missed.add(sensor.name)
+            warn_user(missed(sensor, len(due), len(given)), RuntimeWarning)
+        return given
 
     def _move_on(self, data: mujoco.MjData, due: list[tuple[float, Mounted]]) -> None:
         """Begin readings of moving sensors, and make those whose last ray has been fired."""

@@ -98,7 +98,7 @@ def test_validate_shows_how_far_a_sensor_sees_around(rig: Path, sensor: str, vie
 
 
 def test_a_sensor_that_reads_more_often_than_the_model_steps_is_named(rig: Path) -> None:
-    word = "sensor 'front' reads at 600 Hz, the model steps at 500 Hz: the frames of a step show the same state"
+    word = "sensor 'front' reads at 600 Hz, the model steps at 500 Hz: rig.step gives one frame of a step"
     for rate, moves, named in ((600, 0, True), (500, 0, False), (600, 0.001, False)):
         values = f"sensors.front.rate_hz={rate}", f"sensors.front.readout_time={moves}"
         code, output = call("validate", rig, "--set", values[0], "--set", values[1])

@@ -217,6 +217,18 @@ def test_a_depth_image_can_be_in_millimetres() -> None:
     assert np.frombuffer(bytes(image.data), "<u2").tolist() == [1235, 0, 0, 0, 0, 500]
 
 
+def test_the_points_of_a_camera_are_sent_where_they_are_asked_for() -> None:
+    frame = make_frame(CameraFrame, random_range((4, 6), 0), time=START)
+    assert "/eye/depth/points" not in sent(CAMERA, frame)
+    points = sent(CAMERA, frame, depth_points=True)["/eye/depth/points"]
+    assert (points.header.frame_id, seconds(points.header.stamp)) == ("eye_optical_frame", START)
+    assert (points.height, points.width, points.point_step, points.row_step) == (4, 6, 12, 72)
+    assert (points.is_bigendian, points.is_dense) == (False, False)
+    read = cloud(points)
+    assert read.dtype.names == ("x", "y", "z")
+    np.testing.assert_array_equal(np.stack([read[axis] for axis in "xyz"], axis=-1), frame.points.numpy())
+
+
 def test_camera_info_counts_from_the_centre_of_the_first_pixel() -> None:
     """Seen through K, the directions of the pixels are at whole numbers: column u, row v."""
     pattern = CAMERA.pattern(MODEL)

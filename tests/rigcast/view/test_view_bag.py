@@ -1,5 +1,6 @@
 """What a view shows of a bag is what the sensors saw, in every layout; of other people's bags too."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,14 @@ def test_depth_in_millimetres_is_shown(tmp_path: Path) -> None:
         hit = np.isfinite(expected.depth)
         np.testing.assert_array_equal(np.isfinite(got.depth), hit)
         np.testing.assert_allclose(got.depth[hit], expected.depth[hit], atol=5.1e-4)
+
+
+def test_points_of_cameras_are_where_their_images_have_them(tmp_path: Path) -> None:
+    record(tmp_path, ["mcap"], depth_points=True)
+    read = list(read_bag(tmp_path / "rosbag2_mcap"))
+    images = [shot for shot in read if shot.sensor == "bent"]
+    clouds = [shot for shot in read if shot.sensor == "bent/depth"]
+    hold_equal([replace(shot, sensor="bent") for shot in clouds], images, ())
 
 
 def test_images_of_a_run_are_spread_by_their_lens(tmp_path: Path) -> None:

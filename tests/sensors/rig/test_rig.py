@@ -46,7 +46,7 @@ SENSORS: tuple[Sensor, ...] = (
     Lidar(name="fixed", mount=Mount(site="mast"), elevation_deg=[-5, 0], columns=32),
     DepthCamera(name="eye", mount=Mount(camera="eye"), resolution=(8, 6), rate_hz=30),
     DepthCamera(name="tracker", mount=Mount(camera="tracker"), resolution=(5, 5), fov_y_deg=30.0, rate_hz=100 / 3),
-    DepthCamera(name="nose", mount=Mount(site="nose"), resolution=(6, 4), fov_y_deg=60.0, rate_hz=1000.0),
+    DepthCamera(name="nose", mount=Mount(site="nose"), resolution=(6, 4), fov_y_deg=60.0, rate_hz=250.0),
     DepthCamera(name="watcher", mount=Mount(camera="watcher"), resolution=(7, 5), rate_hz=10),
     HeightScan(name="feet", mount=Mount(body="robot"), size=(1.0, 0.5), spacing=0.25, rate_hz=50, max_range=5.0),
 )

@@ -1,5 +1,6 @@
 """Stepping a rig beside a simulation gives every frame once, in order, however the timestep falls."""
 
+import warnings
 from typing import Any
 
 import mujoco
@@ -17,6 +18,7 @@ XML = """
   </worldbody>
 </mujoco>
 """
+pytestmark = pytest.mark.filterwarnings("ignore:sensor '.*' reads at .* Hz, the model steps at:UserWarning")
 RATES = {"slow": 10.0, "odd": 30.0, "third": 100 / 3, "fast": 1000.0, "every": None}
 
 
@@ -43,12 +45,13 @@ def times(frames: list[tuple[float, Frame]], name: str) -> list[float]:
 
 
 @pytest.mark.parametrize("timestep", [0.0037, 0.002, 0.001, 1 / 240, 0.01, 0.15])
-def test_each_frame_comes_once(timestep: float) -> None:
+def test_each_frame_comes_once_and_in_a_step_only_the_last(timestep: float) -> None:
     rig, data = rig_and_data(timestep)
     frames = drive(rig, data, 1.0)
     for name, rate in RATES.items():
         if rate is not None:
-            assert times(frames, name) == [k / rate for k in range(1, int(data.time * rate + 1e-6) + 1)], name
+            reached = np.unique([int(timestep * k * rate + 1e-6) for k in range(round(data.time / timestep) + 1)])
+            assert times(frames, name) == [k / rate for k in reached[1:].tolist()], name
     assert times(frames, "every") == sorted({time for time, _ in frames})
     assert len(times(frames, "every")) == round(data.time / timestep)
 
@@ -85,9 +88,7 @@ def test_frames_are_of_the_step_even_if_they_are_taken_later() -> None:
 
 def test_before_the_first_step_all_sensors_are_due_once() -> None:
     rig, data = rig_and_data()
-    assert [(frame.sensor, frame.time) for frame in rig.step(data) if frame.sensor != "fast"] == [
-        (name, 0.0) for name in RATES if name != "fast"
-    ]
+    assert [(frame.sensor, frame.time) for frame in rig.step(data)] == [(name, 0.0) for name in RATES]
     assert rig.step(data) == []
 
 
@@ -213,19 +214,90 @@ def test_a_rosette_looks_elsewhere_in_each_reading() -> None:
 @pytest.mark.parametrize(
     "given",
     [
-        {"elevation_deg": [-20, 0, 20], "columns": 24, "rate_hz": 10},
-        {"preset": "livox_mid40", "noise": None, "motion": False},
+        {"elevation_deg": [-20, 0, 20], "columns": 24, "rate_hz": 10, "scan_time": 0},
+        {"preset": "livox_mid40", "noise": None, "motion": False, "rate_hz": 10},
     ],
     ids=["the same each time", "another each time"],
 )
 def test_readings_of_one_sensor_in_one_step_look_where_each_does_alone(given: dict[str, Any]) -> None:
-    model = mujoco.MjModel.from_xml_string(XML.format(0.35))
-    spec = Lidar(name="lidar", mount=Mount(pos=(0, 0, 2), euler_deg=(0, 90, 0)), **given)
+    model = mujoco.MjModel.from_xml_string(XML.format(0.1))
+    spec = Lidar(name="lidar", mount=Mount(pos=(0, 0, 2), euler_deg=(0, 90, 0)), jitter=0.049, **given)
     rig, data = Rig(model, [spec], "cpu"), mujoco.MjData(model)
-    data.time = 0.35
-    frames = rig.step(data)
-    assert len(frames) >= 2
+    frames: list[Frame] = []
+    while len(frames) < 2:  # one that is late, and the next, which is early
+        data.time += 0.1
+        frames = rig.step(data)
     for frame in frames:
         data.time = frame.time
         alone = Rig(model, [spec], "cpu").sense(data)["lidar"]
         np.testing.assert_array_equal(frame.range.numpy(), alone.range.numpy())
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "skipped", "expected"),
+    [
+        pytest.param(100, 25, [0.05, 0.1, 0.15, 0.2], id="many due, the last one now"),
+        pytest.param(65, 25, [0.1, 0.15, 0.2], id="many due, none now"),
+        pytest.param(10, 25, [0.1, 0.2], id="one due, now"),
+        pytest.param(10, 20, [0.12, 0.2], id="one due, some steps ago"),
+        pytest.param(None, 25, [0.05, 0.1, 0.15, 0.2], id="no rate"),
+    ],
+)
+def test_calls_that_skip_steps_give_one_frame_of_a_state_with_its_time(
+    rate_hz: float | None, skipped: int, expected: list[float]
+) -> None:
+    """They gave a frame for each due time, all of which showed the world as it was by then."""
+    rig, data = rig_and_data(0.002, ("every",))
+    spec = rig.sensors[0].model_copy(update={"rate_hz": rate_hz})
+    rig, got = Rig(rig.model, [spec], "cpu"), []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for _ in range(round(0.2 / 0.002) // skipped):
+            for _ in range(skipped):
+                mujoco.mj_step(rig.model, data)
+            for frame in rig.step(data):
+                assert frame.range.numpy().item() == pytest.approx(data.qpos[2], rel=1e-6)
+                np.testing.assert_array_equal(frame.stamp.numpy(), frame.time)
+                got.append(frame.time)
+    np.testing.assert_allclose(got, expected, atol=1e-9)
+    said = [str(warning.message) for warning in caught]
+    of_rates: dict[float | None, int] = {100: 5, 65: 3}
+    fell_due = of_rates.get(rate_hz)
+    assert len(said) == (fell_due is not None), "once, though it happened at each call"
+    for each in said:
+        assert f"sensor 'every' at {rate_hz} Hz: {fell_due} readings fell due since the last rig.step" in each
+        assert "gives 1, as all would show" in each
+        assert caught[0].filename == __file__
+
+
+def test_a_sensor_that_moves_is_read_at_every_due_time_between_calls() -> None:
+    rig, data = rig_and_data(0.002, ("every",))
+    sweeping = rig.sensors[0].model_copy(update={"rate_hz": 100.0, "motion": True})
+    moving, got = Rig(rig.model, [sweeping], "cpu"), []
+    for _ in range(100):
+        mujoco.mj_step(rig.model, data)
+        if round(data.time / 0.002) % 25 == 0:
+            got += moving.step(data)
+    assert [frame.time for frame in got] == pytest.approx([k / 100 for k in range(5, 21)])
+    heights = [1000 - 9.81 / 2 * frame.time**2 for frame in got]
+    assert [frame.range.numpy().item() for frame in got] == pytest.approx(heights, abs=0.02)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("given", "is_named"),
+    [
+        ({"rate_hz": 501}, True),
+        ({"rate_hz": 500}, False),
+        ({"rate_hz": None}, False),
+        ({"rate_hz": 501, "motion": True}, False),
+    ],
+)
+def test_a_rig_names_sensors_that_read_more_often_than_the_model_steps(given: dict[str, Any], is_named: bool) -> None:
+    rig, _ = rig_and_data(0.002, ("every",))
+    spec = rig.sensors[0].model_copy(update=given)
+    if is_named:
+        with pytest.warns(UserWarning, match="sensor 'every' reads at 501 Hz, the model steps at 500 Hz"):
+            Rig(rig.model, [spec], "cpu")
+    else:
+        Rig(rig.model, [spec], "cpu")
