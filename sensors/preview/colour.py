@@ -57,7 +57,7 @@ class Scale:
 
     @classmethod
     def of(cls, values: NDArray[np.floating], reverse: bool = False) -> "Scale":
-        """The range from the 1st to the 96th percentile of finite values; ignores outliers, such as views through doors."""
+        """The range from the 1st to the 96th percentile of finite values, to leave out views through doors."""
         finite = values[np.isfinite(values)]
         if not finite.size:
             return cls(np.nan, np.nan, reverse)

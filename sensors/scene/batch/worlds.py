@@ -126,7 +126,7 @@ class Worlds:
         return slice(0, self.count)
 
     def parts(self, most: int) -> list[slice]:
-        """Slices of all worlds, each of at most `most` worlds (at least one) and of equal length; the last may overlap."""
+        """Slices of all worlds, of equal length, at most `most` but at least one; the last may overlap."""
         size = -(-self.count // -(-self.count // max(most, 1)))
         firsts = [min(first, self.count - size) for first in range(0, self.count, size)]
         return [slice(first, first + size) for first in firsts]
