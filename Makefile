@@ -63,7 +63,7 @@ test-oldest: .venv-oldest/installed
 	$(OLDEST)/python -m pytest -n $(JOBS)
 
 clean:
-	rm -rf .venv .venv-oldest build/lib build/installed build/bdist.* dist out bench.json *.egg-info
+	rm -rf .venv .venv-oldest build/lib build/installed build/bdist.* build/site dist out bench.json *.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import mujoco
+import numpy as np
 
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.scene.same_model import PLACES, SHAPES, require_same_model
@@ -10,6 +11,7 @@ from rigcast.sensors.scene.same_model import PLACES, SHAPES, require_same_model
 _STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
 """State components from which poses are computed."""
 _SLEEP = mujoco.mjtEnableBit.mjENBL_SLEEP.value
+_SAME = 1e-9  # of a metre and of itself, for poses that were worked out from the same state
 _STAGES = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_camlight)
 """MuJoCo stages that compute poses; bodies need only the first, flexes and cameras all of them."""
 
@@ -34,6 +36,12 @@ class Kinematics:
             mujoco.mj_resetData(self._model, self.data)
         mujoco.mj_copyState(self._model, data, self.data, _STATE)
         self._work_out()
+
+    def are_of(self, data: mujoco.MjData) -> bool:
+        """Whether the poses of geoms in `data` are those at `data.time`, which are taken."""
+        self.update(data)
+        pairs = (data.geom_xpos, self.data.geom_xpos), (data.geom_xmat, self.data.geom_xmat)
+        return all(np.allclose(got, own, rtol=_SAME, atol=_SAME, equal_nan=True) for got, own in pairs)
 
     def require_own(self, data: mujoco.MjData) -> None:
         """Raise InputError for data of another model or of an edited copy of it, and for edited camera optics."""

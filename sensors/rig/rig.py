@@ -1,7 +1,8 @@
 """A rig: sensors mounted on a MuJoCo model, read together."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import weakref
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
 from typing import Literal, NamedTuple, NoReturn
 
@@ -13,7 +14,7 @@ from rigcast.sensors.errors import InputError, require_type, warn_user
 from rigcast.sensors.fixed import fixed
 from rigcast.sensors.names import expected_one_of, require_different
 from rigcast.sensors.scene.batch.sources import BATCHES, Batch
-from rigcast.sensors.scene.batch.worlds import as_worlds, is_batch
+from rigcast.sensors.scene.batch.worlds import Worlds, as_worlds, is_batch
 from rigcast.sensors.scene.hits import Hits
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
@@ -33,6 +34,9 @@ from .reading import read_frames
 from .timing.one_state import missed, reads_too_often, times_of_one_state, too_often
 from .timing.schedule import Schedule
 from .under_way import UnderWay
+
+_CHECKED = 2
+"""How many readings of a list of MjData are checked for poses of before: one to begin with, and one within a loop."""
 
 
 class Rig:
@@ -90,6 +94,7 @@ class Rig:
         odd = (enclosed(model, self._kinematics.data, self._sensors), too_often(self._sensors, model.opt.timestep))
         for sentence in chain(*odd):
             warn_user(sentence, UserWarning)
+        self._unchecked = _CHECKED
         self._has_missed: set[str] = set()  # sensors of which a warning has said so
         self._begin(seed)
 
@@ -100,6 +105,7 @@ class Rig:
         self._under_way = UnderWay(self._scene, [m for m in self._mounted.values() if m.spec.moves], rounding)
         self._undelivered: list[_Delivery] = []
         self._clock = math.nan
+        self._stepped: Callable[[], mujoco.MjData | None] = lambda: None  # of the last step, unless it is gone by now
 
     @fixed
     def model(self) -> mujoco.MjModel:
@@ -179,7 +185,25 @@ class Rig:
             self._kinematics.require_same_optics()
             worlds = as_worlds(data)
             worlds.require_sensors(self._mounted)
-            return sense_worlds(self._scene, mounted, worlds, out, self.seed)
+            of_worlds = sense_worlds(self._scene, mounted, worlds, out, self.seed)
+            if self._unchecked:
+                self._check_poses(worlds)
+            return of_worlds
+
+    def _check_poses(self, worlds: Worlds) -> None:
+        """Warn once where poses of MjData, which are read as they stand, are not of now."""
+        data = worlds.first_data
+        if data is None:
+            return
+        self._unchecked -= 1
+        if not self._kinematics.are_of(data):
+            self._unchecked = 0
+            warn_user(
+                "Rig.sense: a list of MjData is read with the poses that they have, and those of world 0 are not of "
+                "its qpos; mj_step leaves them a step behind: expected mujoco.mj_kinematics, or mj_forward, of each "
+                "before",
+                RuntimeWarning,
+            )
 
     def step(self, data: mujoco.MjData) -> list[Frame]:
         """The frames that are due since the last call, in order of arrival; call this after each `mj_step`.
@@ -193,9 +217,14 @@ class Rig:
         Calls that skip steps see one state where several readings fell due. Of a sensor that stands still, those due
         within the last timestep are read; if there are none but earlier ones, one is, and its `time` is `data.time`.
         A RuntimeWarning says once for each sensor if that is fewer than fell due.
+
+        Raises:
+            InputError: data as `sense` refuses it, or another MjData than before without `reset` between, unless the
+                first is gone or the other's clock is behind.
         """
         with self._in_use:
             self._kinematics.require_own(data)
+            self._require_one_clock(data)
             if not data.time >= self._clock:
                 self._undelivered.clear()
                 self._under_way.start_over()
@@ -211,6 +240,21 @@ class Rig:
             arrived = [each for each in self._undelivered if each.time <= data.time + each.rounding]
             self._undelivered = [each for each in self._undelivered if each not in arrived]
             return [each.frame for each in sorted(arrived, key=lambda each: each.time)]
+
+    def _require_one_clock(self, data: mujoco.MjData) -> None:
+        """Raise InputError where two MjData take turns: the clock of one would be taken for that of the other.
+
+        Another one whose clock is behind is a new episode, as the same one is whose clock goes back.
+        """
+        stepped = self._stepped()
+        if stepped is data:
+            return
+        if stepped is not None and data.time >= self._clock:
+            raise InputError(
+                f"Rig.step: data: got another MjData than in the call before, which was at {self._clock:g} s, expected "
+                "one rig for each MjData, or rig.reset() before another one"
+            )
+        self._stepped = weakref.ref(data)
 
     def _due(self, sensor: Sensor, now: float) -> list[float]:
         """The times [s] of the readings that there are now, of what fell due since the last call."""

@@ -50,6 +50,10 @@ class Source(Protocol):
 
     def require_model(self, model: mujoco.MjModel) -> None: ...
 
+    @property
+    def first_data(self) -> mujoco.MjData | None:
+        """World 0, where worlds are MjData."""
+
 
 class Rows:
     """A field of vectors or matrices of several MjData, in their own memory."""
@@ -72,6 +76,10 @@ class _ListOfData:
         self._datas = tuple(datas)
         self._found = _found_of(self._datas)
         self.count, self.bytes_per_pose = len(datas), 2 * BYTES_PER_FRAME
+
+    @property
+    def first_data(self) -> mujoco.MjData | None:
+        return self._datas[0] if self._datas else None
 
     def field(self, name: str, part: slice) -> Any:
         if name == "time":
@@ -132,6 +140,7 @@ class _MujocoBatch:
 
     def __init__(self, batch: Any) -> None:
         self._batch, self.count, self.bytes_per_pose = batch, batch.nsim, BYTES_PER_FRAME
+        self.first_data = None
 
     def field(self, name: str, part: slice) -> Any:
         return self._batch.bind(name)[part]
@@ -154,7 +163,7 @@ class _Arrays:
     unset = "is all zeros, expected rotation matrices"
 
     def __init__(self, get: Callable[[str], Any]) -> None:
-        self._get = get
+        self._get, self.first_data = get, None
         position = get("geom_xpos")
         missing = [name for name in ("geom_xpos", "geom_xmat") if get(name) is None]
         if missing:

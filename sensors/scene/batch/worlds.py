@@ -112,6 +112,11 @@ class Worlds:
                 raise InputError(f"Worlds: {option}: no sensor {sensor!r}, {expected_one_of(sensor, list(names))}")
 
     @property
+    def first_data(self) -> mujoco.MjData | None:
+        """World 0, where worlds are MjData and all of them are sensed."""
+        return self._source.first_data if self._active is None else None
+
+    @property
     def bytes_per_pose(self) -> int:
         """Bytes of the copies of a geom's pose; 0 if it is used in place."""
         return self._source.bytes_per_pose

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from rigcast import Filter, Frame, Lidar, Mount, Rig
+from rigcast import Filter, Frame, InputError, Lidar, Mount, Rig
 
 XML = """
 <mujoco>
@@ -301,3 +301,30 @@ def test_a_rig_names_sensors_that_read_more_often_than_the_model_steps(given: di
             Rig(rig.model, [spec], "cpu")
     else:
         Rig(rig.model, [spec], "cpu")
+
+
+def test_two_data_in_turn_are_refused() -> None:
+    """One of them got no frames, as the other had reached the times at which they fell due."""
+    rig, first = rig_and_data(0.002, ("slow",))
+    second = mujoco.MjData(rig.model)
+    drive(rig, first, 0.05)
+    mujoco.mj_step(rig.model, second)
+    second.time = first.time
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"got another MjData than in the call before, which was at 0\.05.* s"):
+            rig.step(second)
+    assert times(drive(rig, first, 0.25), "slow") == [0.1, 0.2], "the first goes on as if it had not been"
+    rig.reset()
+    assert rig.step(second) == []
+    with pytest.raises(InputError, match=r"one rig for each MjData, or rig\.reset"):
+        rig.step(first)
+
+
+def test_another_data_may_begin_another_episode() -> None:
+    rig, first = rig_and_data(0.002, ("slow",))
+    drive(rig, first, 0.25)
+    assert times(drive(rig, mujoco.MjData(rig.model), 0.25), "slow") == [0.1, 0.2], "its clock begins again"
+    del first
+    later = mujoco.MjData(rig.model)
+    later.time = 0.25
+    assert times(drive(rig, later, 0.35), "slow") == [0.3], "nobody has the other any more"
