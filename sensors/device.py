@@ -1,4 +1,4 @@
-"""Which Warp device a user means."""
+"""The Warp device that a user asks for."""
 
 import os
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from rigcast.sensors.names import expected_one_of
 if TYPE_CHECKING:
 
     class DeviceArray(wp.array):  # type: ignore[misc]  # of which this project's mypy knows nothing
-        """A Warp array, of whose `numpy()` Warp says nothing to type checkers."""
+        """A Warp array with a typed `numpy()`, which Warp does not declare."""
 
         def numpy(self) -> NDArray[Any]: ...
 else:
@@ -25,14 +25,14 @@ else:
 
 
 def find_device(device: wp.DeviceLike) -> wp.Device:
-    """None is CUDA if it is present, else the CPU.
+    """The Warp device of this name; for None CUDA if present, else the CPU.
 
-    Raises InputError for a device that is not there, and where no kernel is compiled nor can be.
+    Raises InputError for a device that does not exist, and if there are no compiled kernels and none can be written.
     """
     _require_started()
     if device is None:
         return wp.get_preferred_device()
-    # for "cuda" Warp would ask a driver that is missing, and print errors of its own
+    # without a CUDA driver, Warp would print errors of its own for "cuda"
     if str(device) != "cuda" or wp.is_cuda_available():
         with suppress(ValueError, RuntimeError):
             return wp.get_device(device)
@@ -42,7 +42,7 @@ def find_device(device: wp.DeviceLike) -> wp.Device:
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Raise InputError where the body, which writes no other files, cannot write a kernel."""
+    """Raise InputError if the body cannot write a kernel; it must write no other files."""
     try:
         yield
     except OSError as error:

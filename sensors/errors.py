@@ -1,4 +1,4 @@
-"""The one error that rigcast raises for what a user gives it, and how it warns."""
+"""The error that rigcast raises for invalid input, and its warnings."""
 
 import sys
 import warnings
@@ -7,21 +7,21 @@ from types import NoneType
 
 
 class InputError(ValueError):
-    """Something given by the user cannot be used: a rig, a model, an array, a folder.
+    """Invalid input from the user: a rig, a model, an array, a folder.
 
-    The message says what is wrong, where, what was got and what was expected, one line per fault.
+    The message has one line per fault: what is wrong, where, what was got and what was expected.
     """
 
 
 def require_type(what: str, value: object, *kinds: type) -> None:
-    """Raise InputError where `value`, which a message calls `what`, is of none of these types."""
+    """Raise InputError if `value` is of none of these types. what: its name in the message."""
     if not isinstance(value, kinds):
         expected = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
         raise InputError(f"{what}: got {type(value).__name__}, expected {expected}")
 
 
 def require_whole(what: str, value: object, least: int) -> None:
-    """Raise InputError where `value`, which a message calls `what`, is no whole number from `least` on."""
+    """Raise InputError unless `value` is a whole number, at least `least`. what: its name in the message."""
     try:
         number = least - 1 if isinstance(value, bool) else index(value)  # type: ignore[arg-type]
     except TypeError:
@@ -31,7 +31,7 @@ def require_whole(what: str, value: object, least: int) -> None:
 
 
 def warn_user(message: str, category: type[Warning]) -> None:
-    """Warn at the line outside of rigcast that led here."""
+    """Warn at the line outside of rigcast from which it was called."""
     level, frame = 1, sys._getframe()
     # a fixed stacklevel would depend on Python: from 3.12 on comprehensions have no frame
     while frame.f_back is not None and frame.f_globals["__name__"].startswith("rigcast."):

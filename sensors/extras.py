@@ -1,4 +1,4 @@
-"""Libraries that are not among rigcast's own requirements."""
+"""Optional libraries."""
 
 from importlib import import_module
 from types import ModuleType
@@ -7,7 +7,7 @@ from .errors import InputError
 
 
 def load_extra(what: str, module: str, extra: str) -> ModuleType:
-    """Import `module`. Raises InputError, with how to install it, where it is not there; `what` is what needs it."""
+    """Import `module`. Raises InputError with the command to install it if it is missing. what: what needs it."""
     try:
         return import_module(module)
     except ModuleNotFoundError as error:

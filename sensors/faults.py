@@ -1,6 +1,6 @@
-"""What is wrong with a specification, as places and sentences: one `Fault` per mistake.
+"""Mistakes in specifications: one `Fault` per mistake, with its place and a sentence.
 
-pydantic finds the mistakes; here its reports are put into the words of this project. The same faults serve
+pydantic finds the mistakes; this module rewords its reports. The same faults serve
 Python, where they are lines of an `InputError`, and YAML, where each is given its line and column.
 """
 
@@ -25,7 +25,7 @@ _MAPPING_KINDS = ("model_type", "model_attributes_type", "dict_type")
 
 @dataclass(frozen=True)
 class Fault:
-    """One mistake: `where` it is (keys and indices, outermost first) and what is wrong.
+    """One mistake: its place `where` (keys and indices, outermost first) and what is wrong.
 
     `at_key` says that the key itself is at fault, not its value.
     """
@@ -39,7 +39,7 @@ class Fault:
         return f"{place}: {self.message}" if place else self.message
 
     def under(self, *prefix: str | int) -> "Fault":
-        """The same fault as seen from outside: `prefix` is the way to the thing that has it."""
+        """The fault with its place prefixed by the keys and indices that lead to its specification."""
         return Fault((*prefix, *self.where), self.message, self.at_key)
 
 
@@ -49,7 +49,7 @@ def path_text(where: Where) -> str:
 
 
 def refuse(owner: str, faults: Iterable[Fault]) -> None:
-    """Raise one InputError with a line per fault, each opened by `owner`; without faults do nothing."""
+    """Raise one InputError with a line per fault, each beginning with `owner`; do nothing without faults."""
     lines = [f"{owner}: {fault}" for fault in faults]
     if lines:
         raise InputError("\n".join(lines))
@@ -84,7 +84,7 @@ def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
 
 
 def _own_first(owner: type[BaseModel], kin: Mapping[str, type[BaseModel]]) -> list[str]:
-    """The keys of a model; those that all its kin have are the last."""
+    """The keys of a model, with those that all of its kin have last."""
     shared = set(owner.model_fields).intersection(*(model.model_fields for model in kin.values())) if kin else set()
     return sorted(owner.model_fields, key=lambda key: key in shared)
 
@@ -94,8 +94,8 @@ def _resolve(
 ) -> tuple[Where, type[BaseModel] | None, Any, dict[str, type[BaseModel]]]:
     """Follow pydantic's `loc` through the annotations of `spec`.
 
-    pydantic puts the tag of a discriminated union into `loc` although no such key is in the data. It is told
-    from a key by its position, right below the union, because a key may well have the same name. Returns the
+    pydantic puts the tag of a discriminated union into `loc` although no such key is in the data. It is told apart
+    from a key by its position, right below the union, because a key may have the same name. Returns the
     place without tags, the model that has its last key, the annotation found there, and tag -> model of the union
     that this model belongs to, if it does.
     """
@@ -120,13 +120,13 @@ def _resolve(
 
 
 def _without_none(annotation: Any) -> Any:
-    """`X` of `X | None`, any other annotation as it is."""
+    """The annotation without None: `X` for `X | None`."""
     some = [member for member in get_args(annotation) if member is not NoneType]
     return some[0] if NoneType in get_args(annotation) and len(some) == 1 else annotation
 
 
 def _union_members(annotation: Any) -> dict[str, type[BaseModel]]:
-    """tag -> model of a union discriminated on `type`; empty for any other annotation."""
+    """The models of a union discriminated on `type`, by their tags; empty for any other annotation."""
     if get_origin(annotation) is not Annotated:
         return {}
     models = get_args(get_args(annotation)[0])
@@ -158,13 +158,13 @@ def _sentence(detail: ErrorDetails) -> str:
 
 
 def _keys(annotation: Any) -> str:
-    """What a mapping may have, where its keys are known."""
+    """The text " of <keys>" for a mapping whose keys are known, else ""."""
     is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel)
     return f" of {listing(list(annotation.model_fields))}" if is_model else ""
 
 
 def _meaning(kind: str, where: Where, owner: type[BaseModel] | None) -> str:
-    """What a number or list that is not one should have been, with its unit, as its field says."""
+    """The field's description, with its unit, if a number or list was expected; else ""."""
     key = next((step for step in reversed(where) if isinstance(step, str)), None)
     if kind not in _KINDS_WITH_MEANING or owner is None or key not in owner.model_fields:
         return ""
@@ -172,7 +172,7 @@ def _meaning(kind: str, where: Where, owner: type[BaseModel] | None) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A value as the message shows it: short, and telling text from numbers."""
+    """A value for the message: shortened, with text in quotes."""
     if value is None:
         return "nothing (null)"
     if isinstance(value, float) and not math.isfinite(value):

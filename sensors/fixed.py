@@ -1,4 +1,4 @@
-"""Attributes that stay as they were when their object was made, of which the rest of it was worked out."""
+"""Attributes that cannot be set after construction, because other attributes are computed from them."""
 
 from typing import TYPE_CHECKING, Any, NoReturn
 

@@ -1,4 +1,4 @@
-"""What one thread uses at a time: another that comes meanwhile is refused, not let into half of a reading."""
+"""Exclusive use by one thread at a time: another thread is refused, so that it cannot interrupt a reading."""
 
 from threading import RLock
 
@@ -6,9 +6,9 @@ from .errors import InputError
 
 
 class InUse:
-    """To be held by the thread that uses something, as often as it likes: `with in_use:`.
+    """A reentrant lock that refuses other threads: `with in_use:`.
 
-    Raises InputError in another one. That does not wait: what it then read would depend on which came first.
+    Raises InputError in any other thread instead of waiting: readings would otherwise depend on which came first.
     """
 
     __slots__ = ("_acquire", "_release")

@@ -1,4 +1,4 @@
-"""Triangles of meshes: those of a model, and of files in STL, OBJ, PLY and GLB, read by trimesh."""
+"""Triangles of meshes in a model, and in STL, OBJ, PLY and GLB files, read by trimesh."""
 
 import io
 import re
@@ -18,7 +18,7 @@ _RELATIVE_FACE = re.compile(r"^\s*f\s(?:.*\s)?(?:-|0+(?:[/\s]|$))", re.MULTILINE
 
 
 def mesh_of_model(model: mujoco.MjModel, mesh: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Vertices (n, 3) [m] and faces (m, 3) of a mesh in the frame of its geoms, views of the model's."""
+    """Vertices (n, 3) [m] and faces (m, 3) of a mesh in the frame of its geoms; views of the model's arrays."""
     vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
     return vertices, model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
 
@@ -44,7 +44,7 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         vertices, faces = _joined(_load(content, suffix.removeprefix(".")))
     except ImportError:  # trimesh looks for a guesser of text encodings when all else has failed
         raise InputError(f"{file}: broken: neither whole {suffix} binary nor text") from None
-    except Exception as error:  # whatever a parser comes upon in a broken file
+    except Exception as error:  # parsers raise anything on broken files
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{file}: broken, or not a {suffix} file: {reason:.200}") from None
     if not len(faces):
@@ -54,7 +54,7 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def _load(content: bytes, file_type: str) -> Any:
-    import trimesh  # here: rigs without props need not wait for it
+    import trimesh  # imported here, because rigs without props do not need it
 
     if file_type == "obj":  # comments and names are often not in UTF-8
         content = _with_absolute_indices(content.decode(errors="replace")).encode()
@@ -63,7 +63,7 @@ def _load(content: bytes, file_type: str) -> Any:
 
 
 def _with_absolute_indices(obj: str) -> str:
-    """An OBJ file whose faces count from the first vertex: -1, the last one before the face, trimesh takes wrongly."""
+    """The OBJ text with absolute vertex indices; trimesh misreads relative ones (-1: the last before the face)."""
     obj = obj.replace("\\\n", " ")
     if not _RELATIVE_FACE.search(obj):
         return obj
@@ -85,7 +85,7 @@ def _absolute(index: int, count: int) -> int:
 
 
 def _joined(scene: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """All meshes of a trimesh scene in its own frame; points and curves are no part of them."""
+    """Vertices and faces of all meshes of a trimesh scene in its frame, without points and curves."""
     vertices, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]

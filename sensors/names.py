@@ -1,4 +1,4 @@
-"""Names a user mistyped: which ones there are, and which was probably meant."""
+"""Messages about unknown names: the valid names, and the one that was probably meant."""
 
 import difflib
 import re
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _SHOWN = 12  # names listed in a message before it is cut short
 
-# What other simulators and drivers call our keys, and what does not resemble them, as `_bare` has it.
+# Names that other simulators and drivers use for our keys, if not similar to these; as `_bare` returns them.
 _ELSEWHERE = {
     "elevation_deg": ("channels", "rings", "vertical", "verticalangles", "verticalfov", "verticalfovrange", "vfov"),
     "azimuth_deg": ("horizontal", "horizontalfovrange", "minangle", "maxangle", "anglemin", "anglemax"),
@@ -37,7 +37,7 @@ _ELSEWHERE = {
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """The end of a message that proposes the nearest of `names`, or "" when none is near."""
+    """The end of a message that proposes the nearest of `names`; "" if none is near."""
     candidates = list(names)
     nearest = [candidate for candidate in candidates if _bare(candidate) == _bare(name)]
     nearest += [candidate for candidate in candidates if _bare(name) in _ELSEWHERE.get(candidate, ())]
@@ -47,32 +47,32 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
 
 
 def _bare(name: str) -> str:
-    """A name's letters and digits, without its unit: `fovy` means `fov_y_deg`, and VLP-16 a `velodyne_vlp16`."""
+    """A name's letters and digits without its unit, so that `fovy` finds `fov_y_deg` and VLP-16 `velodyne_vlp16`."""
     return re.sub(r"[\W_]", "", re.sub(r"_(deg|hz|us)$", "", name.lower()))
 
 
 def expected_one_of(name: str, names: Sequence[str]) -> str:
-    """The end of a message about an unknown `name`: what was expected, and what was probably meant."""
+    """The end of a message about an unknown `name`: the valid names, and the one that was probably meant."""
     if not names:
-        return "nor any other"
+        return "and none with a name exists"
     return f"expected one of {listing(names)}{did_you_mean(name, names)}"
 
 
 def listing(names: Sequence[str]) -> str:
-    """The first few of `names`, and how many there are in all."""
+    """The first few of `names`, and their number."""
     more = f", ... ({len(names)} in all)" if len(names) > _SHOWN else ""
     return ", ".join(names[:_SHOWN]) + more or "(there is none)"
 
 
 def require_different(what: str, names: Iterable[str]) -> None:
-    """Raise InputError, which calls them `what`, where two of the names are the same."""
+    """Raise InputError if two of the names are the same. what: the beginning of the message."""
     repeated = [repr(name) for name, count in Counter(names).items() if count > 1]
     if repeated:
         raise InputError(f"{what}: names must differ, got {', '.join(repeated)} more than once")
 
 
 def usable_name(name: str, taken: set[str]) -> str:
-    """`name` as a sensor may be called, with a number where it is `taken`; it is taken from then on."""
+    """A valid sensor name made from `name`, with a number if it is `taken`; adds it to `taken`."""
     usable = re.sub(r"[^A-Za-z0-9_-]+", "_", name)[:56] or "sensor"
     number = 2
     free = usable
@@ -84,7 +84,7 @@ def usable_name(name: str, taken: set[str]) -> str:
 
 def model_names(model: "mujoco.MjModel", kind: "mujoco.mjtObj", count: int) -> list[str]:
     """The names of the `count` objects of one kind in a model; nameless ones are left out."""
-    import mujoco  # here, as the command line names its commands without it
+    import mujoco  # imported here, because the command line lists its commands without it
 
     names = (mujoco.mj_id2name(model, kind, i) for i in range(count))
     return [name for name in names if name]

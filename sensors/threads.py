@@ -1,4 +1,4 @@
-"""How many CPU threads cast."""
+"""The number of CPU threads."""
 
 import os
 import re
@@ -25,7 +25,7 @@ def set_threads(count: int | None) -> None:
 
 
 def require_thread_count() -> None:
-    """Raise InputError where RIGCAST_THREADS is set to anything but a whole number from 1 to 9999."""
+    """Raise InputError if RIGCAST_THREADS is set to anything but a whole number from 1 to 9999."""
     wanted = os.environ.get(_VARIABLE)
     if wanted:
         _require_count(_VARIABLE, wanted)

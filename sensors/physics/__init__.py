@@ -1,1 +1,1 @@
-"""What sensors do to what their rays hit: effects of light, electronics and weather."""
+"""Measurement effects of sensors: light, electronics, weather."""

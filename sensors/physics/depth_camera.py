@@ -1,4 +1,4 @@
-"""A depth camera's way from rays to a reading: what it sees, what of that it measures, and how well."""
+"""Readings of a depth camera: the hits of its rays, its principle of measurement, and its errors."""
 
 import math
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ _KINECT_V1 = {"nguyen": kinect_v1.NGUYEN, "disparity": kinect_v1.DISPARITY}
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """hits: what is measured. seen: what is there, to any distance. Both (n,), normals in the camera's frame."""
+    """hits: as measured. seen: true hits, at any distance. Both (n,), with normals in the camera's frame."""
 
     hits: HitArrays
     seen: HitArrays
@@ -45,13 +45,13 @@ class _Look:
     source: RandomSource
 
     def cast(self, rays: Rays) -> HitArrays:
-        """What rays from the camera hit, to any distance, with normals in its frame."""
+        """Hits of rays from the camera at any distance, with normals in its frame."""
         hits = self.scene.cast_rays(rays, self.visible, math.inf)
         read(hits, rays, min_range=0.0)
         return hits
 
     def lose(self, spec: Ranging, untextured_dropout: float, hits: HitArrays) -> None:
-        """Take away the pixels that give no reading, if the specification knows any."""
+        """Set the distance of lost pixels to NaN, if the specification has losses."""
         losses = Losses()
         losses.dropout, losses.untextured_dropout = spec.dropout, untextured_dropout
         losses.min_cosine = math.cos(math.radians(spec.max_incidence_deg)) if spec.max_incidence_deg < 90 else 0.0
@@ -62,7 +62,7 @@ class _Look:
 
 
 class DepthPhysics:
-    """The errors that the specification of one camera asks for, ready on the device of a scene."""
+    """The errors in one camera's specification, prepared on a scene's device."""
 
     def __init__(self, scene: Stage, spec: DepthCamera, pattern: Pattern) -> None:
         self._scene, self._spec = scene, spec
@@ -70,7 +70,7 @@ class DepthPhysics:
 
     @property
     def bytes_per_ray(self) -> int:
-        """The most memory that a reading takes for each of its rays: of every cast, its hits and its directions; and
+        """Upper bound on the memory [bytes] of a reading per ray: the hits and directions of every cast, and
         random numbers."""
         flight = self._spec.time_of_flight
         casts = 4 if flight is None else 2 + flight.subrays**2
@@ -78,11 +78,11 @@ class DepthPhysics:
 
     @property
     def kept_bytes_per_ray(self) -> int:
-        """What stays of that for as long as the frame: what is there, which its infrared light shows."""
+        """Memory [bytes] per ray that is kept with the frame: the true hits, for its infrared intensity."""
         return BYTES_PER_HIT
 
     def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
-        """One reading of the scene, with rays through the pixels' centres. It is as bright as what is there."""
+        """One reading of the scene with rays through the pixels' centres. Its intensity is that of the true hits."""
         measured = self._read(_Look(self._scene, rays, visible, source))
         bound(measured.hits, self._spec.min_range, self._spec.max_range)
         reflectivity = self._scene.looks().reflectivity
@@ -112,7 +112,7 @@ class _ReadStereo:
         return _Measured(hits, seen)
 
     def _shifted(self, look: _Look, seen: HitArrays) -> HitArrays:
-        """What the pixels see along rays with the Kinect's lateral error, as if it were along their own."""
+        """Hits along rays with the Kinect's lateral error, converted to the pixels' own rays at the same depth."""
         assert self._spec.kinect_v1 is not None
         model, size = _KINECT_V1[self._spec.kinect_v1], (self._pair.width, self._pair.height)
         shifted = kinect_v1.shift(model, size, look.source, look.rays.directions, seen.normal)
@@ -121,7 +121,7 @@ class _ReadStereo:
         return hits
 
     def _disturb(self, look: _Look, hits: HitArrays) -> None:
-        """The errors of depth and disparity."""
+        """Add the errors of depth and disparity."""
         spec, directions = self._spec, look.rays.directions
         if spec.kinect_v1 is not None:
             model = _KINECT_V1[spec.kinect_v1]

@@ -1,4 +1,4 @@
-"""A lidar's way from rays to a reading: beams, surfaces, weather, returns, ranging."""
+"""Readings of a lidar with effects: beams, echoes, weather, returns, ranging."""
 
 import math
 from dataclasses import replace
@@ -33,7 +33,7 @@ _LISA_DIVERGENCE = 3e-3  # [rad], where the lidar's own is not given
 
 
 class LidarPhysics:
-    """The effects that the specification of one lidar of `count` rays asks for, ready on the device of a scene."""
+    """The effects in the specification of a lidar of `count` rays, prepared on a scene's device."""
 
     def __init__(self, scene: Stage, spec: Lidar, count: int) -> None:
         self.scene, self.spec, self.count = scene, spec, count
@@ -52,7 +52,7 @@ class LidarPhysics:
 
     @property
     def bytes_per_ray(self) -> int:
-        """The most memory that a reading takes for each of its rays: hits, sub-rays, light, echoes, random numbers."""
+        """Upper bound on the memory [bytes] of a reading per ray: hits, sub-rays, paths, echoes, random numbers."""
         spec, returns_kept = self.spec, 2 if self.spec.returns == "dual" else 1
         ways = self.sub_rays * (1 + (spec.max_surfaces > 1) + spec.mirrors)
         slots = self.sub_rays * (spec.max_surfaces + spec.mirrors) + 2 * (spec.weather is not None)
@@ -67,11 +67,11 @@ class LidarPhysics:
 
     @property
     def kept_bytes_per_ray(self) -> int:
-        """What stays of that for as long as the frame: how strong its returns are."""
+        """Memory [bytes] per ray that is kept with the frame: the intensity of its returns."""
         return 4 * (2 if self.spec.returns == "dual" else 1)
 
     def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
-        """One reading of the scene, with the sensor's rays in its pose now."""
+        """One reading of the scene with the sensor's rays at its current pose."""
         spec, count = self.spec, self.count * rays.worlds
         sub_rays = rays if self.sub_rays == 1 else self._spread.of(rays)
         if self._angle_std > 0:
@@ -87,7 +87,7 @@ class LidarPhysics:
         return Reading(hits, partial(_copied, kept.power))
 
     def _echoes(self, rays: Rays, visible: wp.array, source: RandomSource) -> echoes.Echoes:
-        """All that comes back: of surface after surface, of what is seen in a mirror, of rain and fog."""
+        """All echoes: of successive surfaces, of what a mirror shows, of rain and fog."""
         spec, looks, device = self.spec, self.scene.looks(), self.scene.device
         beams_cast = self.count * rays.worlds
         count = beams_cast * self.sub_rays
@@ -112,7 +112,7 @@ class LidarPhysics:
         return found
 
     def _setting(self, looks: Looks, rays: Rays) -> echoes.Setting:
-        """Surfaces are opaque and no mirrors, unless these effects are asked for."""
+        """The setting of a reading. Surfaces are opaque and no mirrors unless the specification enables these."""
         surfaces, none = echoes.SurfaceArrays(), wp.zeros_like(looks.reflectivity)
         surfaces.reflectivity = looks.reflectivity
         surfaces.transmission = looks.surfaces.transmission if self.spec.max_surfaces > 1 else none
@@ -129,7 +129,7 @@ def _copied(values: wp.array, out: wp.array | None) -> wp.array:
 
 
 def _along(paths: echoes.Paths, rays: Rays) -> Rays:
-    """The rays of light on its way, in the frame of these rays."""
+    """The paths as rays, in the frame of these rays."""
     each = (rays.worlds, -1)
     return replace(rays, directions=paths.direction.reshape(each), origins=paths.origin.reshape(each), packets=None)
 
@@ -142,14 +142,14 @@ def _sub_rays(spec: Lidar) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _divergence(spec: Lidar) -> float:
-    """Of a round beam with the same cross-section [rad]."""
+    """Divergence [rad] of a round beam with the same cross-section."""
     if spec.beam is None:
         return _LISA_DIVERGENCE
     return float(np.sqrt(np.prod(np.deg2rad(spec.beam.divergence_deg))))
 
 
 def _extinction(around: Weather) -> float:
-    """Of the air [1/m]."""
+    """Extinction of the air [1/m]."""
     rain, fog = around.rain_rate, weather.fog_extinction(around.visibility)
     if around.rain_extinction is None or rain == 0:
         return weather.rain_extinction(rain) + fog

@@ -1,4 +1,4 @@
-"""What the physics of every sensor does."""
+"""The interface of sensor physics."""
 
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -10,29 +10,29 @@ from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.rays.arrays import Rays
 
 Brightness = Callable[[wp.array | None], wp.array]
-"""How bright rays come back, float32 of each, worked out when it is asked for; into this array, or a new one."""
+"""Computes the intensity of each return, float32, on demand, in a given array or a new one."""
 
 
 class Reading(NamedTuple):
-    """hits: (n k) the returns, k for each of n rays, normals in the rays' frame. brightness: of these returns."""
+    """hits: (n k,) returns, k for each of n rays, normals in the rays' frame. brightness: computes their intensity."""
 
     hits: HitArrays
     brightness: Brightness
 
 
 class Physics(Protocol):
-    """The effects that the specification of one sensor asks for, ready on the device of a stage."""
+    """The effects in one sensor's specification, prepared on a stage's device."""
 
     @property
     def bytes_per_ray(self) -> int:
-        """The most memory that a reading takes for each of its rays."""
+        """Upper bound on the memory [bytes] of a reading per ray."""
         ...
 
     @property
     def kept_bytes_per_ray(self) -> int:
-        """What stays of that for as long as the frame, beside its hits."""
+        """Memory [bytes] per ray that is kept with the frame, besides its hits."""
         ...
 
     def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
-        """One reading of the stage, with the sensor's rays in its pose now."""
+        """One reading of the stage with the sensor's rays at its current pose."""
         ...

@@ -1,4 +1,4 @@
-"""Rays that are cast in place of each ray of a sensor."""
+"""Sub-rays that are cast in place of each ray of a sensor."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,9 +13,9 @@ from rigcast.sensors.scene.cache.packets import cached_packets
 
 
 class SubRays:
-    """So many rays, `times`, in place of each, which `directions` (n times,) vec3d are worked out for.
+    """A cache of `times` sub-rays per ray; `directions` computes their unit directions, (n times,) vec3d.
 
-    They are kept, and their packets with them, for as long as the rays have the same directions and firings.
+    They are kept, with their packets, while the rays keep their directions and firings.
     """
 
     def __init__(self, times: int, directions: Callable[[Rays], wp.array]) -> None:
@@ -24,7 +24,7 @@ class SubRays:
         self._made: Rays | None = None
 
     def of(self, rays: Rays) -> Rays:
-        """The sub-rays of these rays, in their pose, in packets where the rays are."""
+        """The sub-rays of these rays at their pose; packed if the rays are."""
         if self._made is None or self._of is None or not _same(self._of, (rays.directions, rays.firing)):
             made = replace(
                 rays,

@@ -1,4 +1,4 @@
-"""Colours for depths, heights, ids, normals, and for rays that have no range."""
+"""Colours for depths, heights, ids, normals, and rays without a range."""
 
 from dataclasses import dataclass
 
@@ -46,7 +46,7 @@ def turbo(t: NDArray[np.floating]) -> Rgb:
 
 @dataclass(frozen=True)
 class Scale:
-    """A range of values [m] spread over the colours, NaN to NaN where there is none.
+    """A range of values [m] mapped to the colours; NaN to NaN if there is none.
 
     `reverse` gives the low end the warm colours.
     """
@@ -57,7 +57,7 @@ class Scale:
 
     @classmethod
     def of(cls, values: NDArray[np.floating], reverse: bool = False) -> "Scale":
-        """From the 1st to the 96th percentile of the finite values: a view through a door does not flatten all."""
+        """The range from the 1st to the 96th percentile of finite values, to leave out views through doors."""
         finite = values[np.isfinite(values)]
         if not finite.size:
             return cls(np.nan, np.nan, reverse)

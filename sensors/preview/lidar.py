@@ -27,7 +27,7 @@ def draw_lidar(
 ) -> Image.Image:
     """Draw ranges over azimuth (left is left, the middle forward) and elevation, and points from above.
 
-    Of several returns the range image shows the first reported, and the points are of all.
+    With several returns the range image shows the first reported one, and the map shows the points of all.
 
     every, points: (...) and (..., 3) [m], of every return. pattern: the rays of this reading.
     """
@@ -47,7 +47,7 @@ def draw_lidar(
 
 
 def first_returns(every: NDArray[np.float32], pattern: Pattern) -> NDArray[np.float32]:
-    """The range of each ray of the pattern; of several returns the first reported."""
+    """The range of each ray of the pattern; with several returns that of the first reported one."""
     return every if every.shape == pattern.shape else every[..., 0]
 
 
@@ -66,7 +66,7 @@ def _range_image(page: Page, top: int, height: int, distance: NDArray[np.float32
 
 
 def _range_scatter(page: Page, top: int, height: int, distance: NDArray[np.float32], pattern: Pattern) -> None:
-    """Each ray a dot at its azimuth and elevation, both from edge to edge of the picture."""
+    """Draw each ray as a dot at its azimuth and elevation, scaled to fill the picture."""
     scale = Scale.of(distance, reverse=True)
     azimuth, elevation = (np.rad2deg(angle) for angle in azimuth_elevation(pattern.directions))
     (west, east), (high, low) = ((float(angle.max()), float(angle.min())) for angle in (azimuth, elevation))
@@ -83,7 +83,7 @@ def _range_scatter(page: Page, top: int, height: int, distance: NDArray[np.float
 def picture_order(
     directions: NDArray[np.float64],
 ) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], NDArray[np.float64]]:
-    """Index of the ray at each place of the picture, and the azimuth of its columns [rad].
+    """The index of the ray at each pixel of the picture, and the azimuth of its columns [rad].
 
     The highest beam is on top, and each beam's rays go from left to right by their own azimuth: beams that are turned
     against each other, as most are, would make jagged edges in order of firing.

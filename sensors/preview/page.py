@@ -69,7 +69,7 @@ class Page:
             self.text(x + BAR_WIDTH + 11, row, label, anchor="lm")
 
     def legend(self, x: int, y: int, values: NDArray[np.floating]) -> None:
-        """Say how many of `values` are ranges, and the colours and shares of those that are not."""
+        """Draw the number of finite `values`, and the colours and shares of those that are not."""
         rays = max(values.size, 1)
         kinds: list[tuple[str, Colour, int]] = [
             ("no return", NO_RETURN, int(np.count_nonzero(values == np.inf))),
@@ -89,7 +89,7 @@ class Page:
 
 
 def ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
-    """Round values within [low, high], about `most` at the most, with as few digits as their step needs."""
+    """Round values within [low, high], at most about `most`, with as few digits as their step needs."""
     rough = (high - low) / most
     power = 10.0 ** np.floor(np.log10(rough))
     step = power * min((m for m in (1.0, 2.0, 5.0, 10.0) if m * power >= rough * 0.999), default=10.0)

@@ -12,7 +12,7 @@ def empty_panel(size: tuple[int, int]) -> Rgb:
 
 
 def draw_squares(panel: Rgb, row: NDArray[np.integer], column: NDArray[np.integer], colours: Rgb, side: int) -> None:
-    """Squares of `side` pixels from each place down and right, later ones over earlier, as far as they are inside."""
+    """Draw squares of `side` pixels, down and right from each place, clipped to the panel; later ones on top."""
     height, width = panel.shape[:2]
     for down, across in np.ndindex(side, side):
         y, x = row + down, column + across

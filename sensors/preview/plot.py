@@ -1,4 +1,4 @@
-"""A frame drawn by matplotlib, for notebooks and papers."""
+"""Plots of frames by matplotlib, for notebooks and papers."""
 
 from types import NoneType
 from typing import TYPE_CHECKING, Any
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 def titled_axes(ax: "Axes | None", sensor: str, time: float) -> "Axes":
-    """`ax`, or the current one for None, with the title of a frame.
+    """The axes `ax`, or the current ones for None, with the title of a frame.
 
-    Raises InputError where matplotlib is not installed, and for what are no axes.
+    Raises InputError if matplotlib is not installed, and for anything but axes.
     """
     pyplot = load_extra("Frame.plot", "matplotlib.pyplot", "plot")
     require_type("Frame.plot: ax", ax, pyplot.Axes, NoneType)
@@ -29,19 +29,19 @@ def titled_axes(ax: "Axes | None", sensor: str, time: float) -> "Axes":
 
 
 def plot_depth(ax: "Axes", depth: NDArray[np.float32]) -> None:
-    """z-depth (H, W) [m] of a camera."""
+    """Plot the z-depth (H, W) [m] of a camera."""
     _image(ax, depth, "depth [m]")
     ax.set(xlabel="u [pixels]", ylabel="v [pixels]")
 
 
 def plot_ranges(ax: "Axes", every: NDArray[np.float32], pattern: Pattern) -> None:
-    """The range image of a lidar, of the first return of each ray. every: (...) [m], of all returns."""
+    """Plot the range image of a lidar, from the first return of each ray. every: (...) [m], ranges of all returns."""
     draw_ranges = _range_image if len(pattern.shape) == 2 else _range_scatter
     draw_ranges(ax, first_returns(every, pattern), pattern)
 
 
 def plot_from_above(ax: "Axes", points: NDArray[np.float32]) -> None:
-    """Points (n, 3) [m], x forward up and y to the left, coloured by height."""
+    """Plot points (n, 3) [m] from above, x forward up and y to the left, coloured by height."""
     points = points[np.isfinite(points).all(axis=1)]
     drawn = ax.scatter(points[:, 1], points[:, 0], c=points[:, 2], s=4, cmap="turbo")
     ax.invert_xaxis()
@@ -60,7 +60,7 @@ def _range_image(ax: "Axes", distance: NDArray[np.float32], pattern: Pattern) ->
 
 
 def _range_scatter(ax: "Axes", distance: NDArray[np.float32], pattern: Pattern) -> None:
-    """Each ray a dot where it points; left is left."""
+    """Plot each ray as a dot at its azimuth (left is left) and elevation."""
     azimuth, elevation = (np.rad2deg(angle) for angle in azimuth_elevation(pattern.directions))
     hit = np.isfinite(distance)
     ax.scatter(azimuth[~hit], elevation[~hit], s=1, c="grey")
@@ -71,7 +71,7 @@ def _range_scatter(ax: "Axes", distance: NDArray[np.float32], pattern: Pattern) 
 
 
 def _image(ax: "Axes", values: NDArray[np.float32], label: str, **how: Any) -> None:
-    """Values with a colour bar, near ones warm; those that are not finite are grey."""
+    """Plot values with a colour bar, near ones warm; values that are not finite are grey."""
     scale = Scale.of(values)
     low, high = (scale.low, scale.high) if np.isfinite(scale.low) else (0.0, 1.0)
     masked = np.ma.masked_invalid(values)

@@ -1,1 +1,1 @@
-"""Sensors on a scene, and the frames they give."""
+"""Sensors on a scene, and their frames."""

@@ -1,4 +1,4 @@
-"""Whether readings have room, before anything is allocated or written over."""
+"""Checks that readings have room, before anything is allocated or overwritten."""
 
 import math
 import os
@@ -12,11 +12,11 @@ from rigcast.sensors.errors import InputError, require_type
 from .frame import Frame
 
 MOST_RAYS = 2**31 - 2**20
-"""Of a frame: kernels count them in 32 bits, and threads that find none left count on, up to 128 each."""
+"""Most rays of a frame: kernels count them in 32 bits, and threads that find none left count on, up to 128 each."""
 
 
 def require_countable(worlds: int, rays: Mapping[str, int]) -> None:
-    """Raise InputError where so many worlds have too many rays; each has these of the sensors they are named after."""
+    """Raise InputError if `worlds` worlds have too many rays. rays: per world, by sensor."""
     for name, of_each in rays.items():
         if worlds * of_each > MOST_RAYS:
             raise InputError(
@@ -26,7 +26,7 @@ def require_countable(worlds: int, rays: Mapping[str, int]) -> None:
 
 
 def require_out(out: Mapping[str, Frame], shapes: Mapping[str, tuple[int, ...]], device: wp.Device) -> None:
-    """Raise InputError unless `out` has a frame of each of these sensors, of these shapes."""
+    """Raise InputError unless `out` has a frame of each of these sensors with this shape."""
     require_type("Rig.sense: out", out, Mapping)
     for name, shape in shapes.items():
         if name not in out:
@@ -38,9 +38,9 @@ def require_out(out: Mapping[str, Frame], shapes: Mapping[str, tuple[int, ...]],
 
 
 def require_memory(worlds: int, needs: Mapping[str, int], meanwhile: int, device: wp.Device, kept: int) -> None:
-    """Raise InputError where so many worlds do not fit; each needs these bytes for what they are named after.
+    """Raise InputError if `worlds` worlds do not fit into memory. needs: bytes per world, by purpose.
 
-    meanwhile: bytes that all of them need together. kept: bytes of earlier frames, which are written over.
+    meanwhile: bytes that all worlds need together. kept: bytes of earlier frames, which are overwritten.
     """
     each = sum(needs.values())
     free = free_memory(device) + kept
@@ -57,7 +57,7 @@ def require_memory(worlds: int, needs: Mapping[str, int], meanwhile: int, device
 
 
 def free_memory(device: wp.Device) -> int:
-    """Bytes that can be allocated now; on the CPU what the system calls available, or else has in all."""
+    """Bytes that can be allocated now; on the CPU the available memory if the system reports it, else all of it."""
     if device.is_cuda:
         return int(device.free_memory)
     try:
@@ -69,6 +69,6 @@ def free_memory(device: wp.Device) -> int:
 
 
 def _bytes(count: float) -> str:
-    """A number of bytes with three figures."""
+    """A number of bytes as text, with three significant figures."""
     power = min(int(math.log10(max(count, 1)) / 3), 4)
     return f"{count / 1000**power:.3g} {('B', 'kB', 'MB', 'GB', 'TB')[power]}"

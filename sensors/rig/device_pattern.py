@@ -1,4 +1,4 @@
-"""The pattern of a sensor on a device: its rays as they are cast together, and what else a frame says of each."""
+"""The pattern of a sensor on a device: its rays, grouped for casts, and their further fields in frames."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -48,7 +48,7 @@ class DevicePattern:
         return _uploaded(spec, pattern, rays_in_frame(pattern.directions, origins, np.eye(4), device))
 
     def at(self, time: float) -> "DevicePattern":
-        """That of a reading which begins at `time` [s], of a pattern that is another one in each reading."""
+        """The pattern of the reading that begins at `time` [s], if each reading has another one."""
         device = self.rays.directions.device
         pattern = self.given.at(time, in_packets=device.is_cpu)
         if is_captured(device):
@@ -61,17 +61,17 @@ class DevicePattern:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the rays, as `Pattern` has it."""
+        """Shape of the rays; see Pattern.shape."""
         return self.given.shape
 
     @cached_property
     def frame_shape(self) -> tuple[int, ...]:
-        """Of a frame's fields: the rays', with a last axis for several returns."""
+        """Shape of a frame's fields: that of the rays, with a last axis for several returns."""
         copies = _returns(self.spec)
         return self.shape if copies == 1 else (*self.shape, copies)
 
     def rays_along(self, track: Track) -> Rays:
-        """The rays of a sensor that moves, which is on this track at the times of its firings."""
+        """The rays of a moving sensor, at its poses on this track at the times of its firings."""
         device = self.rays.directions.device
         return replace(
             self._rays_fired,
@@ -83,7 +83,7 @@ class DevicePattern:
 
     @cached_property
     def _rays_fired(self) -> Rays:
-        """The rays of a sensor that moves, each with its firing."""
+        """The rays of a moving sensor, each with its firing."""
         assert self.firings is not None
         device = self.rays.directions.device
         rays = replace(self.rays, firing=wp.array(self.firings.of_ray, dtype=int, device=device))
@@ -92,12 +92,12 @@ class DevicePattern:
         return replace(rays, packets=_packets(self.given, rays) if self.given.origins is None else None)
 
     def in_worlds(self, count: int) -> "DevicePattern":
-        """The same in each of so many worlds: what a frame says of each ray has a first axis for the world."""
+        """The pattern in each of `count` worlds: per-ray fields have a first axis for the world."""
         return replace(self, ring=_same_in_each(self.ring, count), column=_same_in_each(self.column, count))
 
 
 def _uploaded(spec: SensorSpec, pattern: Pattern, rays: Rays) -> DevicePattern:
-    """A pattern whose rays are on the device already, not yet packed."""
+    """A pattern whose rays are on the device, but not yet packed."""
     device = rays.directions.device
     return DevicePattern(
         spec,
@@ -118,7 +118,7 @@ def _firings(spec: SensorSpec, pattern: Pattern, device: wp.Device) -> Firings |
 
 
 def _packed(pattern: Pattern, rays: Rays) -> Rays:
-    """The rays of a pattern as they are cast together: on CUDA in warps, on the CPU in packets, or in bundles where
+    """The rays of a pattern grouped for casts: on CUDA in warps; on the CPU in packets, or in bundles if
     enough run in one direction."""
     device = rays.directions.device
     if device.is_cuda:
@@ -132,17 +132,17 @@ def _packed(pattern: Pattern, rays: Rays) -> Rays:
 
 
 def _share_origins(pattern: Pattern) -> bool:
-    """Whether enough rays leave from one origin to be cast in packets."""
+    """Whether enough rays share an origin to be cast in packets."""
     return pattern.origins is None or _are_shared(same_rows(pattern.origins.reshape(-1, 3)))
 
 
 def _are_shared(group: NDArray[np.int32]) -> bool:
-    """Whether groups, (n,) the one of each ray, have enough rays on the average."""
+    """Whether groups have enough rays on average. group: (n,) number of each ray's group."""
     return FEWEST * (group.max(initial=-1) + 1) <= len(group)
 
 
 def _warps(pattern: Pattern, device: wp.Device) -> Warps | None:
-    """The rays of a pattern in warps; None for those of several origins, or that are others in each reading."""
+    """The rays of a pattern in warps; None if they have several origins or change with each reading."""
     if pattern.origins is not None or pattern.later is not None:
         return None
     weights = EVEN if pattern.ring is None else LEVEL
@@ -150,13 +150,13 @@ def _warps(pattern: Pattern, device: wp.Device) -> Warps | None:
 
 
 def _packets(pattern: Pattern, rays: Rays) -> Packets:
-    """The rays of a pattern in packets: sorted once, or in order where they are others in each reading."""
+    """The rays of a pattern in packets: sorted once, or in order if they change with each reading."""
     group = groups_of(rays)
     return cached_packets(rays.directions, group) if pattern.later is None else pack_in_order(rays.directions, group)
 
 
 def _upload(values: NDArray[np.generic] | None, dtype: type, spec: SensorSpec, device: wp.Device) -> wp.array | None:
-    """Values of each ray on the device, repeated for each of its returns; None where there are none."""
+    """Per-ray values on the device, repeated for each return; None for None."""
     if values is None:
         return None
     copies = _returns(spec)
@@ -165,12 +165,12 @@ def _upload(values: NDArray[np.generic] | None, dtype: type, spec: SensorSpec, d
 
 
 def _returns(spec: SensorSpec) -> int:
-    """How many returns of a ray a frame has."""
+    """Number of returns per ray in a frame."""
     return 2 if isinstance(spec, Lidar) and spec.returns == "dual" else 1
 
 
 def _same_in_each(values: wp.array | None, worlds: int) -> wp.array | None:
-    """(worlds, ...) of an array (...), which is there only once."""
+    """A view (worlds, ...) of an array (...), which is stored once."""
     if values is None:
         return None
     shape, strides = (worlds, *values.shape), (0, *values.strides)

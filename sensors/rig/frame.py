@@ -1,4 +1,4 @@
-"""What a sensor reads: one frame per reading, on the device, as numpy on demand."""
+"""Frames: the readings of sensors, on the device, as numpy on demand."""
 
 import io
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Source(NamedTuple):
-    """What all frames of one reading's pattern share: the sensor's name, and what their fields are looked up in."""
+    """Data shared by all frames of one pattern: the sensor's name, and the tables for their fields."""
 
     sensor: str
     shape_ids: ShapeIds
@@ -37,7 +37,7 @@ class Source(NamedTuple):
     pattern: Pattern
 
 
-@dataclass(eq=False, repr=False)  # not frozen: Python makes one of those so slowly that small frames wait for it
+@dataclass(eq=False, repr=False)  # not frozen: constructing one takes long for small frames
 class Frame:
     """One reading of one sensor.
 
@@ -57,7 +57,7 @@ class Frame:
     Where `range` is not finite: points are NaN, ids -1, normals 0. A hit on a flex, skin or prop has `geom_id` -1.
     """
 
-    # float and numpy array, or Warp arrays: Any, so that type checkers take them for what the user knows them to be
+    # float and numpy array, or Warp arrays for many worlds; Any, so that type checkers accept either use
     time: Any
     pose: Any
     shape: tuple[int, ...]
@@ -108,7 +108,7 @@ class Frame:
 
     @cached_property
     def body_id(self) -> DeviceArray:
-        """(...) int32: MuJoCo's id of the body of what was hit, -1 where nothing was, or a thing of several bodies."""
+        """(...) int32: MuJoCo's id of the body that was hit; -1 on a miss, and for a flex or skin of several bodies."""
         return self._values("body_id", partial(reading.look_up, self._source.body_of_shape, self._arrays.hits.shape))
 
     @cached_property
@@ -130,7 +130,7 @@ class Frame:
             begun = wp.full(1, begun, dtype=wp.float64, device=distance.device)
         return self._values("stamp", partial(stamps, begun, self._source.firing_times, distance.size))
 
-    if TYPE_CHECKING:  # what frames of some sensors have, for `rig.sense(data)["front"].depth` to be of a type
+    if TYPE_CHECKING:  # fields of some types of frames, declared so that `rig.sense(data)["front"].depth` has a type
 
         @property
         def ring(self) -> DeviceArray: ...
@@ -150,7 +150,7 @@ class Frame:
         def depth_scale(self) -> float: ...
 
     def world(self, k: int) -> Self:
-        """The frame of one of many worlds, which shares memory with this one."""
+        """The frame of world k, which shares memory with this one."""
         if not isinstance(self.time, wp.array):
             raise InputError(f"Frame.world: sensor {self.sensor!r}: got a frame of one world, expected one of many")
         count = self.time.size
@@ -164,7 +164,7 @@ class Frame:
         what = f"Rig.sense: out: sensor {sensor!r}: got a frame of"
         if self.sensor != sensor:
             raise InputError(f"{what} sensor {self.sensor!r}, expected one of its own")
-        if self._arrays.is_part:  # the whole frame's fields would be partly of another reading
+        if self._arrays.is_part:  # else the fields of the frame of all worlds would be from two readings
             raise InputError(f"{what} one of many worlds, expected one of a reading of one world")
         own = self._arrays.range.device
         if shape != self.shape or own != device:
@@ -216,7 +216,7 @@ class Frame:
         self._plot(axes)
         return axes
 
-    # What draws is imported where it draws, as most rigs need neither pictures nor what makes them.
+    # Drawing modules are imported where they are used, because most rigs need no pictures.
 
     def _drawn(self) -> "Image.Image":
         from rigcast.sensors.preview.height_scan import draw_height_scan
@@ -230,7 +230,7 @@ class Frame:
         plot_from_above(axes, self.points.numpy().reshape(-1, 3))
 
     def _repr_png_(self) -> bytes | None:
-        """What Jupyter shows; None of many worlds, which have no picture."""
+        """The PNG that Jupyter shows; None for many worlds, which have no picture."""
         if np.shape(self.pose) != (4, 4):
             return None
         png = io.BytesIO()
@@ -265,7 +265,7 @@ class LidarFrame(Frame):
 
     @cached_property
     def intensity(self) -> DeviceArray:
-        """(beams, columns) float32: what a white surface facing the sensor would have to reflect to look the same.
+        """(beams, columns) float32: reflectivity of a surface facing the sensor that would return the same power.
 
         reflectivity cos(incidence) of a plain surface in clear air; 0 where the range is not finite.
         """
@@ -334,9 +334,9 @@ class CameraFrame(Frame):
 
 
 def as_frames(what: str, frames: Iterable[Frame], sensors: Collection[str] | None = None) -> list[Frame]:
-    """A list of frames, which a message calls `what`; of these sensors, where only they can be used.
+    """Frames as a list; if `sensors` is given, they must be of these. what: their name in messages.
 
-    Raises InputError for anything else, such as the dict that `Rig.sense` gives.
+    Raises InputError for anything else, such as the dict that `Rig.sense` returns.
     """
     if isinstance(frames, Mapping | Frame) or not isinstance(frames, Iterable):
         hint = ", such as its values()" if isinstance(frames, Mapping) else ""

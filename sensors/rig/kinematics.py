@@ -1,4 +1,4 @@
-"""Where everything of a model is at `data.time`, worked out on a private copy: `mj_step` has not done so yet."""
+"""The poses of a model at `data.time`, computed on a private copy, because `mj_step` leaves them a step behind."""
 
 from collections.abc import Iterable
 
@@ -9,17 +9,17 @@ from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.scene.same_model import PLACES, SHAPES, require_same_model
 
 _STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
-"""What poses are worked out of."""
+"""State components from which poses are computed."""
 _SLEEP = mujoco.mjtEnableBit.mjENBL_SLEEP.value
 _SAME = 1e-9  # of a metre and of itself, for poses that were worked out from the same state
 _STAGES = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_camlight)
-"""What poses are worked out by: those of bodies by the first alone, of flexes and cameras by all."""
+"""MuJoCo stages that compute poses; bodies need only the first, flexes and cameras all of them."""
 
 
 class Kinematics:
-    """The poses of a model, at first those of its initial state.
+    """The poses of a model; at construction those of its initial state.
 
-    data: the private copy. cameras: ids of MJCF cameras whose optics sensors have taken.
+    data: the private copy. cameras: ids of MJCF cameras whose optics sensors use.
     """
 
     def __init__(self, model: mujoco.MjModel, cameras: Iterable[int]) -> None:
@@ -32,7 +32,7 @@ class Kinematics:
     def update(self, data: mujoco.MjData) -> None:
         """Take the poses at `data.time`; `data` is only read."""
         if self._model.opt.enableflags & _SLEEP:
-            # else what sleeps or cannot move stays where it was when the model was another one
+            # else bodies that sleep or cannot move would keep poses from before an edit of the model
             mujoco.mj_resetData(self._model, self.data)
         mujoco.mj_copyState(self._model, data, self.data, _STATE)
         self._work_out()
@@ -44,7 +44,7 @@ class Kinematics:
         return all(np.allclose(got, own, rtol=_SAME, atol=_SAME, equal_nan=True) for got, own in pairs)
 
     def require_own(self, data: mujoco.MjData) -> None:
-        """Raise InputError for data of another model, or of an edited copy of it, and for optics that were edited."""
+        """Raise InputError for data of another model or of an edited copy of it, and for edited camera optics."""
         require_type("Rig: data", data, mujoco.MjData)
         if data.signature != self._model.signature:
             raise InputError(
@@ -54,7 +54,7 @@ class Kinematics:
         self.require_same_optics()
 
     def require_same_optics(self) -> None:
-        """Raise InputError where an MJCF camera's optics were edited since sensors took them."""
+        """Raise InputError if an MJCF camera's optics were edited after sensors took them."""
         for camera, optics in self._optics.items():
             if _optics(self._model, camera) != optics:
                 name = self._model.camera(camera).name
@@ -66,5 +66,5 @@ class Kinematics:
 
 
 def _optics(model: mujoco.MjModel, camera: int) -> tuple[bytes, ...]:
-    """The figures of an MJCF camera from which its intrinsics follow."""
+    """The parameters of an MJCF camera that determine its intrinsics."""
     return tuple(getattr(model, name)[camera].tobytes() for name in ("cam_fovy", "cam_sensorsize", "cam_intrinsic"))

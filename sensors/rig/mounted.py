@@ -1,4 +1,4 @@
-"""A sensor on a scene: where it is, and the rays of its readings on the device."""
+"""A sensor on a scene: its pose, and the rays of its readings on the device."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -45,9 +45,9 @@ class WorldRays(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """The rays of a reading that begins at `time` [s], the pose (4, 4) in which the sensor is then, and its arrays.
+    """The rays of a reading that begins at `time` [s], the sensor's pose (4, 4) at that time, and the frame's arrays.
 
-    Of many worlds these are (nworld,) and (nworld, 4, 4).
+    For many worlds time and pose are (nworld,) and (nworld, 4, 4).
     """
 
     time: float | wp.array
@@ -60,7 +60,7 @@ class Aim(NamedTuple):
 class Mounted:
     """A sensor on a scene.
 
-    frames: numbers readings whose errors are drawn, batches: those of many worlds. pool: the arrays of its frames.
+    frames: counts readings with errors. batches: counts readings of many worlds. pool: the arrays of its frames.
     """
 
     scene: Stage
@@ -93,15 +93,15 @@ class Mounted:
         )
 
     def at(self, time: float) -> "Mounted":
-        """With the rays of a reading that begins at `time` [s], where a pattern is another one in each reading."""
+        """The sensor with its rays in the reading that begins at `time` [s]; some patterns change with each reading."""
         return self if self.pattern.given.later is None else replace(self, pattern=self.pattern.at(time))
 
     def afresh(self) -> "Mounted":
-        """With its readings counted from the first again."""
+        """The sensor with its counts of readings started over."""
         return replace(self, frames=count(), batches=count())
 
     def bytes_per_world(self, worlds: Worlds) -> int:
-        """The most memory that one reading of one of many worlds takes."""
+        """Upper bound on the memory [bytes] of one reading of one of many worlds."""
         # of positions and rotations: the sensor's, its carrier's, the frame's (4, 4), which takes less than two, and
         # those of mounts that differ
         poses = 4 + (self.spec.name in worlds.mounts)
@@ -112,17 +112,17 @@ class Mounted:
 
     @property
     def bytes_per_posed_world(self) -> int:
-        """The most that errors take in each of the worlds that are read at one time."""
+        """Upper bound on the memory [bytes] for errors per world that is read at one time."""
         return 0 if self.physics is None else self.physics.bytes_per_ray * math.prod(self.pattern.shape)
 
     @cached_property
     def source(self) -> Source:
-        """What its frames share."""
+        """The data shared by its frames."""
         scene, pattern = self.scene, self.pattern
         return Source(self.spec.name, scene.shape_ids, scene.body_of_shape, pattern.firing_times, pattern.given)
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
-        """(4, 4) the sensor's frame in the world."""
+        """The pose (4, 4) of the sensor's frame in the world."""
         pose = self.mount.pose(data)
         if not self.spec.yaw_aligned:
             return pose
@@ -133,18 +133,18 @@ class Mounted:
         return self.scene.visible(self.filter)
 
     def rays(self, data: mujoco.MjData) -> Rays:
-        """Its rays, all fired now."""
+        """The sensor's rays, all fired now."""
         return in_pose(self.pattern.rays, self.pose(data))
 
     def aim(self, data: mujoco.MjData, time: float, arrays: FrameArrays) -> Aim:
-        """Its rays, all fired now, for a reading at `time` [s]."""
+        """The sensor's rays, all fired now, for a reading at `time` [s]."""
         pose, rays = arrays.aim(self.pattern.rays, self.mount, self.spec.yaw_aligned, data)
         return Aim(time, pose, rays, arrays)
 
     def next_of_worlds(self, worlds: Worlds) -> "Mounted":
-        """With the pattern of its next reading of many worlds, and the filter that it has there.
+        """The sensor with the pattern of its next reading of many worlds, and its filter there.
 
-        Where a pattern is another one in each reading, that of reading k is the one of time k / rate_hz, in all worlds.
+        If the pattern changes with each reading, that of reading k is the one at time k / rate_hz, in all worlds.
         """
         number = next(self.batches)
         time = number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.given.duration
@@ -152,13 +152,13 @@ class Mounted:
         return replace(self, pattern=pattern, filter=worlds.filter_of(self.spec))
 
     def aim_in_worlds(self, worlds: PosedWorlds, arrays: FrameArrays) -> Rays:
-        """Its rays, where it is in these worlds."""
+        """The sensor's rays at its poses in these worlds."""
         at = worlds.mounts_of(self.spec, self.mount_in_worlds)
         arrays.frames.place(0, worlds.carriers(at), at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
         return arrays.aim_in_worlds(self.pattern.rays)
 
     def next_arrays(self, shape: tuple[int, ...], out: Mapping[str, Frame] | None = None) -> FrameArrays:
-        """The arrays for its next frame, of this shape: those of its frame in `out`, or of one that nobody holds."""
+        """The arrays for its next frame, of this shape: of its frame in `out`, else of a frame that nobody holds."""
         if out is None:
             return self.pool.take(shape, self.scene.device)
         return out[self.spec.name].start_again()
@@ -172,7 +172,7 @@ class Mounted:
 
 
 def _physics(scene: Stage, spec: Sensor, pattern: Pattern) -> Physics | None:
-    """None for a sensor without effects, which needs none of their kernels: they are imported here."""
+    """The sensor's physics; None without effects. Imported here, so that such a sensor does not load their kernels."""
     if isinstance(spec, Lidar) and spec.has_effects:
         from rigcast.sensors.physics.lidar import LidarPhysics
 

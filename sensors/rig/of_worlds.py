@@ -1,4 +1,4 @@
-"""Readings of many worlds, of some of them at a time."""
+"""Readings of many worlds, a part of them at a time."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,14 +21,14 @@ from .mounted import Aim, Mounted
 from .reading import Asked, frame_of, read
 
 BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA = 2**24, 2**28
-"""What poses, trees and errors may take of the worlds that are read at one time, if that is enough for one. A GPU needs
+"""Memory for poses, trees and errors of the worlds that are read at one time; at least one world is read. A GPU needs
 more rays at a time than a CPU."""
 
 
 def sense_worlds(
     scene: Stage, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None, seed: int
 ) -> dict[str, Frame]:
-    """A frame of each of these sensors in all worlds, by name. Raises InputError where there is no room."""
+    """A frame of each of these sensors in all worlds, by name. Raises InputError if they do not fit into memory."""
     shapes = {m.spec.name: (worlds.count, *m.pattern.frame_shape) for m in mounted}
     if out is not None:
         require_out(out, shapes, scene.device)
@@ -44,9 +44,9 @@ def sense_worlds(
 def _parts(
     scene: Stage, mounted: Sequence[Mounted], worlds: Worlds, out: Mapping[str, Frame] | None
 ) -> tuple[list[slice], object]:
-    """Which worlds are read at one time, and what they need. Raises InputError where all of them have no room.
+    """The parts of the worlds that are read at one time, and their memory needs. Raises InputError if they do not fit.
 
-    Where frames are written over, and the reading before needed as much, nothing is allocated, and how much memory is
+    If frames are overwritten and the previous reading needed as much, nothing is allocated, and how much memory is
     free is not asked for, which takes an eighth of the host's time.
     """
     rays = {m.spec.name: math.prod(m.pattern.frame_shape) for m in mounted}
@@ -63,15 +63,15 @@ def _parts(
 
 
 def _bytes_to_use(mounted: Sequence[Mounted], out: Mapping[str, Frame] | None) -> int:
-    """Of hits in arrays that are written over: those of frames that nobody holds, and of frames in `out`."""
+    """Bytes of hits in arrays that will be overwritten: those of frames that nobody holds, and of frames in `out`."""
     given = [out[m.spec.name] for m in mounted if m.spec.name in out] if out else []
     return sum(m.pool.free_bytes for m in mounted) + BYTES_PER_HIT * sum(math.prod(frame.shape) for frame in given)
 
 
 class ReadingOfWorlds:
-    """A reading of one sensor, of some of the worlds at a time, into arrays for all of them.
+    """A reading of one sensor, a part of the worlds at a time, into arrays for all of them.
 
-    So poses, trees and errors take memory for those that are read at one time only.
+    So poses, trees and errors need memory only for the worlds that are read at one time.
     """
 
     def __init__(self, mounted: Mounted, worlds: Worlds, arrays: FrameArrays, seed: int) -> None:
@@ -80,18 +80,18 @@ class ReadingOfWorlds:
 
     @cached_property
     def _fired(self) -> tuple[Mounted, int]:
-        """The sensor with its next pattern, and the number of the reading; what is refused before has none."""
+        """The sensor with its next pattern, and the number of the reading. Readings refused earlier are not counted."""
         return self._mounted.next_of_worlds(self._worlds), next(self._mounted.frames)
 
     def ask(self, posed: PosedWorlds) -> Asked:
-        """For a reading in those worlds in which the scene stands now. To read a world again changes nothing."""
+        """A request to read the worlds at which the scene stands now. Reading a world again gives the same values."""
         arrays, (fired, number) = self._arrays.of_worlds(posed.part), self._fired
         rays = fired.aim_in_worlds(posed, arrays)
         name, of_each = fired.spec.name, math.prod(fired.pattern.shape)
         return Asked(fired, rays, arrays, partial(random_source, self._seed, name, number, posed.ids, of_each))
 
     def take(self, posed: PosedWorlds, brightness: Brightness | None, *used: object) -> None:
-        """What was read in these worlds, and what a graph that repeats it is to hold."""
+        """Take over the readings of these worlds, and hold what a CUDA graph that repeats them needs."""
         if brightness is not None:
             self._brightness.append((posed.part, brightness))
         fired = self._fired[0]
@@ -99,7 +99,7 @@ class ReadingOfWorlds:
             self._arrays.keep(fired, posed, fired.visible(), *used, *fired.scene.on_device)
 
     def frame(self) -> Frame:
-        """The frame of all worlds, when they have been read."""
+        """The frame of all worlds, after they have been read."""
         fired, arrays, device = self._fired[0], self._arrays, self._arrays.range.device
         time = arrays.fields.get("time", partial(self._worlds.times, device))
         pose = arrays.fields.get("pose", arrays.frames.poses)
@@ -109,7 +109,7 @@ class ReadingOfWorlds:
 
 
 def read_worlds(readings: Sequence[ReadingOfWorlds], posed: PosedWorlds) -> None:
-    """Read in those worlds in which the scene stands now."""
+    """Read the worlds at which the scene stands now."""
     asked = [reading.ask(posed) for reading in readings]
     brightness, used = read(asked)
     for reading, each, bright in zip(readings, asked, brightness, strict=True):
@@ -117,7 +117,7 @@ def read_worlds(readings: Sequence[ReadingOfWorlds], posed: PosedWorlds) -> None
 
 
 def _joined(parts: Sequence[tuple[slice, Brightness]], count: int, device: wp.Device, out: wp.array | None) -> wp.array:
-    """The brightness of `count` rays, part by part of their worlds."""
+    """The intensity of `count` rays, concatenated from parts of the worlds."""
     worlds = max(part.stop for part, _ in parts)
     out = wp.empty(count, dtype=float, device=device) if out is None else out
     for part, brightness in parts:

@@ -1,4 +1,4 @@
-"""Readings of sensors, from their aims to their frames."""
+"""Readings of sensors: from their aims to their frames."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -18,7 +18,7 @@ from .mounted import Aim, Mounted
 
 
 class Asked(NamedTuple):
-    """A reading that is asked for: of a sensor, along these rays, into these arrays, with errors drawn by `random`."""
+    """A request to read a sensor along these rays, into these arrays, with random numbers from `random`."""
 
     mounted: Mounted
     rays: Rays
@@ -27,7 +27,7 @@ class Asked(NamedTuple):
 
 
 def read_frames(aimed: Sequence[tuple[Mounted, Aim]], seed: int) -> list[Frame]:
-    """What sensors read in the world as their scene stands. seed: of the errors of all readings."""
+    """Frames of sensors in the world at which their scene stands. seed: for the errors of all readings."""
     asked = [
         Asked(m, aim.rays, aim.arrays, partial(random_source, seed, m.spec.name, next(m.frames))) for m, aim in aimed
     ]
@@ -36,10 +36,10 @@ def read_frames(aimed: Sequence[tuple[Mounted, Aim]], seed: int) -> list[Frame]:
 
 
 def read(asked: Sequence[Asked]) -> tuple[list[Brightness | None], object]:
-    """Read into these arrays: sensors without errors all at once, the others one after the other.
+    """Make these readings: sensors without errors all at once, the others one after the other.
 
-    Gives the brightness of each, None where it follows from what was hit; and what a graph that repeats the casts of
-    sensors without errors is to hold.
+    Returns the intensity of each, None where it follows from the hits; and what a CUDA graph that repeats the casts of
+    sensors without errors must hold.
     """
     brightness: list[Brightness | None] = []
     used: list[object] = []
@@ -61,7 +61,7 @@ def read(asked: Sequence[Asked]) -> tuple[list[Brightness | None], object]:
 
 
 def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame:
-    """The frame of what was read."""
+    """The frame of a reading."""
     spec, arrays, looks = mounted.spec, aim.arrays, mounted.scene.looks
     common = aim.time, aim.pose, arrays.shape, arrays, mounted.source
     if isinstance(spec, Lidar):
@@ -78,5 +78,5 @@ def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame
     else:
         frame = Frame(*common)
     for field in arrays.fields.asked:
-        getattr(frame, field)  # which is worked out into the array that it had
+        getattr(frame, field)  # computed into the array that it had
     return frame

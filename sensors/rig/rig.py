@@ -125,7 +125,7 @@ class Rig:
 
     @property
     def seed(self) -> int:
-        """Of all random numbers of the rig; `reset` takes another."""
+        """The seed of all random numbers of the rig; `reset` can change it."""
         return self._seed
 
     def reset(self, seed: int | None = None) -> None:
@@ -270,7 +270,7 @@ class Rig:
         return given
 
     def _move_on(self, data: mujoco.MjData, due: list[tuple[float, Mounted]]) -> None:
-        """Begin readings of sensors that move; take those whose last ray has been fired."""
+        """Begin readings of moving sensors, and make those whose last ray has been fired."""
         self._kinematics.update(data)
         over = self._under_way.step(self._kinematics.data, [(time, m.at(time)) for time, m in due])
         for begun in over:
@@ -282,19 +282,19 @@ class Rig:
             self._scene.take(self._kinematics.data)
 
     def _deliver(self, mounted: Mounted, taken: float, frame: Frame) -> None:
-        """Keep a frame, the last ray of which was fired at `taken` [s], for when it comes in."""
+        """Keep a frame, whose last ray was fired at `taken` [s], until it arrives."""
         rounding = self._schedules[mounted.spec.name].rounding
         self._undelivered.append(_Delivery(max(frame.time + mounted.spec.latency, taken), rounding, frame))
 
     def rays(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, WorldRays]:
-        """The rays that each of these sensors would cast now."""
+        """The rays that each of these sensors would cast now, in the world."""
         with self._in_use:
             mounted = self._select(names)
             self._look(data)
             return {m.spec.name: m.at(data.time).world_rays(self._kinematics.data) for m in mounted}
 
     def cast(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Hits]:
-        """What the rays of each of these sensors hit now, before any range limit: distances and world normals."""
+        """Hits of the rays of each of these sensors now, without range limits: distances and world normals."""
         with self._in_use:
             mounted = self._select(names)
             self._look(data)
@@ -318,13 +318,13 @@ class Rig:
         return [self._mounted[name] for name in names]
 
     def _look(self, data: mujoco.MjData) -> None:
-        """Bring the scene to the world at data.time."""
+        """Update the scene to the world at data.time."""
         self._kinematics.require_own(data)
         self._kinematics.update(data)
         self._scene.take(self._kinematics.data)
 
     def _frames(self, due: Iterable[tuple[float, Mounted]], out: Mapping[str, Frame] | None = None) -> list[Frame]:
-        """What sensors read in the world as it stands, each at its time."""
+        """Frames of sensors in the world as it stands, each with its time."""
         aimed = []
         for time, mounted in due:
             fired = mounted.at(time)
@@ -334,7 +334,7 @@ class Rig:
 
 
 class _Delivery(NamedTuple):
-    """A frame that comes in at `time` [s], or when the clock is `rounding` short of it."""
+    """A frame that arrives at `time` [s]; the clock may be `rounding` [s] short of it."""
 
     time: float
     rounding: float

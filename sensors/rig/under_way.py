@@ -1,4 +1,4 @@
-"""Readings of sensors that move: begun at one step, over at a later one."""
+"""Readings under way of moving sensors: begun at one step, finished at a later one."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -21,16 +21,16 @@ class Begun(NamedTuple):
 
     @property
     def end(self) -> float:
-        """When its last ray is fired [s]."""
+        """The time at which its last ray is fired [s]."""
         firings = self.mounted.pattern.firings
         assert firings is not None
         return self.time + firings.end
 
 
 class UnderWay:
-    """The readings under way of the sensors of one scene that move, and the steps that they span.
+    """The readings under way of one scene's moving sensors, and the steps that they span.
 
-    rounding: by how much less than a time [s] the clock may show when it has reached it, for each sensor.
+    rounding: for each sensor, how far [s] the clock may be short of a time that it has reached.
     """
 
     def __init__(self, scene: Stage, moving: Sequence[Mounted], rounding: Mapping[str, float]) -> None:
@@ -40,12 +40,12 @@ class UnderWay:
         self._begun: list[Begun] = []
 
     def start_over(self) -> None:
-        """Forget all that has begun."""
+        """Discard all readings under way."""
         self._begun.clear()
         self._history.clear()
 
     def step(self, data: mujoco.MjData, due: Iterable[tuple[float, Mounted]]) -> list[Begun]:
-        """Go on to the world of `data`, and begin what falls due; the readings whose last ray has been fired."""
+        """Go on to the world of `data` and begin the due readings; return those whose last ray has been fired."""
         self._begun += [Begun(time, mounted) for time, mounted in due]
         self._history.forget_before(min([data.time, *(each.time for each in self._begun)]))
         poses = {m.spec.name: m.pose(data) for m in self.moving}
@@ -55,7 +55,7 @@ class UnderWay:
         return over
 
     def aim(self, begun: Begun, arrays: FrameArrays) -> Aim:
-        """Bring the scene to the steps that a reading spans; its rays through them, and the arrays for its frame."""
+        """Sweep the scene through the steps that a reading spans; return the reading's rays and arrays."""
         name, pattern = begun.mounted.spec.name, begun.mounted.pattern
         assert pattern.firings is not None
         knots = self._history.over(begun.time, begun.end)

@@ -1,1 +1,1 @@
-"""What rays are cast against: the parts of a model, kept as it changes."""
+"""Scenes: the geometry of a model that rays are cast against, kept up to date."""

@@ -1,4 +1,4 @@
-"""What a cast gives back."""
+"""The result of a cast."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -76,9 +76,9 @@ class Hits:
         return self._ids("prop")
 
     def numpy(self) -> NumpyHits:
-        """All of it as numpy arrays; on the CPU they are views of the Warp arrays.
+        """All fields as numpy arrays; on the CPU they are views of the Warp arrays.
 
-        Ids of a kind that the scene has none of are one -1 in the shape of the rays, which cannot be written to.
+        Ids of a kind that the scene does not have are a read-only broadcast of -1.
         """
         nothing = np.broadcast_to(np.int32(-1), self.shape)
         known = {f"{owner}_id": owner in self._shape_ids.of_shape for owner in OWNERS}
@@ -87,10 +87,10 @@ class Hits:
         return NumpyHits(**ids, distance=self._numpy(self.distance), face=self._numpy(self.face), normal=normal)
 
     def room_for(self, shape: tuple[int, ...], device: wp.Device) -> HitArrays:
-        """The arrays, for other hits of rays of this shape.
+        """The arrays, to be overwritten with other hits of rays of this shape.
 
         Raises:
-            InputError: there is not room for just as many, or it is on another device.
+            InputError: they have another shape, or are on another device.
         """
         if shape != self.shape or self._arrays.distance.device != device:
             raise InputError(
@@ -104,7 +104,7 @@ class Hits:
         return self.shape or (1,)
 
     def _shaped(self, array: wp.array) -> DeviceArray:
-        """In the shape of the rays; as it is where it has that, for another view takes as long as to cast many."""
+        """The array in the shape of the rays; itself if it has it, as a view takes as long as casting many rays."""
         return array if array.shape == self._own_shape else array.reshape(self._own_shape)
 
     def _ids(self, owner: Owner) -> wp.array:

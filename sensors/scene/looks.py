@@ -1,4 +1,4 @@
-"""How surfaces look to a sensor's light, from the colours and materials of a model and what the user says otherwise."""
+"""Optical properties of surfaces, from the colours and materials of a model and from the user's `surfaces`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from rigcast.sensors.faults import refuse
 from rigcast.sensors.specs.surface import Surface
 
 _LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear red, green and blue: ITU-R BT.709
-_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # of a geom in MJCF; its material's colour counts in its place
+_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # of a geom in MJCF; a material's colour takes its place
 
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Of each shape, on the device: surfaces as in `rigcast.kernels.effects.lidars.echoes`, textured (n,) bool.
+    """Optics per shape, on the device: surfaces, see rigcast.kernels.effects.lidars.echoes; textured, (n,) bool.
 
-    has_transparent, has_mirrors: whether any lets light through, or reflects some as a mirror.
+    has_transparent, has_mirrors: whether any shape transmits light, or reflects some as a mirror.
     """
 
     surfaces: SurfaceArrays
@@ -29,20 +29,20 @@ class Looks:
     has_transparent: bool
     has_mirrors: bool
 
-    @cached_property  # every frame asks for it
+    @cached_property  # used by every frame
     def reflectivity(self) -> wp.array:
         return self.surfaces.reflectivity
 
 
 class LooksTable:
-    """The looks of the shapes of a scene.
+    """The optical properties of the shapes of a scene.
 
     Args:
-        owners, ids: (n,) kind and MuJoCo id of what each shape is of. bodies: (n,) its body, -1 for none.
-        props: their names. surfaces: what holds in place of the model's colours, the last of several for one shape.
+        owners, ids: (n,) kind and MuJoCo id of each shape's object. bodies: (n,) its body, -1 for none.
+        props: their names. surfaces: override the model's colours; of several for one shape the last counts.
 
     Raises:
-        InputError: a surface that names what is not there.
+        InputError: a surface names something that does not exist.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class LooksTable:
         self._owners, self._ids, self._bodies = shapes
 
     def read(self, device: wp.DeviceLike) -> Looks:
-        """As the model looks now."""
+        """The optical properties by the model's present colours and materials."""
         model = self._model
         rgba, material = self._drawn()
         values = {
@@ -83,7 +83,7 @@ class LooksTable:
         )
 
     def _drawn(self) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """(n, 4) the colour in which each shape is drawn, and (n,) id of its material, -1 for none."""
+        """The colour (n, 4) in which each shape is drawn, and the id (n,) of its material, -1 for none."""
         model, count = self._model, len(self._ids)
         rgba, material = np.tile(np.array(_DEFAULT_RGBA), (count, 1)), np.full(count, -1, np.int32)
         for owner in ("geom", "flex", "skin"):
@@ -96,7 +96,7 @@ class LooksTable:
         return rgba, material
 
     def _belongs(self, surface: Surface, material: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """(n,) which shapes a surface is of."""
+        """Which shapes (n,) a surface entry applies to."""
         if surface.geom is not None:
             return (self._owners == "geom") & (self._ids == self._model.geom(surface.geom).id)
         if surface.material is not None:

@@ -1,4 +1,4 @@
-"""Whether data can be looked at with a model: it may be of a copy, and rays are cast on one of them only."""
+"""Checks that data belong to a model, or to a copy of it that rays cannot tell apart."""
 
 import mujoco
 import numpy as np
@@ -9,17 +9,17 @@ SHAPES = (
     *("geom_type", "geom_dataid", "geom_size", "geom_group", "geom_contype", "geom_conaffinity", "geom_matid"),
     *("geom_rgba", "mat_rgba", "mat_reflectance", "hfield_size", "hfield_data"),
 )
-"""What rays see of a model that is in no MjData, but for vertices of meshes, flexes and skins, which are many."""
+"""Fields of a model, not in MjData, on which hits depend. Vertices are left out, as there are too many to check."""
 
 PLACES = (
     *("qpos0", "jnt_pos", "jnt_axis", "body_pos", "body_quat", "geom_pos", "geom_quat"),
     *("site_pos", "site_quat", "cam_pos", "cam_quat"),
 )
-"""What poses follow from, with an MjData."""
+"""Fields of a model on which poses depend, besides MjData."""
 
 
 def require_same_model(what: str, other: mujoco.MjModel, model: mujoco.MjModel, fields: tuple[str, ...]) -> None:
-    """Raise InputError where a copy of the model, of which `what` is, has been edited in one of these fields."""
+    """Raise InputError if `other`, a copy of the model to which `what` belongs, differs in one of these fields."""
     if other is model:
         return
     for name in fields:
@@ -31,7 +31,7 @@ def require_same_model(what: str, other: mujoco.MjModel, model: mujoco.MjModel, 
 
 
 def require_posed(what: str, data: mujoco.MjData) -> None:
-    """Raise InputError for data without poses, as it is made or reset: all is at the origin, and nothing is turned."""
+    """Raise InputError for data whose poses have not been computed since they were made or reset."""
     rotation = data.geom_xmat
     if len(rotation) and not (rotation[0].any() or rotation.any()):
         raise InputError(f"{what}: poses have not been worked out, expected mj_forward or mj_kinematics first")

@@ -1,4 +1,4 @@
-"""What kind of thing each shape of a scene is, and its id among those."""
+"""The kind of object that each shape of a scene belongs to, and its id."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from .parts.part import OWNERS, Owner
 
 @dataclass(frozen=True, eq=False)
 class ShapeIds:
-    """of_shape: (n,) int32, the ids of all shapes, -1 of other kinds; of each kind that the scene has, and of geoms."""
+    """of_shape: for geoms, and other kinds in the scene, ids (n,) int32 of all shapes; -1 for those of other kinds."""
 
     of_shape: Mapping[Owner, wp.array]
 
     @staticmethod
     def of(owners: NDArray[np.str_], ids: NDArray[np.int32], device: wp.Device) -> "ShapeIds":
-        """Of shapes of these kinds (n,), with these ids (n,)."""
+        """From the kind (n,) and id (n,) of each shape."""
         return ShapeIds(
             {
                 owner: wp.array(np.where(owners == owner, ids, -1), dtype=int, device=device)
@@ -30,9 +30,9 @@ class ShapeIds:
         )
 
     def are_shapes(self, owner: Owner) -> bool:
-        """Whether shape k has the id k, and all are of this kind: geoms of a scene that has nothing else."""
+        """Whether all shapes are of this kind and shape k has id k, as for geoms of a scene that has nothing else."""
         return [owner] == list(self.of_shape)
 
     def look_up(self, owner: Owner, shape: wp.array, out: wp.array | None = None) -> wp.array:
-        """(n,) int32: ids of what was hit, -1 where that is of another kind, or -1 itself; the scene has some of it."""
+        """Ids (n,) int32 of the objects hit, -1 for another kind or a miss. The scene must have this kind."""
         return look_up(self.of_shape[owner], shape, out)

@@ -1,4 +1,4 @@
-"""What of a scene can be seen, and how it looks, as the colours, materials and groups of its model are by then."""
+"""Visibility and optical properties of a scene's shapes, by the current colours, materials and groups of its model."""
 
 from collections.abc import Callable, Sequence
 
@@ -14,20 +14,20 @@ from .batch.per_world import PerWorld
 from .looks import Looks, LooksTable
 from .parts.part import Part
 
-# What filters and surfaces ask of a model, besides the tree of its bodies.
+# Fields of a model that filters and surfaces depend on, besides the tree of its bodies.
 _LOOKS = (
     *("geom_rgba", "geom_matid", "geom_group", "geom_contype", "geom_conaffinity", "mat_rgba"),
     *("flex_rgba", "flex_matid", "flex_group", "flex_contype", "flex_conaffinity"),
     *("skin_rgba", "skin_matid", "skin_group"),
     *("mat_reflectance", "mat_texid"),
 )
-_MOST_FILTERS = 64  # whose geoms are kept on the device
+_MOST_FILTERS = 64  # filters whose visible shapes are cached on the device
 
 
 class Sight:
-    """Of the shapes of these parts, whose looks are in the table, as the model was at the last `update`.
+    """Visibility and optical properties of the shapes of these parts, by the model's state at the last `update`.
 
-    They are kept on the device for as long as nothing changes.
+    They are cached on the device until something changes.
     """
 
     def __init__(self, model: mujoco.MjModel, parts: Sequence[Part], table: LooksTable, device: wp.Device) -> None:
@@ -40,7 +40,7 @@ class Sight:
         self._looks: Looks | None = None
 
     def update(self) -> None:
-        """Take the model as it looks now."""
+        """Take over the model's present colours, materials and groups."""
         now = b"".join(self._now)
         if now != self._read:
             require_as_before("Scene: colours, groups or materials of the model are others", self._device)
@@ -48,7 +48,7 @@ class Sight:
             self._read, self._looks = now, None
 
     def forget_visible(self) -> None:
-        """Other geoms are present."""
+        """Discard cached visibility, because other geoms are present now."""
         self._visible, self._recent = {}, {}
 
     def visible(
@@ -60,7 +60,7 @@ class Sight:
         until `forget_visible` is called.
         """
         known = self._recent.get(id(filter))
-        if known is None:  # by its id, as to hash a filter takes longer than all else here
+        if known is None:  # by id(), as hashing a filter takes longer than all else here
             if len(self._recent) == _MOST_FILTERS:
                 self._recent.clear()
             known = self._recent[id(filter)] = filter, self._visible_to(filter, find_present)
@@ -83,7 +83,7 @@ class Sight:
         return self._visible.setdefault(filter, wp.array(seen.reshape(-1), dtype=wp.bool, device=self._device))
 
     def looks(self) -> Looks:
-        """How the shapes look to a sensor's light."""
+        """The optical properties of the shapes."""
         if self._looks is None:
             require_as_before("Scene: colours are asked for", self._device)
             self._looks = self._table.read(self._device)
@@ -91,9 +91,9 @@ class Sight:
 
     @property
     def on_device(self) -> list[object]:
-        """What has been read of looks by now."""
+        """Arrays of optical properties read so far; a CUDA graph that uses them must hold these."""
         return [self._looks]
 
     def _seen_by(self, filter: Filter) -> NDArray[np.bool_]:
-        """(shapes,) what a filter lets rays hit."""
+        """Which shapes (shapes,) a filter lets rays hit."""
         return np.concatenate([part.visible(filter) for part in self._parts])

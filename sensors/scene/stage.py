@@ -1,4 +1,4 @@
-"""A MuJoCo model on a device, as the rays of sensors meet it."""
+"""A MuJoCo model on a device, for casts of sensors' rays."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -42,18 +42,18 @@ from .shape_ids import ShapeIds
 from .sight import Sight
 
 _NO_DIFFERENCES = Differences()
-_UNDER_WAY = "the last update failed"  # set while one is under way: what fails may have taken some poses
-_BYTES_PER_SIZE = 48  # of a shape, with its tree, its box and its reach
+_UNDER_WAY = "the last update failed"  # set during an update; a failed one may have taken some poses
+_BYTES_PER_SIZE = 48  # of a shape: size, tree, box and reach
 
 
 class Stage:
-    """The geoms, flexes, skins and props of a model on a device, where they stood when they were last taken.
+    """The geoms, flexes, skins and props of a model on a device, at the poses last taken.
 
-    Sensors cast their rays at it: what they give is of its model and on its device. `Scene` is a stage that users cast
-    at, and checks what they give.
+    Sensors cast their rays at it, with arguments of its model and on its device, which are not checked. `Scene` is a
+    stage for users, and checks their arguments.
 
-    shape_ids: what it is that a ray hits. body_of_shape: (shapes,) int32, whose shape it is, -1 where it is no one
-    body's.
+    shape_ids: the objects to which shapes belong. body_of_shape: (shapes,) int32, the body of each shape, -1 if it
+    belongs to several bodies or none.
     """
 
     def __init__(
@@ -78,10 +78,10 @@ class Stage:
         table = LooksTable(model, (owners, ids, bodies), [prop.name for prop in props], surfaces)
         self._sight = Sight(model, self._parts, table, self._device)
         self._body_of_shape = wp.array(bodies, dtype=int, device=self._device)
-        self._stale = "no poses yet"  # why nothing can be cast at, if so
+        self._stale = "no poses yet"  # the reason why nothing can be cast, if so
         self._is_whole = True  # whether the world is not half changed
-        self._worlds: int | None = None  # how many there are, if it is a batch of them
-        self.room: object = None  # what the last reading of many worlds needed memory for
+        self._worlds: int | None = None  # their number, after an update with many worlds
+        self.room: object = None  # memory needs of the last reading of many worlds
         self._prop_mounts = [WorldMounts.by([mount], device) for mount in self._props.mounts]  # in many worlds
         self._gathered: dict[str, Gathered] = {}  # where poses of several MjData are copied together
         self._part: slice | None = None  # which of the worlds stand, if not all
@@ -109,7 +109,7 @@ class Stage:
         return self._body_of_shape
 
     def _make_world(self) -> World:
-        """A world of all parts, which take over its trees: their triangles are held once."""
+        """A World of all parts. The parts take over its trees, so that triangles are stored once."""
         world = World([tree for part in self._parts for tree in part.trees], joined_shapes(self._parts), self._device)
         trees = iter(world.trees)
         for part in self._parts:
@@ -118,7 +118,7 @@ class Stage:
         return world
 
     def _begin_change(self) -> None:
-        """Of the world. One that failed, out of memory or by Ctrl-C, may have left half of it: it is made anew."""
+        """Begin a change of the world; after one that failed (out of memory, Ctrl-C) the world is rebuilt first."""
         if not self._is_whole:
             self._world, self._differences = self._make_world(), _NO_DIFFERENCES
             self._sight.forget_visible()
@@ -136,12 +136,12 @@ class Stage:
         self._stale, self._worlds, self._part, self._is_whole = "", None, None, True
 
     def read(self, data: mujoco.MjData) -> ShapePoses:
-        """Where everything stands in `data`, for a `sweep`.
+        """The poses of all shapes in `data`, for a `sweep`.
 
-        Rays are still cast at what was there before, until the next `update` or `sweep`.
+        Casts still see the previous poses until the next `update` or `sweep`.
         """
         taken = [array.numpy() for array in (self._geoms.poses.position, self._geoms.poses.rotation)]
-        in_place = [values.copy() for values in taken]  # those that rays may be cast at in place
+        in_place = [values.copy() for values in taken]  # casts may read `taken` in place until the next update
         self._begin_change()
         try:
             poses = joined_poses(self._snapshots(data))
@@ -152,7 +152,7 @@ class Stage:
                 values[...] = before
 
     def _snapshots(self, data: mujoco.MjData) -> list[Snapshot]:
-        """Of all parts as they stand in `data`; their sizes and trees are taken."""
+        """Snapshots of all parts in `data`; takes over their sizes and trees."""
         if self._device.is_cuda:
             require_on_device("Scene.update: data", "MjData", self._device)
         self._sight.update()
@@ -188,7 +188,7 @@ class Stage:
         self._is_whole = True
 
     def take_worlds(self, worlds: Worlds) -> None:
-        """Take what many worlds say besides poses, and what has changed in the model.
+        """Take what many worlds specify besides poses, and changes of the model.
 
         Raises:
             InputError: worlds of another model, or a model with flexes or skins.
@@ -204,7 +204,7 @@ class Stage:
         self._is_whole = True
 
     def _take_differences(self, worlds: Worlds) -> None:
-        """Take what has changed in the model, and the sizes and meshes in which worlds differ."""
+        """Take changes of the model, and the sizes and meshes in which worlds differ."""
         differences = worlds.differences
         if is_captured(self._device) and (self._geoms.have_changed() or not differences.same_as(self._differences)):
             require_as_before("Scene: sizes, meshes or what is visible are others", self._device)
@@ -224,7 +224,7 @@ class Stage:
         self._sight.forget_visible()
 
     def pose_worlds(self, worlds: Worlds, part: slice) -> PosedWorlds:
-        """Take some of the worlds that were taken, or all, as they stand. `cast` needs all."""
+        """Take the current poses of some of the worlds last taken, or of all. `cast` needs all."""
         posed = PosedWorlds(worlds, part, self._model, self._device, self._gathered)
         position, rotation = posed.geoms
         if isinstance(position, np.ndarray):
@@ -241,17 +241,17 @@ class Stage:
     def _warn_of_lost(
         self, position: NDArray[np.floating[Any]], rotation: NDArray[np.floating[Any]], first: int
     ) -> None:
-        """Of geoms of worlds from the `first` on."""
+        """Warn of geoms whose poses are not finite, in worlds `first`, first + 1, ..."""
         if self._lost_in_worlds.any or not (are_within_reach(position) and are_within_reach(rotation)):
             is_finite = has_finite_pose(position.reshape(-1, 3), rotation.reshape(-1, 9))
             self._lost_in_worlds.warn(None, is_finite, first * self._model.ngeom)
 
     def bytes_per_world(self, worlds: Worlds) -> int:
-        """What each of many worlds takes, beside what is read in it: sizes and meshes of its own."""
+        """Bytes per world for sizes and meshes of its own, besides its readings."""
         return self._body_of_shape.size * _BYTES_PER_SIZE if worlds.differences.of_shapes else 0
 
     def bytes_per_posed_world(self, worlds: Worlds) -> int:
-        """What each of those that stand at one time takes: its poses, and the tree over its shapes."""
+        """Bytes per world that is posed at one time: its poses, and the tree over its shapes."""
         geoms, props = self._model.ngeom, len(self._props.ids)
         copied = geoms * worlds.bytes_per_pose
         if props:  # the poses of all in one array, and of what carries the props
@@ -260,13 +260,13 @@ class Stage:
 
     @property
     def on_device(self) -> list[object]:
-        """What it has on its device by now, for whoever repeats its launches."""
+        """Owners of its arrays on the device; a CUDA graph that repeats its launches must hold these."""
         return [*self._world.on_device, *self._sight.on_device]
 
     def visible(self, filter: Filter | PerWorld[Filter]) -> wp.array:
-        """(shapes,) or (worlds * shapes,) bool on the device: what a filter lets rays hit.
+        """Which shapes a filter lets rays hit, (shapes,) or (worlds * shapes,) bool on the device.
 
-        Of the worlds that stand.
+        With many worlds, for those that are posed now.
         """
         visible = self._sight.visible(filter, lambda: self._differences.present(self._geoms))
         shapes = self._body_of_shape.size
@@ -298,9 +298,9 @@ class Stage:
         return self._alone.cast(visible, rays, max_distance, cull, out)
 
     def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
-        """A cast whose hits are readings between these limits [m], for as long as `visible` gives these geoms."""
+        """A cast whose hits are readings within these limits [m], valid while `visible` returns this array."""
         return prepare_readings(self._world.geometry, visible, rays, limits, self._body_of_shape)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
-        """The arrays of a cast, for rays of this shape."""
+        """Hits from the arrays of a cast of rays of this shape."""
         return Hits(shape, arrays, self._shape_ids)

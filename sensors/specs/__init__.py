@@ -1,1 +1,1 @@
-"""What users write down: sensors, mounts, filters, presets. Knows models, not devices."""
+"""Specifications that users write: sensors, mounts, filters, presets. Knows models, not devices."""

@@ -1,4 +1,4 @@
-"""Sensors that sit within a geom of what carries them, and see little else."""
+"""Detection of sensors inside a geom of their own body, which hides everything else."""
 
 from collections.abc import Iterable, Iterator
 
@@ -14,9 +14,9 @@ _GEOM = mujoco.mjtGeom
 
 
 def enclosed(model: mujoco.MjModel, data: mujoco.MjData, sensors: Iterable[SensorSpec]) -> Iterator[str]:
-    """A sentence for each sensor that begins its rays within a geom which they may hit and which moves as it does.
+    """A warning for each sensor whose rays begin inside a geom that they can hit and that moves with the sensor.
 
-    No motion changes where the two are to each other: any poses in `data` will do, of cameras and geoms too.
+    Their relative pose never changes, so any poses in `data` will do.
     """
     for sensor in sensors:
         geom = _geom_around(model, data, sensor)
@@ -41,7 +41,7 @@ def _geom_around(model: mujoco.MjModel, data: mujoco.MjData, sensor: SensorSpec)
 
 
 def _moving_with(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
-    """(nbody,) what is fixed to a body; of what is fixed to the world, which may be a room, only a body itself."""
+    """Which bodies (nbody,) are fixed to a body; if that is fixed to the world, perhaps a room, only itself."""
     weld = model.body_weldid
     if weld[body]:
         return np.asarray(weld == weld[body])
@@ -49,7 +49,7 @@ def _moving_with(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
 
 
 def _contains(model: mujoco.MjModel, geom: int, point: NDArray[np.float64]) -> bool:
-    """Whether a point (3,) in the geom's frame is within it."""
+    """Whether a point (3,) [m] in the geom's frame is inside the geom."""
     size, away = model.geom_size[geom], np.abs(point)
     match model.geom_type[geom]:
         case _GEOM.mjGEOM_SPHERE:
@@ -72,9 +72,9 @@ def _is_in_box(box: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
 
 
 def _turns_around(model: mujoco.MjModel, geom: int, point: NDArray[np.float64]) -> float:
-    """How often a mesh winds about a point: the solid angles of its faces over 4 pi, 1 within a closed one, else 0.
+    """Winding number of a mesh about a point: solid angles of its faces over 4 pi; 1 inside a closed mesh, else 0.
 
-    Of a face a, b, c as seen from the point tan(angle / 2) = a . (b x c) / (|a||b||c| + a.b |c| + b.c |a| + c.a |b|)
+    For a face a, b, c relative to the point, tan(angle / 2) = a . (b x c) / (|a||b||c| + a.b |c| + b.c |a| + c.a |b|)
     (van Oosterom and Strackee, 1983).
     """
     vertices, faces = mesh_of_model(model, model.geom_dataid[geom])

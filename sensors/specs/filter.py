@@ -52,7 +52,7 @@ class Filter(Spec):
         return self
 
     def faults(self, model: mujoco.MjModel) -> list[Fault]:
-        """What keeps this filter from being used on `model`: names of bodies that the model does not have."""
+        """Faults that prevent use of this filter on `model`: names of bodies that the model does not have."""
         unknown = [(i, body) for i, body in enumerate(self.exclude_bodies) if _body_id(model, body) < 0]
         if not unknown:
             return []
@@ -69,7 +69,7 @@ class Filter(Spec):
         return opaque & self.admits(model.geom_group, collides) & ~self.hidden_bodies(model)[model.geom_bodyid]
 
     def admits(self, group: NDArray[np.int32], collides: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(n,) bool: what rays may hit by its group and by whether it collides, each (n,)."""
+        """Which objects (n,) bool rays may hit by their groups and whether they collide, (n,) each."""
         # MuJoCo clamps groups in the same way (mj_ray, engine_ray.c).
         seen = np.isin(np.clip(group, 0, 5), range(6) if self.geom_groups is None else list(self.geom_groups))
         if self.geometry != "all":
@@ -77,7 +77,7 @@ class Filter(Spec):
         return seen
 
     def hidden_bodies(self, model: mujoco.MjModel) -> NDArray[np.bool_]:
-        """(nbody,) bool: bodies of which nothing is hit. Raises InputError for an unknown body."""
+        """Bodies (nbody,) bool whose geoms are never hit. Raises InputError for an unknown body."""
         refuse("Filter", self.faults(model))
         hidden = self._excluded(model)
         if not self.static:
@@ -85,7 +85,7 @@ class Filter(Spec):
         return hidden
 
     def _excluded(self, model: mujoco.MjModel) -> NDArray[np.bool_]:
-        """(nbody,) bool: exclude_bodies, and their descendants with exclude_subtree."""
+        """The excluded bodies (nbody,) bool: exclude_bodies, and their descendants with exclude_subtree."""
         excluded = np.zeros(model.nbody, bool)
         excluded[[_body_id(model, body) for body in self.exclude_bodies]] = True
         while self.exclude_subtree:
@@ -97,7 +97,7 @@ class Filter(Spec):
 
 
 def is_opaque(model: mujoco.MjModel, rgba: NDArray[np.float32], material: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(n,) bool: the alpha that counts is not 0; the material's where there is one, as in mj_ray."""
+    """Whether alpha is not 0, (n,) bool. The alpha is the material's if there is one, as in mj_ray."""
     alpha = rgba[:, 3].copy()
     has_material = material >= 0
     alpha[has_material] = model.mat_rgba[material[has_material], 3]

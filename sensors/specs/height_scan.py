@@ -59,7 +59,7 @@ def yaw_only(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     The yaw is the heading of the x axis, atan2(R10, R00); it is 0 for an x axis that is exactly vertical.
     """
     x, y = pose[0, 0], pose[1, 0]
-    # of square roots alone, as in rigcast.kernels.poses.mounts, so that both have the same bits
+    # by square roots alone, as in rigcast.kernels.poses.mounts, so that both have the same bits
     length = np.sqrt(x * x + y * y)
     cosine, sine = (x / length, y / length) if length != 0 else (np.float64(1.0), np.float64(0.0))
     upright = pose.copy()

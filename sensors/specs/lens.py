@@ -1,4 +1,4 @@
-"""Lenses: where in the image a ray ends, and which ray ends at a place in the image, as OpenCV defines them.
+"""Lenses as OpenCV defines them: the image point of a ray, and the ray of an image point.
 
 Points are on the normalised image plane: a pixel (u, v) is at ((u - cx) / fx, (v - cy) / fy). There a pinhole, to
 which a camera without distortion comes down, shows the ray (x, y, z) at (x / z, y / z).
@@ -42,26 +42,26 @@ class BrownConrady(Spec):
 
     @property
     def coefficients(self) -> NDArray[np.float64]:
-        """(8,) k1 k2 p1 p2 k3 k4 k5 k6, OpenCV's order."""
+        """The coefficients (8,) k1 k2 p1 p2 k3 k4 k5 k6, in OpenCV's order."""
         return np.array([self.k1, self.k2, self.p1, self.p2, self.k3, self.k4, self.k5, self.k6])
 
     def distort(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(..., 2) where rays (..., 3) are seen, of any length, z above 0."""
+        """Image points (..., 2) of rays (..., 3) of any length with z > 0."""
         return self._map(directions[..., :2] / directions[..., 2:])[0]
 
     def undistort(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(..., 3) unit directions of the rays seen at points (..., 2); NaN where none is.
+        """Unit directions (..., 3) of the rays imaged at points (..., 2); NaN where there is none.
 
-        The residual is below 1e-13. Of the several rays that a folding polynomial shows at one point only that
-        one counts which lies within the fold around the centre.
+        The residual is below 1e-13. Of several rays that a folding polynomial images at one point, only the
+        one within the fold around the centre counts.
         """
-        with np.errstate(all="ignore"):  # far out the polynomial overflows; there is no ray then
+        with np.errstate(all="ignore"):  # the polynomial overflows far out, where there is no ray
             ideal = self._solve(points)
             rays = np.concatenate([ideal, np.ones((*points.shape[:-1], 1))], axis=-1)
             return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
     def _solve(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Newton's method in two dimensions; NaN where it leads nowhere or across a fold."""
+        """Newton's method in two dimensions; NaN where it does not converge or crosses a fold."""
         ideal = points.copy()
         for _ in range(_STEPS):
             image, jacobian = self._map(ideal)
@@ -76,7 +76,7 @@ class BrownConrady(Spec):
         return np.where(found[..., None], ideal, np.nan)
 
     def _map(self, ideal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where undistorted points are seen, (..., 2), and the Jacobian of that, (..., 2, 2)."""
+        """The distorted points (..., 2) of undistorted ones, and the Jacobian (..., 2, 2)."""
         x, y = ideal[..., 0], ideal[..., 1]
         r2 = x * x + y * y
         above, above_slope = _cubic(r2, self.k1, self.k2, self.k3)
@@ -117,11 +117,11 @@ class KannalaBrandt(Spec):
 
     @property
     def coefficients(self) -> NDArray[np.float64]:
-        """(4,) k1 k2 k3 k4, OpenCV's order."""
+        """The coefficients (4,) k1 k2 k3 k4, in OpenCV's order."""
         return np.array([self.k1, self.k2, self.k3, self.k4])
 
     def distort(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(..., 2) where rays (..., 3) are seen, of any length."""
+        """Image points (..., 2) of rays (..., 3) of any length."""
         across = np.linalg.norm(directions[..., :2], axis=-1)
         theta = np.arctan2(across, directions[..., 2])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -129,7 +129,7 @@ class KannalaBrandt(Spec):
         return scale[..., None] * directions[..., :2]
 
     def undistort(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(..., 3) unit directions of the rays seen at points (..., 2); NaN where none is."""
+        """Unit directions (..., 3) of the rays imaged at points (..., 2); NaN where there is none."""
         radius = np.linalg.norm(points, axis=-1)
         theta = self._angle(radius)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -141,7 +141,7 @@ class KannalaBrandt(Spec):
         return theta * (1 + t2 * (self.k1 + t2 * (self.k2 + t2 * (self.k3 + t2 * self.k4))))
 
     def _angle(self, radius: NDArray[np.float64]) -> NDArray[np.float64]:
-        """theta of theta_d, by halving the interval in which theta_d grows until it holds no other float64."""
+        """The angle theta for theta_d, by bisection of the interval in which theta_d grows, down to one float64."""
         low, high = np.zeros_like(radius), np.full_like(radius, self._widest())
         inside = radius <= self._image_radius(high)
         for _ in range(60):
@@ -151,7 +151,7 @@ class KannalaBrandt(Spec):
         return np.where(inside, high, np.nan)
 
     def _widest(self) -> float:
-        """The angle up to which theta_d grows with theta: the first root of its derivative, at most 180 deg."""
+        """The angle [rad] up to which theta_d grows with theta: the first root of its derivative, at most 180 deg."""
         roots = np.roots([9 * self.k4, 0, 7 * self.k3, 0, 5 * self.k2, 0, 3 * self.k1, 0, 1])
         real = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
         return float(min([np.pi, *real]))
@@ -162,7 +162,7 @@ AnyLens = Annotated[Lens, Field(discriminator="type")]
 
 
 def _cubic(r2: NDArray[np.float64], a: float, b: float, c: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """1 + a r^2 + b r^4 + c r^6 and its derivative by r^2."""
+    """The polynomial 1 + a r^2 + b r^4 + c r^6 and its derivative by r^2."""
     return 1 + r2 * (a + r2 * (b + r2 * c)), a + r2 * (2 * b + r2 * 3 * c)
 
 
@@ -171,7 +171,7 @@ def _determinant(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _solve_2x2(matrices: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """x of matrices x = right, by Cramer's rule."""
+    """Solve `matrices` x = `right` for x by Cramer's rule."""
     x = right[..., 0] * matrices[..., 1, 1] - right[..., 1] * matrices[..., 0, 1]
     y = matrices[..., 0, 0] * right[..., 1] - matrices[..., 1, 0] * right[..., 0]
     return np.stack([x, y], axis=-1) / _determinant(matrices)[..., None]

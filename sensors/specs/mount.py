@@ -1,4 +1,4 @@
-"""Where a sensor is: fixed to a body, a site, a camera or the world, with an offset."""
+"""Mounts of sensors on a body, a site, a camera or the world, with an offset."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -21,7 +21,7 @@ CARRIERS: dict[Parent, tuple[str, str]] = {
     "site": ("site_xpos", "site_xmat"),
     "camera": ("cam_xpos", "cam_xmat"),
 }
-"""The fields of a MuJoCo data in which the poses of a mount's parents are."""
+"""Fields of MjData with the poses of a mount's parents."""
 
 # A MuJoCo camera looks along its -z with +y up. Columns: the mount's forward, left and up in camera axes.
 _CAMERA_FORWARD_LEFT_UP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
@@ -65,7 +65,7 @@ class Mount(Spec):
 
     @property
     def parent(self) -> Parent:
-        """What kind of thing carries the sensor."""
+        """The kind of object that carries the sensor."""
         if self.body is not None:
             return "body"
         if self.site is not None:
@@ -84,7 +84,7 @@ class Mount(Spec):
         return offset
 
     def faults(self, model: mujoco.MjModel) -> list[Fault]:
-        """What keeps this mount from being on `model`: a name that the model does not have."""
+        """Faults that prevent use of this mount on `model`: a name that the model does not have."""
         if self.parent == "world" or self._id(model) >= 0:
             return []
         kind, count = _objects(model, self.parent)
@@ -122,7 +122,7 @@ class BoundMount:
     offset: NDArray[np.float64]
 
     def turned(self, rotation: NDArray[np.float64]) -> "BoundMount":
-        """A mount at the same place with other axes: the columns of `rotation` (3, 3), in this one's."""
+        """A mount at the same place with other axes: the columns of `rotation` (3, 3) in this mount's frame."""
         offset = self.offset.copy()
         offset[:3, :3] = offset[:3, :3] @ rotation
         return replace(self, offset=offset)
@@ -138,7 +138,7 @@ class BoundMount:
         return placed(position[self.id], rotation[self.id].reshape(3, 3), self.offset)
 
     def carriers(self, data: mujoco.MjData) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-        """The positions (n, 3) and rotations (n, 9) of all things of the kind that it is on; None of the world."""
+        """The positions (n, 3) and rotations (n, 9) of all objects of the parent's kind; None for the world."""
         if self.parent == "world":
             return None, None
         position, rotation = CARRIERS[self.parent]
@@ -148,12 +148,12 @@ class BoundMount:
 def placed(
     position: NDArray[np.float64], rotation: NDArray[np.float64], offset: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(4, 4) a frame at `offset` (4, 4) in one with this pose.
+    """The pose (4, 4) of a frame at `offset` (4, 4) in a frame with this pose.
 
     Summed in the order of `rigcast.kernels.poses.mounts`, and not by BLAS, so that both have the same bits.
     """
     pose = np.eye(4)
-    with np.errstate(invalid="ignore"):  # a pose with inf in it becomes NaN
+    with np.errstate(invalid="ignore"):  # a pose that contains inf becomes NaN
         pose[:3] = rotation[:, :1] * offset[0] + rotation[:, 1:2] * offset[1] + rotation[:, 2:] * offset[2]
         pose[:3, 3] += position
     return pose

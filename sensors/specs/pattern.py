@@ -13,7 +13,7 @@ from .lens import Lens
 if TYPE_CHECKING:  # cards of devices are drawn without Warp
     from rigcast.kernels.rays.coherent import Packets
 
-MOST_RAYS = 2**26  # of one reading; more is a slip, and their directions alone fill 1.6 GB
+MOST_RAYS = 2**26  # of one reading, with 1.6 GB of directions; more is a mistake
 
 
 def refuse_too_many(rays: int) -> None:
@@ -28,16 +28,16 @@ class Pattern:
 
     directions: (*shape, 3) float64, unit, in the sensor's frame.
     origins: (*shape, 3) float64 [m] in the sensor's frame; None when every ray leaves the frame's origin.
-    firing_times: (*shape) float64 [s], when each ray is fired after the first one; None when all are at once.
+    firing_times: (*shape) float64 [s], time of each ray after the first one; None if all are fired at once.
     ring, column: (*shape) int32, row and column of each ray of a lidar; None for other sensors.
     intrinsics: (3, 3) float64 [pixels], `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` with (0, 0) at the top left
         *corner* of the image, pixel centres at +0.5; None for other sensors than cameras.
-    lens: of a camera, None where it is a pinhole.
+    lens: of a camera; None for a pinhole.
     subrays: (*shape, k, 3) unit, the rays that are cast in place of each of `directions`; None: these themselves.
-    later: for a pattern that is another one in each reading, the one of a reading that begins at a time [s], and
-        whether packets are of use; these are the rays of a reading at time 0, and the shape and the origins are always
+    later: for a pattern that changes with each reading, computes that of the reading at a time [s], given also
+        whether packets are useful. This one is then that of the reading at time 0; shape and origins are always
         the same.
-    packets: the same rays on the CPU as they are cast together, where they were packed as they were worked out.
+    packets: the same rays in packets on the CPU, if they were packed when they were computed.
     """
 
     directions: NDArray[np.float64]
@@ -53,21 +53,21 @@ class Pattern:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(beams, columns) for a table of beams, (height, width) for a camera, (rays,) for others."""
+        """Shape of the rays: (beams, columns) for a table of beams, (height, width) for a camera, else (rays,)."""
         return self.directions.shape[:-1]
 
     @property
     def duration(self) -> float:
-        """From the first ray to the last [s]."""
+        """Time from the first ray to the last [s]."""
         return 0.0 if self.firing_times is None else float(self.firing_times.max())
 
     def at(self, time: float, in_packets: bool = False) -> "Pattern":
-        """The rays of a reading that begins at `time` [s]. in_packets: whether `packets` are of use."""
+        """The pattern of the reading that begins at `time` [s]. in_packets: whether `packets` are useful."""
         return self if self.later is None else self.later(time, in_packets)
 
 
 def directions_at(azimuth: NDArray[np.float64], elevation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 3) unit vectors, x forward, y left, z up: azimuth from +x about +z, elevation above x-y [rad]."""
+    """Unit vectors (..., 3), x forward, y left, z up, of azimuth from +x about +z and elevation above x-y [rad]."""
     azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
     flat = np.cos(elevation)
     return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1)

@@ -1,4 +1,4 @@
-"""The figures of real devices: those of `rigcast.configs`, and users' own in YAML files beside their rigs."""
+"""Presets with the figures of real devices: those of `rigcast.configs`, and users' own in YAML files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _SUFFIXES = (".yaml", ".yml")
 
 
 class PresetFile(Spec):
-    """What stands in the file of a preset."""
+    """The contents of a preset's file."""
 
     type: str | None = Field(default=None, description="the kind of sensor it is for; null: that of what it extends")
     extends: str | None = Field(default=None, description="a preset whose figures hold where none is given here")
@@ -39,7 +39,7 @@ class PresetFile(Spec):
 
 @dataclass(frozen=True)
 class Preset:
-    """One device, as `PresetFile` says. `type` is always given. file: of a user's own, None for those of rigcast."""
+    """One device, see `PresetFile`; `type` is always given. file: of a user's preset, None for those of rigcast."""
 
     name: str
     type: str
@@ -52,15 +52,15 @@ class Preset:
     file: YamlFile | None
 
     def lineage(self) -> list["Preset"]:
-        """This preset, the one that it extends, the one that that extends, and so on."""
+        """This preset, followed by the chain of presets that it extends."""
         return [self, *(self.base.lineage() if self.base else ())]
 
     def all_figures(self) -> dict[str, Any]:
-        """`figures` with those of what it extends."""
+        """The `figures`, including those of the presets it extends."""
         return {key: value for preset in self.lineage()[::-1] for key, value in preset.figures.items()}
 
     def all_assumed(self) -> dict[str, str]:
-        """`assumed`, with what the presets it extends assume of keys that are not given anew."""
+        """The `assumed` keys, including those of the presets it extends that it does not set itself."""
         assumed: dict[str, str] = {}
         for preset in self.lineage()[::-1]:
             renewed = preset.sensor.keys() | preset.figures.keys()
@@ -68,27 +68,27 @@ class Preset:
         return assumed
 
     def stated(self) -> set[str]:
-        """The keys of `sensor` and `figures`, with those of what it extends, that are figures of a device."""
+        """The keys of `sensor` and `figures`, its own and inherited, that are figures of a device."""
         keys = {key for preset in self.lineage() for key in (*preset.sensor, *preset.figures)}
         return keys - {"motion"}  # a switch
 
     def cited(self) -> set[str]:
-        """Those of `stated` that `source` covers: all that are not assumed."""
+        """The keys of `stated` that `source` covers: all that are not assumed."""
         return self.stated() - self.all_assumed().keys()
 
 
 @cache
 def preset_names() -> tuple[str, ...]:
-    """The names of the presets that rigcast brings along, sorted."""
+    """The names of rigcast's own presets, sorted."""
     entries = (files("rigcast.configs") / "presets").iterdir()
     return tuple(sorted(entry.name.removesuffix(".yaml") for entry in entries if entry.name.endswith(".yaml")))
 
 
 def load_preset(name: str, folder: Path | None = None) -> Preset:
-    """The preset of that name; a name that ends in .yaml is a file's.
+    """The preset of this name, or in this file if the name ends in .yaml.
 
-    folder: of the rig file that names it. The file is relative to it and must be in it; None: relative to where
-    Python runs, anywhere.
+    folder: of the rig file that names it; the file is relative to it and must be in it. None: relative to the working
+    directory, anywhere.
 
     Raises InputError for a name that is not one of `preset_names()`, and for a file that is not a preset.
     """
@@ -112,7 +112,7 @@ def _load_own(name: str) -> Preset:
 
 
 def _load_file(path: Path, extending: tuple[Path, ...]) -> Preset:
-    """A user's own preset; `extending` are the files through which it was come to."""
+    """A user's own preset. extending: the files that extend it, directly or not."""
     if path.resolve() in extending:
         raise InputError(f"{path}: extends itself")
     document = read_yaml(path)
@@ -144,7 +144,7 @@ def _preset(name: str, content: PresetFile, base: Preset | None, document: YamlF
 
 
 def _resolved(sensor: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The keys of a user's preset, with a file that they name relative to the preset's folder."""
+    """The keys of a user's preset, with file names resolved against the preset's folder."""
     rays = sensor.get("ray_file")
     if not (isinstance(rays, dict) and isinstance(rays.get("path"), str)):
         return dict(sensor)

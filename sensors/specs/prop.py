@@ -50,7 +50,7 @@ class Prop(Spec):
     allow_outside: bool = Field(default=False, description="whether a rig file may name a file outside its folder")
 
     def faults(self, model: mujoco.MjModel) -> list[Fault]:
-        """What keeps this prop from being on `model`: a mount that the model does not have."""
+        """Faults that prevent use of this prop on `model`: a mount that the model does not have."""
         return [fault.under("mount") for fault in self.mount.faults(model)]
 
     def triangles(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -67,7 +67,7 @@ class Prop(Spec):
 
 
 def as_props(given: object) -> tuple[Prop, ...]:
-    """Raises InputError for anything but a list of props with different names."""
+    """The props as a tuple. Raises InputError for anything but a list of props with different names."""
     if isinstance(given, Prop) or not isinstance(given, Iterable):
         raise InputError(f"props: got {type(given).__name__}, expected a list of props")
     props = tuple(given)

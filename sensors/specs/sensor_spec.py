@@ -1,4 +1,4 @@
-"""What every sensor has: a name, a mount, what it may hit, how often and how far it measures."""
+"""Parameters of every sensor: name, mount, filter, rate, range limits."""
 
 import math
 from abc import abstractmethod
@@ -25,7 +25,7 @@ from .spec import Keys, Spec, Takes, folder_of, optional
 
 
 def no_default(schema: JsonDict) -> None:
-    """Leave a default out of the JSON schema: JSON has no infinity, and no sign for "from the preset"."""
+    """Omit a default from the JSON schema: JSON has no infinity, and no value for "from the preset"."""
     schema.pop("default", None)
 
 
@@ -34,7 +34,7 @@ def _list_presets(schema: JsonDict) -> None:
 
 
 def _require_type(schema: JsonDict) -> None:
-    # In Python the class says it; in a file nothing else would.
+    # In Python the class determines the type; a file must give it.
     schema["required"] = ["type", *cast("list[str]", schema["required"])]
 
 
@@ -50,7 +50,7 @@ class SensorSpec(Spec):
 
     frame_rotation: ClassVar[NDArray[np.float64]] = np.eye(3)
     yaw_aligned: ClassVar[bool] = False
-    # Sets of keys that say the same in different ways: giving one drops the preset's others.
+    # Alternative sets of keys for the same thing: giving a key of one set drops the preset's other sets.
     _alternatives: ClassVar[tuple[frozenset[str], ...]] = ()
 
     type: str
@@ -82,7 +82,7 @@ class SensorSpec(Spec):
     )
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:  # noqa: ARG002
-        """The same, with the values of `update` in place of its own and of its preset's.
+        """A copy with the values of `update` in place of its own and its preset's.
 
         Raises InputError for values that the constructor refuses, and for another preset.
         """
@@ -91,12 +91,12 @@ class SensorSpec(Spec):
             raise InputError(f"{type(self).__name__} {self.name!r}: preset: got another, expected {self.preset!r}")
         own = {key: getattr(self, key) for key in self.model_fields_set - {"preset"}}
         changed = type(self)(**self._over(given, own))
-        # named without being read again: its values are in, and only the rig's file knows where a preset's file is
+        # the preset is named but not read again: its values are filled in, and its file is relative to the rig's file
         return changed if self.preset is None else BaseModel.model_copy(changed, update={"preset": self.preset})
 
     @property
     def moves(self) -> bool:
-        """Whether sensor and geoms move while a reading is taken; else the world stands still for it."""
+        """Whether sensor and geoms move during a reading; else the world stands still."""
         return False
 
     @abstractmethod
@@ -104,7 +104,7 @@ class SensorSpec(Spec):
         """The rays of one reading, for a sensor mounted on `model`."""
 
     def faults(self, model: mujoco.MjModel) -> list[Fault]:
-        """What keeps this sensor from being mounted on `model`, each as a place in this specification."""
+        """Faults that prevent mounting this sensor on `model`, with their places in this specification."""
         mount = [fault.under("mount") for fault in self.mount.faults(model)]
         return mount + [fault.under("filter") for fault in self.filter.faults(model)]
 
@@ -115,12 +115,12 @@ class SensorSpec(Spec):
             return given
         try:
             return cls._over(given, cls._preset_keys(given["preset"], folder_of("preset", info)))
-        except InputError:  # told by the validator of `preset`, at its place
+        except InputError:  # reported by the validator of `preset`, at its place
             return given
 
     @classmethod
     def _preset_keys(cls, name: str, folder: Path | None) -> dict[str, Any]:
-        """The values of a preset. Raises InputError for one that there is not, or that is not for this sensor."""
+        """The values of a preset. Raises InputError if it does not exist or is not for this type of sensor."""
         preset, own = load_preset(name, folder), _type_of(cls)
         if preset.type != own:
             fitting = [other for other in preset_names() if load_preset(other).type == own]
@@ -134,12 +134,12 @@ class SensorSpec(Spec):
 
     @classmethod
     def _over(cls, given: dict[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
-        """`given`, and what it leaves to `base`."""
+        """The `given` keys, and those of `base` that they do not replace."""
         return {**{key: base[key] for key in base.keys() - cls._replaced(given)}, **given}
 
     @classmethod
     def _replaced(cls, given: dict[str, Any]) -> set[str]:
-        """Keys of which a preset's values must not be mixed with the `given` ones."""
+        """Keys whose preset values must not be mixed with the `given` ones."""
         chosen = [group for group in cls._alternatives if group & given.keys()]
         return {key for group in cls._alternatives if chosen and group not in chosen for key in group}
 
@@ -176,7 +176,7 @@ def _type_of(cls: type[SensorSpec]) -> str:
 
 
 def _refuse_values(cls: type[SensorSpec], file: YamlFile, own: Mapping[str, Any], keys: dict[str, Any]) -> None:
-    """Raise InputError, with lines and columns, for values in a user's preset that its sensor does not take."""
+    """Raise InputError, with lines and columns, for values in a user's preset that its sensor does not accept."""
     folders = dict.fromkeys(("preset", "ray_file"), file.path.parent)
     try:
         cls.model_validate({"name": "preset", "mount": {}, **keys}, context=folders)

@@ -17,7 +17,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.faults import faults_of, refuse
 from rigcast.sensors.names import listing
 
-if TYPE_CHECKING:  # who knows the arguments of every constructor through pydantic's own metaclass
+if TYPE_CHECKING:  # type checkers know constructors' arguments through pydantic's own metaclass
     _Record = BaseModel
 else:
 
@@ -50,7 +50,7 @@ _Held = TypeVar("_Held", covariant=True)
 if TYPE_CHECKING:
 
     class Takes(Generic[_Given, _Held]):
-        """The type of a field that is given as the first of these types and then held as the second."""
+        """The type of a field that accepts the first of these types and holds the second."""
 
         def __get__(self, spec: object, owner: Any) -> _Held: ...
         def __set__(self, spec: Any, value: _Given) -> None: ...
@@ -66,11 +66,11 @@ else:
 Numbers = Sequence[float] | NDArray[np.floating[Any] | np.integer[Any]]
 Integers = Sequence[int] | NDArray[np.integer[Any]]
 Keys = dict[str, Any]
-"""The arguments of a specification, in place of the specification."""
+"""The arguments of a specification, given in its place."""
 
 
 def optional(**options: Any) -> Any:
-    """A pydantic `Field` with a default, which is of the type that a field of type `Takes` holds."""
+    """A pydantic `Field` with a default of the type that a field of type `Takes` holds."""
     return Field(**options)
 
 
@@ -81,11 +81,11 @@ class Spec(_Record):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        """Add the arguments to the docstring, as their fields describe them."""
+        """Append the arguments to the docstring, with the descriptions of their fields."""
         lines = [f"    {name}: {field.description}." for name, field in cls.model_fields.items() if field.description]
         cls.__doc__ = "\n".join([cleandoc(cls.__doc__ or ""), "", "Args:", *lines])
 
-    if not TYPE_CHECKING:  # a type checker knows that it is frozen
+    if not TYPE_CHECKING:  # type checkers know that it is frozen
 
         def __setattr__(self, name: str, value: Any) -> None:
             self._refuse_change(f"{name} cannot be set")
@@ -98,9 +98,9 @@ class Spec(_Record):
             raise InputError(f"{owner}: {what}; {owner}.model_copy(update=...) gives another {owner}")
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:  # noqa: ARG002
-        """The same, with the values of `update` in place of its own.
+        """A copy with the values of `update` in place of its own.
 
-        Raises InputError for those that the constructor refuses, as pydantic's `model_copy` does not.
+        Raises InputError for values that the constructor refuses, unlike pydantic's `model_copy`.
         """
         own = {key: getattr(self, key) for key in self.model_fields_set}
         return type(self)(**{**own, **(update or {})})
@@ -114,7 +114,7 @@ class Spec(_Record):
 
 
 def _plain(value: Any) -> Any:
-    """NumPy values as Python's own, and lists as tuples, which is what the fields hold."""
+    """NumPy values as Python values, and lists as tuples, as the fields hold them."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     return tuple(_plain(item) for item in value) if isinstance(value, list | tuple) else value
@@ -130,14 +130,14 @@ FilePath = Annotated[Path, BeforeValidator(_as_path)]
 
 
 def folder_of(key: str, info: ValidationInfo) -> Path | None:
-    """The folder of the file in which the paths under this key of a sensor are written; None in Python."""
+    """The folder of the file in which this key of a sensor is written; None in Python."""
     return None if info.context is None else info.context[key]
 
 
 def beside(folder: Path | None, path: Path) -> Path:
-    """Where a file is that a file in this folder names; in Python, without a folder, the path as it is.
+    """The path of a file that is named in a file in this folder; without a folder, in Python, the path as it is.
 
-    Raises ValueError for one that is outside of the folder: a rig may come from anybody.
+    Raises ValueError for a path outside of the folder, because rigs may come from untrusted sources.
     """
     if folder is None:
         return path
@@ -147,8 +147,8 @@ def beside(folder: Path | None, path: Path) -> Path:
 
 
 def is_inside(folder: Path, file: Path) -> bool:
-    """Whether a file is in a folder once all links are followed."""
+    """Whether a file is in a folder after all links are resolved."""
     try:
         return (folder / file).resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError, ValueError):  # links in a circle, a zero byte
+    except (OSError, RuntimeError, ValueError):  # circular links, a zero byte
         return False

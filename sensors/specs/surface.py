@@ -1,4 +1,4 @@
-"""How the surfaces of a model reflect light, where its colours do not say."""
+"""Reflectance of surfaces, where the model's colours do not determine it."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -49,7 +49,7 @@ class Surface(Spec):
         return self
 
     def faults(self, model: mujoco.MjModel, props: Sequence[str]) -> list[Fault]:
-        """What keeps it from being on `model` with props of these names: a name that is not there."""
+        """Faults that prevent its use on `model` with props of these names: a name that does not exist."""
         if self.prop is not None:
             if self.prop in props:
                 return []

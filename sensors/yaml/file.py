@@ -1,4 +1,4 @@
-"""Reading YAML files as plain values, and as nodes that know where they were written."""
+"""Reading of YAML files as plain values, and as nodes with their positions."""
 
 import io
 from collections.abc import Iterable, Mapping
@@ -22,9 +22,9 @@ _CORE = {f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float"
 
 @dataclass(frozen=True)
 class YamlFile:
-    """A YAML file: its content as dicts, lists and scalars, and where everything in it was written.
+    """A YAML file: its content as dicts, lists and scalars, and the positions of everything in it.
 
-    texts: of every source that `root` has parts of, by name: first the file itself, by its path.
+    texts: of every source from which `root` has nodes, by name; the first is the file itself, by its path.
     """
 
     path: Path
@@ -33,19 +33,19 @@ class YamlFile:
     content: Any
 
     def error(self, faults: Iterable[Fault]) -> InputError:
-        """One error that shows every fault in the text, in its order."""
+        """One error that shows every fault, in the order of the text."""
         return error_at(self.texts, [placed(nearest(self.root, fault), str(fault)) for fault in faults])
 
     def folder(self, where: Where) -> Path:
-        """The folder of the file that the value at `where` is written in; the working directory's for no file."""
+        """The folder of the file in which the value at `where` is written; the working directory for no file."""
         source = nearest(self.root, Fault(where, "")).start_mark.name
         return Path(source).parent if source in self.texts and Path(source).is_file() else Path()
 
 
 def read_yaml(path: Path) -> YamlFile:
-    """Read one YAML 1.2 document; nothing but plain values is ever made from it.
+    """Read one YAML 1.2 document as plain values; no other objects are ever made from it.
 
-    Raises InputError for a file that cannot be read or parsed, and for tags and duplicate keys, all of them.
+    Raises InputError for a file that cannot be read or parsed, and for tags and duplicate keys, all at once.
     """
     text = _read_text(path)
     root, content = parse_yaml(str(path), text)
@@ -53,9 +53,9 @@ def read_yaml(path: Path) -> YamlFile:
 
 
 def parse_yaml(source: str, text: str, shown: str | None = None) -> tuple[Node, Any]:
-    """The nodes and the content of one document, whose marks and errors are of `source`. Raises as `read_yaml`.
+    """The nodes and the content of one document. source: its name in marks and errors. Raises as `read_yaml`.
 
-    shown: what errors show in place of the text, line by line and column by column.
+    shown: text with the same lines and columns that errors show in place of the document.
     """
     texts = {source: text if shown is None else shown}
     try:
@@ -77,7 +77,7 @@ def parse_yaml(source: str, text: str, shown: str | None = None) -> tuple[Node, 
 
 
 def _problem(error: MarkedYAMLError) -> str:
-    """What the parser met, and where that began which it was about to read."""
+    """The parser's problem, and the beginning of what it was reading."""
     problem, context = error.problem or "", error.context or ""
     if problem.startswith("found character '\\t'"):
         return "got a tab, expected spaces before what stands on a line"
@@ -91,12 +91,12 @@ def _problem(error: MarkedYAMLError) -> str:
 
 
 def content_of(root: Node) -> Any:
-    """The plain values of nodes that `parse_yaml` found sound."""
+    """The plain values of nodes without faults from `parse_yaml`."""
     return _Reader([]).value(root, ())
 
 
 class _Reader:
-    """Turns nodes into plain values and notes what may not be in a file."""
+    """Converts nodes to plain values and notes what is not allowed in a file."""
 
     def __init__(self, faults: list[Placed]) -> None:
         self.faults = faults
@@ -105,7 +105,7 @@ class _Reader:
         self._open: set[Node] = set()
 
     def value(self, node: Node, where: Where) -> Any:
-        """The value of a node; a node that is referred to by aliases is read once."""
+        """The value of a node; a node with aliases is read once."""
         if node in self._open:
             self._note(node, where, "contains itself")
             return None
@@ -147,12 +147,12 @@ class _Reader:
 
 def _yaml() -> YAML:
     yaml = YAML(typ="safe", pure=True)
-    yaml.composer.warn_double_anchors = False  # `_refused` says where
+    yaml.composer.warn_double_anchors = False  # `_refused` reports where
     return yaml
 
 
 def _stream(source: str, text: str) -> io.StringIO:
-    """The text as a stream with a name, which every mark in it bears."""
+    """The text as a stream with a name, which appears in its marks."""
     stream = io.StringIO(text)
     stream.name = source
     return stream
@@ -168,7 +168,7 @@ def _read_text(path: Path) -> str:
 
 
 def _refused(source: str, text: str) -> list[Placed]:
-    """Tags, and anchors that hide another one of the same name."""
+    """Faults for tags, and for anchors that hide another one of the same name."""
     anchors = set[str]()
     refused = []
     for token in shallow_tokens(_yaml(), text):

@@ -1,4 +1,4 @@
-"""The kinds of YAML files, told apart by keys that only one has: who gives another than is expected has its command."""
+"""Kinds of YAML files, told apart by keys that only one has, to name the command for a file of another kind."""
 
 from typing import Literal
 
@@ -21,7 +21,7 @@ _COMMANDS: dict[Kind, str] = {
 
 
 def other_kind(document: YamlFile, expected: Kind) -> list[Fault]:
-    """What is wrong with a file that has keys of another kind, and none of the expected one."""
+    """The fault of a file that has keys of another kind, and none of the expected one."""
     if not isinstance(document.content, dict):
         return []
     has = [kind for kind, keys in _KEYS.items() if keys & document.content.keys()]

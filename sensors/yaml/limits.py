@@ -1,4 +1,4 @@
-"""What a YAML file may be: of version 1.2, and so large and deep that it is read in little time and stack."""
+"""Limits of YAML files: version 1.2, and a size and depth that take little time and stack."""
 
 from collections.abc import Iterator
 
@@ -22,20 +22,20 @@ from rigcast.sensors.errors import InputError
 from .places import entries
 
 _DEEPEST = 50  # levels of lists and mappings
-MOST_VALUES = 100_000  # with what aliases stand for; nine lines of aliases of aliases can stand for a billion
+MOST_VALUES = 100_000  # with aliases expanded; nine lines of nested aliases can expand to a billion
 _OPENING = (BlockMappingStartToken, BlockSequenceStartToken, FlowMappingStartToken, FlowSequenceStartToken)
 _CLOSING = (BlockEndToken, FlowMappingEndToken, FlowSequenceEndToken)
 
 
 def require_extent(source: str, root: Node) -> None:
-    """Raise InputError for nodes that stand for too much, every alias written out."""
+    """Raise InputError for nodes that exceed the limits with every alias expanded."""
     values, depth = _extent(root, {})
     if values > MOST_VALUES or depth > _DEEPEST:
         raise InputError(f"{source}: its aliases stand for more than {MOST_VALUES} values or nest over {_DEEPEST} deep")
 
 
 def shallow_tokens(yaml: YAML, text: str) -> Iterator[Token]:
-    """The tokens of a text; an error where it is of another version, and where it is nested too deeply."""
+    """The tokens of a text; raises an error if it is of another version or nested too deeply."""
     depth = 0
     for token in yaml.scan(text):
         if isinstance(token, DirectiveToken) and token.name == "YAML" and token.value != (1, 2):
@@ -48,9 +48,9 @@ def shallow_tokens(yaml: YAML, text: str) -> Iterator[Token]:
 
 
 def _extent(node: Node, known: dict[Node, tuple[int, int]]) -> tuple[int, int]:
-    """How many values a node is and how deep, itself included, if every alias were written out."""
+    """Number of values and depth of a node, itself included, with every alias expanded."""
     if node not in known:
-        known[node] = 1, 1  # what a node that contains itself counts inside
+        known[node] = 1, 1  # the extent of a node within itself
         inner = [_extent(value, known) for _, _, value in entries(node)]
         known[node] = 1 + sum(values for values, _ in inner), 1 + max((depth for _, depth in inner), default=0)
     return known[node]

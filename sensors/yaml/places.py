@@ -1,4 +1,4 @@
-"""Nodes of YAML files and their places, and errors that show them."""
+"""Positions of nodes in YAML files, and errors that show them."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from rigcast.sensors.faults import Fault
 
 
 class Placed(NamedTuple):
-    """A message and what it points at: a source, and line and column of its text, from 0."""
+    """A message and its position: a source, and line and column of its text, counted from 0."""
 
     source: str
     line: int
@@ -19,7 +19,7 @@ class Placed(NamedTuple):
 
 
 def placed(node: Node, message: str) -> Placed:
-    """A message about a node."""
+    """A message at the position of a node."""
     return Placed(node.start_mark.name, node.start_mark.line, node.start_mark.column, message)
 
 
@@ -31,7 +31,7 @@ def error_at(texts: Mapping[str, str], faults: Iterable[Placed]) -> InputError:
 
 
 def entries(node: Node) -> Iterator[tuple[str | int, Node, Node]]:
-    """(name, key, value) of what is in a mapping or list; an item of a list is its own key."""
+    """(name, key, value) of the entries of a mapping or list; an item of a list is its own key."""
     if isinstance(node, MappingNode):
         yield from ((str(key.value), key, value) for key, value in node.value)
     elif isinstance(node, SequenceNode):
@@ -39,14 +39,14 @@ def entries(node: Node) -> Iterator[tuple[str | int, Node, Node]]:
 
 
 def nearest(root: Node, fault: Fault) -> Node:
-    """The node that a fault is about, or what surrounds it where the text does not have it."""
+    """The node that a fault is about, or the one around it if it is missing in the text."""
     key, node = root, root
     for step in fault.where:
         found = _child(node, step)
         if found is None:
             return node
         key, node = found
-    # An empty value has no place of its own: `mount:` is shown at its key.
+    # An empty value has no position of its own: `mount:` is shown at its key.
     return key if fault.at_key or node.start_mark.index == node.end_mark.index else node
 
 

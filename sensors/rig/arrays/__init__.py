@@ -1,1 +1,1 @@
-"""The arrays of frames, and the launches that read into them."""
+"""The arrays of frames, and the launches that write them."""

@@ -1,4 +1,4 @@
-"""The arrays of a frame: its rays, what they hit, and the launches that read into them."""
+"""The arrays of a frame: its rays, their hits, and the launches that write them."""
 
 from dataclasses import replace
 from functools import cached_property
@@ -57,18 +57,18 @@ class FrameArrays:
 
     @property
     def rays(self) -> Rays:
-        """Of the present reading."""
+        """The rays of the present reading."""
         assert self._rays is not None
         return self._rays
 
     def start(self) -> None:
-        """Begin another reading, of which nothing has been asked for yet."""
+        """Begin another reading, of which no field has been requested yet."""
         self.fields.start()
         if self._are_shared:
             self._launches, self._are_shared, self._aimed = Launches(), False, None
 
     def start_again(self) -> None:
-        """Begin another reading for who holds what was asked of the last one."""
+        """Begin another reading whose frame has the fields that were requested of the last one."""
         unanswered = self.fields.unanswered
         self.start()
         self.fields.ask_again(unanswered)
@@ -76,7 +76,7 @@ class FrameArrays:
     def aim(
         self, fixed: Rays, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData
     ) -> tuple[NDArray[np.float64], Rays]:
-        """Where a sensor on this mount is in `data`, (4, 4), and its rays there."""
+        """The pose (4, 4) of a sensor on this mount in `data`, and its rays at that pose."""
         pose, frame = self._launches.place(mount, yaw_aligned, data, self.range.device)
         if self._are_shared:  # so `frame` goes on to where other frames are: its pose is copied
             self._fixed, self._aimed = fixed, in_pose(fixed, pose)
@@ -85,23 +85,23 @@ class FrameArrays:
 
     @cached_property
     def frames(self) -> Frames:
-        """For the sensor's poses in many worlds."""
+        """Frames for the sensor's poses in many worlds."""
         return Frames.empty(self.shape[0], 1, self.range.device)
 
     def aim_in_worlds(self, fixed: Rays) -> Rays:
-        """Those rays in the poses of `frames`."""
+        """The rays at the poses of `frames`."""
         self._rays = self._aimed_at(self.frames.position, self.frames.rotation, self.shape[0], fixed)
         return self._rays
 
     def _aimed_at(self, position: wp.array, rotation: wp.array, worlds: int, fixed: Rays) -> Rays:
-        """The same object for as long as the fixed rays are; the arrays of their poses, too, are always the same."""
+        """The rays at these poses. The object is the same while `fixed` is; its pose arrays are always the same."""
         if self._aimed is None or fixed is not self._fixed:
             self._aimed = replace(fixed, position=position.flatten(), rotation=rotation.flatten(), worlds=worlds)
             self._fixed = fixed
         return self._aimed
 
     def readings(self, scene: Stage, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
-        """A reading without errors, of what is between these limits [m], to be launched before anything else."""
+        """Prepare a reading without errors within these limits [m], to be launched before anything else."""
         fixed = self._fixed if rays is self._aimed else rays
         readings = self._launches.prepared(scene, fixed, rays, visible, limits)
         fields = self.fields.for_cast
@@ -114,20 +114,20 @@ class FrameArrays:
         return readings
 
     def take(self, hits: HitArrays, rays: Rays) -> None:
-        """A reading of other arrays, copied here."""
+        """Copy a reading from other arrays."""
         for name in HIT_NAMES:
             wp.copy(getattr(self.hits, name), getattr(hits, name))
         self._rays = rays
         self.held.settle()
 
     def keep(self, *used: object) -> None:
-        """What a reading has used, for a graph that repeats it for as long as its frame is there."""
+        """Hold what a reading has used, for a CUDA graph that repeats it while its frame exists."""
         self._used += used
 
     def in_shape(self, array: wp.array) -> wp.array:
-        """One entry per ray in the frame's shape, without a copy: scalars (...), vectors (..., 3).
+        """A view with one entry per ray in the frame's shape: scalars (...), vectors (..., 3).
 
-        Vectors stay vectors (...) where they would have one axis too many.
+        Arrays of vectors keep shape (...) where a last axis of 3 would be one axis too many for Warp.
         """
         scalar = _SCALARS.get(array.dtype)
         if scalar is None or len(self.shape) == _MOST_AXES:
@@ -135,7 +135,7 @@ class FrameArrays:
         return view_as(array, scalar, (*self.shape, 3))
 
     def of_worlds(self, part: slice) -> "FrameArrays":
-        """For a reading of some of many worlds, in the same memory; themselves, of all."""
+        """Arrays for a reading of some of many worlds, in the same memory; self for all worlds."""
         worlds = self.shape[0]
         if part == slice(0, worlds):
             return self
@@ -144,7 +144,7 @@ class FrameArrays:
         return arrays
 
     def of_world(self, k: int) -> "FrameArrays":
-        """What was read in one of many worlds, in the same memory."""
+        """The arrays of one of many worlds, in the same memory."""
         part = slice(k, k + 1)
         arrays = FrameArrays(self.hits.of_worlds(part, self.shape[0]), self.shape[1:], self.rays.of_worlds(part))
         arrays.is_part = True

@@ -1,4 +1,4 @@
-"""What is launched for each reading of a sensor, prepared once for many of them."""
+"""The launches of a sensor's readings, prepared once and reused."""
 
 import mujoco
 import numpy as np
@@ -13,9 +13,9 @@ from rigcast.sensors.specs.mount import BoundMount
 
 
 class Launches:
-    """What finds where one sensor is, and what casts and reads its rays there, without errors.
+    """The launches that compute one sensor's pose, and that cast and read its rays without errors.
 
-    To prepare a cast takes longer than a small frame, so it is done when something else is to be read, and not before.
+    Preparing a cast takes longer than a small frame, so it is repeated only when the arguments change.
     """
 
     def __init__(self) -> None:
@@ -26,7 +26,7 @@ class Launches:
     def place(
         self, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData, device: wp.Device
     ) -> tuple[NDArray[np.float64], PlacedFrame]:
-        """Where the sensor is in `data`, on its mount: the pose (4, 4), and the same on the device until the next."""
+        """The pose (4, 4) of the sensor on its mount in `data`, and the same on the device until the next call."""
         if self._frame is None:
             self._frame = PlacedFrame(mount.id, mount.offset, yaw_aligned, device)
         return self._frame.place(*mount.carriers(data)), self._frame
@@ -34,9 +34,9 @@ class Launches:
     def prepared(
         self, scene: Stage, fixed: object, rays: Rays, visible: wp.array, limits: tuple[float, float]
     ) -> Readings:
-        """A cast of these rays between these limits [m], to be turned to where they are and to what it writes.
+        """A cast of these rays within these limits [m]; call its `turn_to` with the rays' pose and the output arrays.
 
-        fixed: what is the same of these rays wherever the sensor is.
+        fixed: the part of the rays that does not depend on the sensor's pose.
         """
         known = self._prepared_for
         if self._readings is None or fixed is not known[0] or visible is not known[1] or rays.worlds != known[2]:

@@ -1,4 +1,4 @@
-"""Fields of a frame that are worked out of its hits when they are asked for, once, into arrays of earlier readings."""
+"""Fields of a frame that are computed from its hits on first access, in the arrays of earlier readings."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ _BY_CAST, _NONE = frozenset(FIELD_NAMES), frozenset[str]()
 
 
 class LazyFields:
-    """Those of one frame, by their names.
+    """The lazily computed fields of one frame, by name.
 
     held: the frame's arrays, those of fields among them. asked: what the frame of the present reading works out at
     once. for_cast: of what was asked of the last reading, what the present one's cast can write, in less time than it
@@ -32,25 +32,25 @@ class LazyFields:
         self._current, self._before = set[str](), set[str]()
 
     def start(self) -> None:
-        """Begin another reading, of which nothing has been asked for yet."""
+        """Begin another reading, of which no field has been requested yet."""
         self._before, self._current, self.written, self.asked = self._current, set(), _NONE, set()
         self.for_cast = _BY_CAST & self._before
 
     @property
     def unanswered(self) -> set[str]:
-        """Of a reading that failed, what its frame was to work out."""
+        """The fields that the frame of a failed reading was to compute."""
         return self.asked - self._current
 
     def ask_again(self, unanswered: set[str]) -> None:
-        """For who holds what was asked of the last reading: its frame works all of it out anew."""
+        """Request these fields again, for users who hold those of the last reading; the frame computes them anew."""
         self.asked = self._before | unanswered
 
     def arrays(self, names: frozenset[str]) -> dict[str, wp.array]:
-        """Where these were written before."""
+        """The arrays to which these fields were written before."""
         return {name: self._worked_out[name] for name in names}
 
     def get(self, name: str, work_out: WorkOut, show: Show = lambda array: array) -> wp.array:
-        """A field, worked out into the array that it had, or of None into a new one; as `show` gives it."""
+        """A field, computed on first access in the array that it had, or in a new one; as `show` returns it."""
         if name not in self._current:
             if name not in self.written:
                 self._work_out(name, work_out, show)
@@ -59,7 +59,7 @@ class LazyFields:
         return self._shown[name]
 
     def _work_out(self, name: str, work_out: WorkOut, show: Show) -> None:
-        """A function of its own: what it refers to is not held when references are counted."""
+        """Compute a field. A function of its own, so that its local references are gone when references are counted."""
         known = self._worked_out.get(name)
         array = work_out(known)
         if array is not known:

@@ -1,4 +1,4 @@
-"""The arrays of a sensor's frames, used again once nobody holds them any more."""
+"""A pool of the arrays of a sensor's frames, which are reused once nobody holds them."""
 
 import math
 from collections import deque
@@ -15,7 +15,7 @@ _MOST = 8  # frames of a sensor whose arrays are remembered
 
 
 class Pool:
-    """The arrays of the last few frames of one sensor. Who holds a frame holds all of its arrays.
+    """The arrays of the last few frames of one sensor. Holding a frame holds all of its arrays.
 
     On the CPU all arrays share the launches of their first reading: if frames are all kept, nothing is read into their
     arrays again. On CUDA a graph may repeat those of any reading.
@@ -27,13 +27,13 @@ class Pool:
 
     @property
     def free_bytes(self) -> int:
-        """Of the hits in arrays that nobody holds."""
+        """Bytes of the hits in arrays that nobody holds."""
         return sum(BYTES_PER_HIT * math.prod(self._last[k].shape) for k in range(len(self._last)) if self._is_free(k))
 
     def take(self, shape: tuple[int, ...], device: wp.Device) -> FrameArrays:
-        """Arrays for a frame of this shape: those of the latest one that nobody holds any more, or new ones.
+        """Arrays for a frame of this shape: those of the latest frame that nobody holds, or new ones.
 
-        Those of another shape that nobody holds make room for new ones.
+        Arrays of another shape that nobody holds are released before new ones are allocated.
         """
         latest_first = range(len(self._last) - 1, -1, -1)
         for k in latest_first:
@@ -57,4 +57,4 @@ class Pool:
 
 _SOME = deque([object()])
 _ALONE = getrefcount(_SOME[0])
-"""References to what only a deque holds."""
+"""Reference count of an object that only a deque holds."""

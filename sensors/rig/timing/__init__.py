@@ -1,1 +1,1 @@
-"""When readings fall due, and readings that take time."""
+"""Schedules of readings, and readings that take time."""

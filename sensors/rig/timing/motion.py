@@ -1,6 +1,6 @@
-"""Readings that take time: what stands where at the steps which they span, and from where each ray is fired.
+"""Readings that take time: poses of shapes and sensors at the steps that they span, and at the firing of each ray.
 
-Between two steps positions go straight on and rotations along the shortest way, at a steady pace.
+Between two steps, positions move on a straight line and rotations along the shortest arc, at constant rates.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,19 +14,19 @@ from rigcast.sensors.rotations import quaternion
 from rigcast.sensors.scene.parts.part import ShapePoses
 
 SLOT, PACKED_SLOT = 2e-5, 1e-4
-"""[s] Rays fired within SLOT of each other leave from one pose, a sensor at 10 m/s goes 0.2 mm meanwhile; where packets
+"""Times [s]. Rays fired within SLOT leave from one pose; a sensor at 10 m/s moves 0.2 mm in this time. Where packets
 would hold too few of them, those within PACKED_SLOT, in which it goes 1 mm."""
 FEWEST = 32
-"""Rays of a firing, on the average, that are not too few for packets."""
+"""Least average number of rays per firing for packets."""
 
 Doubles = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Firings:
-    """What of a reading leaves at one time, from one pose of the sensor.
+    """The firings of a reading: sets of rays that leave at one time from one pose of the sensor.
 
-    of_ray: (n,) int32, the firing of each ray. times: (firings,) [s] after the reading's begin, ascending, the middle
+    of_ray: (n,) int32, the firing of each ray. times: (firings,) [s] since the reading's begin, ascending, the middle
     of those of its rays. end: when the last ray is fired [s].
     """
 
@@ -36,7 +36,7 @@ class Firings:
 
     @staticmethod
     def of(times: Doubles, *, packed: bool) -> "Firings":
-        """Of rays that are fired at these times (n,) [s]; packed: whether they are cast in packets."""
+        """The firings of rays that are fired at these times (n,) [s]. packed: whether they are cast in packets."""
         firings = Firings._in_slots(times, SLOT)
         if packed and len(times) < FEWEST * len(firings.times):
             return Firings._in_slots(times, PACKED_SLOT)
@@ -54,7 +54,7 @@ class Firings:
 
 @dataclass(frozen=True, eq=False)
 class Knot:
-    """A step: its time [s], the poses of all shapes, and those (4, 4) of the sensors that move, by name."""
+    """A simulation step: its time [s], the poses of all shapes, and the poses (4, 4) of moving sensors by name."""
 
     time: float
     shapes: ShapePoses
@@ -78,9 +78,9 @@ class History:
         del self._knots[: max(self._after(time) - 1, 0)]
 
     def over(self, begin: float, end: float) -> list[Knot]:
-        """At least two steps: from the last one at or before `begin` [s] to the first at or after `end` [s].
+        """The steps, at least two, from the last at or before `begin` [s] to the first at or after `end` [s].
 
-        The first and the last step there are stand for all before and after them.
+        Before the first step, and after the last, poses are taken as constant.
         """
         first = max(self._after(begin) - 1, 0)
         last = next((k for k, knot in enumerate(self._knots) if knot.time >= end), len(self._knots) - 1)
@@ -88,15 +88,15 @@ class History:
         return knots if len(knots) > 1 else [*knots, *knots]
 
     def _after(self, time: float) -> int:
-        """How many steps are at or before this time."""
+        """Number of steps at or before this time."""
         return sum(knot.time <= time for knot in self._knots)
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A sensor at some times: position (n, 3) [m], rotation (n, 3, 3), and which times these are between steps.
+    """Poses of a sensor at n times, position (n, 3) [m] and rotation (n, 3, 3), and these times relative to steps.
 
-    span: (n,) int32, from which step to the next. fraction: (n,) how far between them, 0 to 1.
+    span: (n,) int32, index of the step before. fraction: (n,) from 0 at that step to 1 at the next.
     """
 
     position: Doubles
@@ -106,7 +106,7 @@ class Track:
 
     @staticmethod
     def along(knots: Sequence[Knot], sensor: str, times: Doubles) -> "Track":
-        """Of one sensor at these times (n,) [s], over at least two steps."""
+        """The track of one sensor at these times (n,) [s], over at least two steps."""
         steps = np.array([knot.time for knot in knots])
         span = np.clip(np.searchsorted(steps, times, side="right") - 1, 0, len(steps) - 2)
         duration = steps[span + 1] - steps[span]
@@ -123,14 +123,14 @@ class Track:
         )
 
     def pose(self) -> Doubles:
-        """(4, 4) at the first of its times."""
+        """The pose (4, 4) at the first time."""
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = self.rotation[0], self.position[0]
         return pose
 
 
 def slerp(start: Doubles, end: Doubles, fraction: Doubles) -> Doubles:
-    """(n, 4) unit quaternions on the shortest way between two (n, 4), at fractions (n,) of it.
+    """Unit quaternions (n, 4) on the shortest arc between two (n, 4), at fractions (n,) of it.
 
     (sin((1 - f) a) q0 + sin(f a) q1) / sin a, a the angle between q0 and q1 (Shoemake, SIGGRAPH 1985).
     """
@@ -147,12 +147,12 @@ def slerp(start: Doubles, end: Doubles, fraction: Doubles) -> Doubles:
 
 
 def _quaternions(matrices: Doubles) -> Doubles:
-    """(n, 4) w, x, y, z of rotation matrices (n, 3, 3); NaN where one is not finite."""
+    """Quaternions (n, 4) w, x, y, z of rotation matrices (n, 3, 3); NaN where one is not finite."""
     return np.array([quaternion(m) if np.isfinite(m).all() else np.full(4, np.nan) for m in matrices])
 
 
 def _matrices(quaternions: Doubles) -> Doubles:
-    """(n, 3, 3) of unit quaternions (n, 4)."""
+    """Rotation matrices (n, 3, 3) of unit quaternions (n, 4)."""
     w, x, y, z = quaternions.T
     rows = [
         [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],

@@ -1,4 +1,4 @@
-"""When readings fall due, and when they are given out."""
+"""Schedules: the times at which readings are due."""
 
 import hashlib
 import math
@@ -10,12 +10,12 @@ from rigcast.sensors.errors import InputError
 
 # A due time counts as reached when the clock is no further short of it than this, in periods: times are rounded.
 _ROUNDING = 1e-6
-_MOST = 100_000  # readings of one sensor in one step; more are a clock gone wrong
-_JITTER, _LOSS = 0, 1  # which of a reading's random numbers
+_MOST = 100_000  # most readings of one sensor in one step; more indicate a wrong clock
+_JITTER, _LOSS = 0, 1  # numbers of a reading's random draws
 
 
 class Schedule:
-    """The due times of one sensor: phase + k / rate_hz for every k on the simulation's clock, or every step.
+    """The due times of one sensor: phase + k / rate_hz for every k on the simulation's clock; or every step.
 
     Each due time is given out once, whatever the timestep. The first call looks back one timestep; a clock that
     goes backwards (a reset) starts over.
@@ -47,7 +47,7 @@ class Schedule:
 
     @property
     def rounding(self) -> float:
-        """By how much less than a time [s] the clock may show when it has reached it."""
+        """Tolerance [s]: a time counts as reached when the clock is at most this much short of it."""
         return _ROUNDING * (self._timestep if self._rate_hz is None else 1 / self._rate_hz)
 
     def due(self, time: float) -> list[float]:
@@ -93,7 +93,7 @@ class Schedule:
 
 @lru_cache(maxsize=256)  # the next reading's is asked for at every step
 def uniform(key: tuple[int, str], frame: int, draw: int) -> float:
-    """A random number in [0, 1) that depends on nothing but its arguments: a seed, a name, a frame, which draw.
+    """A random number in [0, 1) that depends only on its arguments: seed and name (key), frame, draw.
 
     Philox 4x64-10 (Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011).
     """

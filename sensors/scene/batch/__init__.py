@@ -1,1 +1,1 @@
-"""Many worlds of one model, from whatever holds their poses."""
+"""Many worlds of one model, from various sources of poses."""

@@ -1,4 +1,4 @@
-"""Arrays that a user gives for many worlds, checked."""
+"""Checks of the arrays that users give for many worlds."""
 
 from collections.abc import Sequence
 from typing import Any, TypeGuard
@@ -11,7 +11,7 @@ from rigcast.sensors.errors import InputError
 
 
 def numbers(name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]:
-    """On the host; raises InputError for what is no array of such numbers."""
+    """The array on the host with this dtype; raises InputError if it is not an array of such numbers."""
     if isinstance(given, wp.array):
         return given.numpy().astype(dtype)
     try:
@@ -24,7 +24,7 @@ def numbers(name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]
 
 
 def poses(name: str, given: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """(*shape) of float32 where it is given so, else of float64; matrices may be given flat."""
+    """The array with this shape, in float32 if it is float32, else in float64; matrices may be flat."""
     values = given if is_float32(given) else numbers(name, given, np.float64)
     if values.shape != shape and values.shape != (*shape[:2], int(np.prod(shape[2:]))):
         raise InputError(f"Worlds: {name}: got shape {values.shape}, expected {shape}")
@@ -32,14 +32,14 @@ def poses(name: str, given: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def is_float32(given: object) -> TypeGuard[NDArray[np.float32]]:
-    """Whether this is an array on the host that keeps its precision."""
+    """Whether this is a float32 array on the host."""
     return isinstance(given, np.ndarray) and given.dtype == np.float32
 
 
 def require_array(
     name: str, array: wp.array, shape: tuple[int, ...], dtypes: Sequence[type], device: wp.Device
 ) -> None:
-    """Raise InputError for an array of another shape or kind, or on another device."""
+    """Raise InputError for an array of another shape or dtype, or on another device."""
     if array.dtype not in dtypes or tuple(array.shape) != shape:
         got = f"{tuple(array.shape)} of {array.dtype.__name__}"
         expected = f"{shape} of {' or '.join(dtype.__name__ for dtype in dtypes)}"
@@ -49,6 +49,6 @@ def require_array(
 
 
 def require_no_gaps(name: str, array: wp.array) -> None:
-    """Raise InputError for an array that leaves out some of what lies between its entries."""
+    """Raise InputError for an array that is not contiguous."""
     if not array.is_contiguous:
         raise InputError(f"Worlds: {name}: got an array with gaps, expected one without, as its contiguous() is")

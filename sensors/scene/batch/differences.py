@@ -1,4 +1,4 @@
-"""In what the geoms of many worlds differ, besides where they are."""
+"""Differences between the geoms of many worlds, besides their poses."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,10 +16,10 @@ from rigcast.sensors.scene.parts.model_geometry import needs_asset
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """Of geoms in many worlds: size (nworld, ngeom, 3) [m], mesh or height field (nworld, ngeom), -1 for none, and
+    """Geoms in many worlds: size (nworld, ngeom, 3) [m], mesh or height field (nworld, ngeom), -1 for none, and
     whether rays may hit them at all (nworld, ngeom).
 
-    None is what the model says, in all worlds.
+    None: as in the model, in all worlds.
     """
 
     size: NDArray[np.float64] | None = None
@@ -27,7 +27,7 @@ class Differences:
     visible: NDArray[np.bool_] | None = None
 
     def check(self, model: mujoco.MjModel, worlds: int) -> None:
-        """Raise InputError where geoms of this model cannot be so."""
+        """Raise InputError if geoms of this model cannot have these values."""
         fields: tuple[tuple[str, NDArray[Any] | None, tuple[int, ...]], ...] = (
             ("geom_size", self.size, (3,)),
             ("geom_dataid", self.dataid, ()),
@@ -38,7 +38,7 @@ class Differences:
             if values is not None and values.shape != expected:
                 raise InputError(f"Worlds: {name}: got shape {values.shape}, expected {expected}")
         if self.size is not None:
-            # what a kind of geom makes no use of may be anything in the model
+            # sizes that a type of geom does not use may be anything in the model
             is_size = ((self.size >= 0) | (self.size == model.geom_size)) & (np.abs(self.size) <= FARTHEST)
             _refuse("geom_size", ~is_size.all(axis=-1), self.size, f"0 to {FARTHEST:g} m")
         if self.dataid is not None:
@@ -54,18 +54,18 @@ class Differences:
 
     @property
     def of_shapes(self) -> bool:
-        """Whether shapes differ, and not only which of them are there."""
+        """Whether shapes differ in more than their presence."""
         return self.size is not None or self.dataid is not None
 
     def present(self, geoms: Geoms) -> NDArray[np.bool_] | None:
-        """(nworld, ngeom) which geoms rays may hit in each world, None where worlds do not differ in that."""
+        """Which geoms rays may hit in each world (nworld, ngeom); None if worlds do not differ in that."""
         if self.dataid is None:
             return self.visible
         has_asset = geoms.is_present(self.dataid)
         return has_asset if self.visible is None else has_asset & self.visible
 
     def shapes(self, geoms: Geoms, props: Shapes, worlds: int) -> Shapes:
-        """The shapes of so many worlds, world by world: geoms, then props, whose trees come after the geoms'."""
+        """The shapes of `worlds` worlds, world by world: geoms, then props, whose trees come after those of geoms."""
         model = geoms.model
         size = model.geom_size if self.size is None else self.size
         dataid = model.geom_dataid if self.dataid is None else self.dataid
@@ -90,7 +90,7 @@ def _refuse(name: str, bad: NDArray[np.bool_], values: NDArray[np.generic], expe
 
 
 def _world_by_world(geoms: NDArray[Any], props: NDArray[Any], worlds: int) -> NDArray[Any]:
-    """(worlds (n + m), ...) of (worlds n, ...) and (m, ...)."""
+    """Interleave (worlds n, ...) with (m, ...), the same in all worlds, to (worlds (n + m), ...)."""
     own = geoms.reshape(worlds, -1, *geoms.shape[1:])
     same = np.broadcast_to(props, (worlds, *props.shape))
     return np.concatenate([own, same], axis=1).reshape(-1, *geoms.shape[1:])

@@ -1,4 +1,4 @@
-"""A filter or a mount of each of many worlds."""
+"""A filter or a mount per world."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ Value = TypeVar("Value", Filter, Mount)
 
 @dataclass(frozen=True)
 class PerWorld(Generic[Value]):
-    """One value for each world: those that there are, and which of them each world has."""
+    """One value per world: the distinct values, and the index of each world's."""
 
     values: tuple[Value, ...]
     of_world: tuple[int, ...]
 
     @staticmethod
     def of(what: str, given: object, kind: type[Value], worlds: int) -> "PerWorld[Value]":
-        """Raises InputError, which calls it `what`, for anything but a list of so many values."""
+        """From a list of one value per world; raises InputError for anything else. what: its name in messages."""
         if isinstance(given, str | kind) or not isinstance(given, Sequence):
             raise InputError(f"{what}: got {type(given).__name__}, expected a list of {kind.__name__}, one per world")
         if len(given) != worlds:
@@ -36,11 +36,11 @@ class PerWorld(Generic[Value]):
         return PerWorld(tuple(place), tuple(place[value] for value in given))
 
     def check(self, what: str, model: mujoco.MjModel) -> None:
-        """Raise InputError where one of them names what the model does not have."""
+        """Raise InputError if one of the values names something that the model does not have."""
         for k, value in enumerate(self.values):
             if faults := value.faults(model):
                 refuse(f"{what}: world {self.of_world.index(k)}", faults)
 
     def each(self, worked_out: Callable[[Value], NDArray[Any]]) -> NDArray[Any]:
-        """(nworld, ...) of what is worked out for a value."""
+        """An array (nworld, ...) of a function's result for each world's value."""
         return np.array([worked_out(value) for value in self.values])[list(self.of_world)]

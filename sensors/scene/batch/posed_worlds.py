@@ -1,4 +1,4 @@
-"""Some of many worlds, or all, with their poses at one reading."""
+"""A part of many worlds with their poses at one reading."""
 
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
@@ -24,7 +24,7 @@ from .worlds import Worlds
 _POSES = {"geom": ("geom_xpos", "geom_xmat", "ngeom")} | {
     kind: (*names, count) for (kind, names), count in zip(CARRIERS.items(), ("nbody", "nsite", "ncam"), strict=True)
 }
-"""Of each kind of thing that has a pose: the fields of its position and rotation, and how many a model has."""
+"""For each kind of object with a pose: MuJoCo's fields of position and rotation, and of the number of objects."""
 _DEVICE_TYPES: dict[str, tuple[tuple[int, ...], tuple[type, type]]] = {
     "position": ((3,), (wp.vec3, wp.vec3d)),
     "rotation": ((3, 3), (wp.mat33, wp.mat33d)),
@@ -34,7 +34,7 @@ _DEVICE_TYPES: dict[str, tuple[tuple[int, ...], tuple[type, type]]] = {
 class PosedWorlds:
     """Some of many worlds, or all, with their poses at one reading.
 
-    Poses are asked for once; of carriers on the host only what is used is copied.
+    Poses are fetched once; for carriers on the host only those in use are copied.
 
     part: which of the worlds. gathered: where poses of several MjData are copied together, the same for every reading.
     """
@@ -58,11 +58,11 @@ class PosedWorlds:
 
     @cached_property
     def ids(self) -> wp.array:
-        """(n,) uint32, of which the worlds draw their random numbers."""
+        """Ids (n,) uint32 that determine the random numbers of each world."""
         return _uploaded_ids(self._worlds.ids.tobytes(), self.device.alias)[self.part]
 
     def mounts_of(self, spec: SensorSpec, own: WorldMounts) -> WorldMounts:
-        """Where a sensor is mounted: as the worlds say, or else as it says itself."""
+        """The mounts of a sensor: those given by the worlds, else its own."""
         mounts = self._worlds.mounts_of(spec, self._model, self.device)
         return own if mounts is None else mounts.of_worlds(self.part)
 
@@ -87,7 +87,7 @@ class PosedWorlds:
         return frames.position, frames.rotation
 
     def carriers(self, mounts: WorldMounts) -> Carriers:
-        """The poses of what carries this: of all of its kind (n, m), or of this alone (n, 1)."""
+        """The poses of carriers: of all objects of the mounts' kind (n, m), or of one per world (n, 1)."""
         key = mounts.kind, mounts.which.tobytes()
         if key not in self._carriers:
             self._carriers[key] = (
@@ -98,9 +98,9 @@ class PosedWorlds:
         return self._carriers[key]
 
     def _values(self, kind: str, which: NDArray[np.int32] | None = None) -> list[Any]:
-        """Position and rotation of all things of a kind, checked, in one precision.
+        """Position and rotation of all objects of a kind, checked, in one precision.
 
-        They are Warp arrays, or numpy arrays, where `which`, (n,) or (1,), says to take one thing of each world only.
+        They are Warp arrays or numpy arrays. which: (n,) or (1,), the one object to copy per world; None for all.
         """
         *names, count = _POSES[kind]
         shape = (self.count, getattr(self._model, count))
@@ -131,7 +131,7 @@ class PosedWorlds:
     def _copied(
         self, name: str, rows: Rows, axes: tuple[int, ...], which: NDArray[np.int32] | None
     ) -> NDArray[np.float64]:
-        """(n, m, *axes) of all things, or (n, 1, *axes)."""
+        """Values (n, m, *axes) of all objects, or (n, 1, *axes) of one per world."""
         shape = (self.count, self._model.ngeom if which is None else 1, *axes)
         gathered = self._gathered.get(name)
         if gathered is None or gathered.values.shape != shape:

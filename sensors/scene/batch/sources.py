@@ -1,4 +1,4 @@
-"""Where the poses of many worlds come from."""
+"""Sources of the poses of many worlds."""
 
 import operator
 import sys
@@ -19,7 +19,7 @@ from rigcast.sensors.scene.same_model import SHAPES, require_same_model
 from .arrays import is_float32
 
 FIELDS = ("geom_xpos", "geom_xmat", "xpos", "xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat", "time")
-"""What is asked of a batch: poses of geoms, and of the bodies, sites and cameras that carry sensors and props."""
+"""Fields read from a batch: poses of geoms, and of the bodies, sites and cameras that carry sensors and props."""
 
 SHAPE_FIELDS = ("geom_size", "geom_dataid")
 
@@ -32,21 +32,21 @@ BATCHES = (
 
 
 class Source(Protocol):
-    """Where worlds come from."""
+    """A source of worlds."""
 
     count: int
     unset: str
-    """What is said of a rotation of all zeros: why it is so, and what to do."""
+    """The end of the message about a rotation of all zeros: the reason and the remedy."""
 
     @property
     def bytes_per_pose(self) -> int:
-        """What copies of the pose of a geom take, 0 where it is used in place."""
+        """Bytes of the copies of a geom's pose; 0 if it is used in place."""
 
     def field(self, name: str, part: slice) -> Any:
-        """An array whose first axis is the world, of some of them, or Rows of all; None where there is none."""
+        """A field of some of the worlds, first axis world, or Rows of all worlds; None if it does not exist."""
 
     def of_models(self) -> dict[str, NDArray[Any]]:
-        """(nworld, ngeom, ...) of SHAPE_FIELDS those in which the worlds' models differ."""
+        """Those of SHAPE_FIELDS, (nworld, ngeom, ...), in which the worlds' models differ."""
 
     def require_model(self, model: mujoco.MjModel) -> None: ...
 
@@ -56,13 +56,13 @@ class Source(Protocol):
 
 
 class Rows:
-    """A field of vectors or matrices of several MjData, which is still where it was."""
+    """A field of vectors or matrices of several MjData, in their own memory."""
 
     def __init__(self, rows: Sequence[NDArray[np.float64]]) -> None:
         self._addresses = wp.array([row.ctypes.data for row in rows], dtype=wp.uint64, device="cpu")
 
     def of_worlds(self, part: slice) -> wp.array:
-        """(n,) uint64, their addresses in some of the worlds."""
+        """Addresses (n,) uint64 of the field in some of the worlds."""
         addresses = self._addresses
         return addresses if part == slice(0, addresses.size) else addresses[part]
 
@@ -101,7 +101,7 @@ class _ListOfData:
 
 
 class _Found:
-    """What has been found out of several MjData, which it does not keep: it holds for as long as the same ones come."""
+    """Facts about a list of MjData, valid while the same ones are given; holds no reference to them."""
 
     def __init__(self, datas: Sequence[Any]) -> None:
         for k, data in enumerate(datas):
@@ -110,7 +110,7 @@ class _Found:
         self._datas = [weakref.ref(data) for data in datas]
         self.signatures = np.array([data.signature for data in datas], np.uint64)
         self.models = {id(data.model): k for k, data in enumerate(datas)}.values()
-        """Worlds that have each of the models that there are."""
+        """One world for each distinct model."""
         self.rows: dict[str, Rows] = {}
 
     def is_of(self, datas: Sequence[Any]) -> bool:
@@ -118,7 +118,7 @@ class _Found:
 
 
 _recent: list[_Found] = []
-_MOST_RECENT = 4  # lists of MjData that are recognised, when several are read in turns
+_MOST_RECENT = 4  # lists of MjData that are remembered, for reading several in turn
 
 
 def _found_of(datas: Sequence[Any]) -> _Found:
@@ -193,7 +193,7 @@ class _Arrays:
         return {}
 
     def require_model(self, model: mujoco.MjModel) -> None:
-        """Shapes tell, when the arrays are used."""
+        """Do nothing: shapes are checked when the arrays are used."""
 
 
 def source_of(batch: Batch) -> Source:

@@ -1,4 +1,4 @@
-"""Many worlds of one model: where their poses are, and in what they differ."""
+"""Many worlds of one model: the source of their poses, and their differences."""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
@@ -91,7 +91,7 @@ class Worlds:
             _require_one_kind(sensor, each)
         self.ids = np.arange(self.count, dtype=np.uint32) if ids is None else self._checked_ids(ids)
         self._active = active
-        self._fits: mujoco.MjModel | None = None  # against which filters, mounts and differences were checked
+        self._fits: mujoco.MjModel | None = None  # the one against which filters, mounts and differences were checked
         self._bound: dict[str, tuple[SensorSpec, WorldMounts]] = {}
 
     def require_model(self, model: mujoco.MjModel) -> None:
@@ -106,7 +106,7 @@ class Worlds:
         self._fits, self._bound = model, {}
 
     def require_sensors(self, names: Collection[str]) -> None:
-        """Raise InputError where filters or mounts are given for a sensor of another name."""
+        """Raise InputError if filters or mounts are given for a sensor of another name."""
         for option, given in (("filters", self.filters), ("mounts", self.mounts)):
             for sensor in given.keys() - names:
                 raise InputError(f"Worlds: {option}: no sensor {sensor!r}, {expected_one_of(sensor, list(names))}")
@@ -118,11 +118,11 @@ class Worlds:
 
     @property
     def bytes_per_pose(self) -> int:
-        """What copies of the pose of a geom take, 0 where it is used in place."""
+        """Bytes of the copies of a geom's pose; 0 if it is used in place."""
         return self._source.bytes_per_pose
 
     def differ_in_sight(self, sensor: str) -> bool:
-        """Whether a sensor may see other geoms in one world than in another."""
+        """Whether a sensor may see different geoms in different worlds."""
         given = self.differences.visible is not None or self.differences.dataid is not None
         return given or sensor in self.filters
 
@@ -131,17 +131,17 @@ class Worlds:
         return slice(0, self.count)
 
     def parts(self, most: int) -> list[slice]:
-        """All worlds, so many at a time, or one: slices of one length, the last of which may overlap with another."""
+        """Slices of all worlds, of equal length, at most `most` but at least one; the last may overlap."""
         size = -(-self.count // -(-self.count // max(most, 1)))
         firsts = [min(first, self.count - size) for first in range(0, self.count, size)]
         return [slice(first, first + size) for first in firsts]
 
     def field(self, name: str, part: slice) -> Any:
-        """A field of some of the worlds as they stand, None where there is none of this name."""
+        """A field of some of the worlds as they stand; None if there is none of this name."""
         return self._source.field(name, part)
 
     def require_set(self, name: str, rotation: NDArray[Any], part: slice) -> None:
-        """Raise InputError where rotations (n, m, 3, 3) of some of the worlds are all zeros in one that is sensed."""
+        """Raise InputError if rotations (n, m, 3, 3) of some of the worlds are all zeros in an active world."""
         if rotation.size == 0 or rotation[:, 0].any(axis=(1, 2)).all():
             return
         is_unset = ~rotation.any(axis=(1, 2, 3))
@@ -152,11 +152,11 @@ class Worlds:
             raise InputError(f"Worlds: batch: {name} of world {world} {self._source.unset}")
 
     def filter_of(self, spec: SensorSpec) -> Filter | PerWorld[Filter]:
-        """What a sensor may see: as these worlds say, or else as it says itself."""
+        """The filter of a sensor: that given by these worlds, else its own."""
         return self.filters.get(spec.name, spec.filter)
 
     def mounts_of(self, spec: SensorSpec, model: mujoco.MjModel, device: wp.Device) -> WorldMounts | None:
-        """Where a sensor is mounted in each world, None where it is as the sensor says."""
+        """The mounts of a sensor in each world; None if the worlds give none."""
         mounts = self.mounts.get(spec.name)
         if mounts is None:
             return None
@@ -169,7 +169,7 @@ class Worlds:
         return bound
 
     def active(self, device: wp.Device, part: slice) -> wp.array:
-        """(n,) bool on the device, which of some of the worlds are sensed; empty if all are."""
+        """Which of some of the worlds are sensed, (n,) bool on the device; empty if all are."""
         if self._active is None:
             return wp.empty(0, dtype=wp.bool, device=device)
         if isinstance(self._active, wp.array):
@@ -179,7 +179,7 @@ class Worlds:
         return wp.array(self._one_each("active", self._active, np.bool_)[part], dtype=wp.bool, device=device)
 
     def times(self, device: wp.Device, out: wp.array | None = None) -> wp.array:
-        """(nworld,) float64 [s] on the device, an array of its own."""
+        """The times (nworld,) float64 [s] on the device, in an array of its own."""
         given = self._source.field("time", self.all)
         times = wp.empty(self.count, dtype=wp.float64, device=device) if out is None else out
         if isinstance(given, wp.array):
@@ -194,7 +194,7 @@ class Worlds:
         return times
 
     def _per_world(self, name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]:
-        """Values with one entry for each world; one entry alone holds in all of them, as in a mujoco_warp `Model`."""
+        """Values with one entry per world; a single entry holds for all worlds, as in a mujoco_warp `Model`."""
         values = numbers(name, given, dtype)
         if values.shape[:1] == (1,):
             values = np.broadcast_to(values, (self.count, *values.shape[1:]))
@@ -230,8 +230,8 @@ class Worlds:
 
 
 def is_batch(data: object) -> bool:
-    """Whether this is something that many worlds come from."""
-    if isinstance(data, mujoco.MjData):  # first, as it is by far the fastest to tell
+    """Whether this is a batch of worlds."""
+    if isinstance(data, mujoco.MjData):  # first, as it is by far the fastest check
         return False
     return isinstance(data, Worlds | list | tuple | Mapping) or is_on_device(data) or is_mujoco_batch(data)
 
@@ -241,7 +241,7 @@ def as_worlds(batch: Batch) -> Worlds:
 
 
 def _require_one_kind(sensor: str, mounts: PerWorld[Mount]) -> None:
-    """Raise InputError where mounts of one sensor are on carriers of several kinds."""
+    """Raise InputError if mounts of one sensor are on carriers of several kinds."""
     first = mounts.values[0].parent
     for k, mount in enumerate(mounts.values):
         if mount.parent != first:

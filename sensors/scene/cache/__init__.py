@@ -1,1 +1,1 @@
-"""What a start works out kept on disk for the next: trees over triangles, and packets of rays."""
+"""Caches on disk for the next start: trees over triangles, and packets of rays."""

@@ -1,7 +1,7 @@
-"""Arrays kept on disk, so that a second start reads what the first worked out.
+"""Arrays cached on disk, so that a second start reads what the first one computed.
 
-They are kept under the digest of all that they come from: the arrays given and the source of rigcast.kernels. So
-nothing in the folder is ever out of date, and what no longer matches is merely unused, until it is the oldest and makes
+The key of an entry is the digest of everything it follows from: input arrays and the source of rigcast.kernels. So
+no entry is ever out of date; one that no longer matches is merely unused, until it is the oldest and makes
 room. The environment variable RIGCAST_CACHE names another folder, or is `off`; else the folder is `rigcast_trees` in
 that of Warp's compiled kernels, whose layout the arrays share. It holds up to MAX_BYTES.
 """
@@ -30,7 +30,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def cache_folder() -> Path | None:
-    """Where arrays are kept; None where they are not."""
+    """The folder of the cache; None if it is off."""
     wanted = os.environ.get("RIGCAST_CACHE", "")
     if wanted == "off":
         return None
@@ -39,7 +39,7 @@ def cache_folder() -> Path | None:
 
 
 def kept_arrays(names: Collection[str], digest: str, make: Callable[[], Arrays]) -> Arrays:
-    """The arrays of these names that `make` works out from what has this digest, read from disk where it did before."""
+    """The arrays of these names with this digest, read from disk if they are there, else made by `make` and stored."""
     folder = cache_folder()
     if folder is None:
         return make()
@@ -52,7 +52,7 @@ def kept_arrays(names: Collection[str], digest: str, make: Callable[[], Arrays])
 
 
 def digest_of(sources: Iterable[NDArray[Any]]) -> str:
-    """Tells apart what comes from these arrays, and from the code that is here now."""
+    """A digest of these arrays and of the present code."""
     digest = hashlib.sha256(_makers())
     for array in sources:
         digest.update(f"{array.dtype.str} {array.shape}".encode())
@@ -62,7 +62,7 @@ def digest_of(sources: Iterable[NDArray[Any]]) -> str:
 
 @cache
 def _makers() -> bytes:
-    """The digest of the code that works arrays out and lays them out."""
+    """The digest of the code that computes the arrays and defines their layout."""
     (folder,) = rigcast.kernels.__path__
     digest = hashlib.sha256()
     for file in sorted(Path(folder).rglob("*.py")):
@@ -71,18 +71,18 @@ def _makers() -> bytes:
 
 
 def read_arrays(path: Path) -> Arrays | None:
-    """The arrays in a file, None where there is none that is whole: zip files carry a checksum of each array."""
+    """The arrays in a file; None if there is no intact one. Zip files contain a checksum of each array."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
             arrays = {name: found[name] for name in found.files}
-        os.utime(path)  # used now
+        os.utime(path)  # marks the file as used now
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
         return None
     return arrays
 
 
 def keep_arrays(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
-    """Write a file that appears whole or not at all, whoever else writes it now; warn where that cannot be done."""
+    """Write a file atomically, even if others write it at the same time; warn if it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _make_room(path.parent, sum(array.nbytes for array in arrays.values()))
@@ -96,7 +96,7 @@ def keep_arrays(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
 
 
 def _make_room(folder: Path, size: int) -> None:
-    """Remove the files that were used longest ago until `size` more bytes are within MAX_BYTES."""
+    """Remove the least recently used files until `size` more bytes fit within MAX_BYTES."""
     for used, file in sorted(_by_use(folder), reverse=True):
         size += used[1]
         if size > MAX_BYTES:

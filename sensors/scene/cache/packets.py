@@ -1,4 +1,4 @@
-"""Packets of rays kept on disk, so that a second start with the same sensor does not sort its rays."""
+"""Packets of rays cached on disk, so that a second start with the same sensor does not sort its rays."""
 
 from weakref import WeakValueDictionary
 
@@ -13,18 +13,18 @@ from rigcast.kernels.rays.coherent import Packets
 from .on_disk import Arrays, digest_of, kept_arrays
 
 FEWEST_RAYS = 4096
-"""Fewer are sorted sooner than read."""
+"""Least number of rays that are cached; sorting fewer is faster than reading them."""
 
 _in_use: WeakValueDictionary[str, Packets] = WeakValueDictionary()
-"""Those that a sensor has, by the digest of its rays."""
+"""Packets in use by sensors, by the digest of their rays."""
 
 _TYPES = {"tiles": Tile, "packets": Packet, "singles": int}
 
 
 def cached_packets(directions: wp.array, group: NDArray[np.int32] | None) -> Packets:
-    """What `sort_into_packets` makes of (n,) vec3d, read from disk where they were sorted before.
+    """The packets that `sort_into_packets` makes of directions (n,) vec3d, read from disk if they were sorted before.
 
-    Sensors with the same rays have the same packets, which nobody writes to.
+    Sensors with the same rays share packets, which nobody writes to.
     """
     unit = directions.numpy()
     if directions.size < FEWEST_RAYS:

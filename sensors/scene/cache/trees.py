@@ -1,4 +1,4 @@
-"""Triangle trees kept on disk, so that a second start with the same meshes does not build them."""
+"""Triangle trees cached on disk, so that a second start with the same meshes does not build them."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,14 +12,14 @@ from rigcast.kernels.world.triangle_tree import build_triangle_tree
 from .on_disk import Arrays, digest_of, kept_arrays
 
 FEWEST_FACES = 1000
-"""Trees of fewer faces are built sooner than read."""
+"""Least number of faces of a tree with a file of its own; building smaller ones is faster than reading them."""
 
 _NAMES = ["nodes", "blocks", "lower", "upper", "dropped"]
 _SIZES = ["node_count", "block_count"]
 
 
 def cached_triangle_tree(vertices: ArrayLike, faces: ArrayLike) -> TriangleTree:
-    """What build_triangle_tree makes of them, read from disk where it was built before; raises what that raises."""
+    """The tree of build_triangle_tree, read from disk if it was built before; raises the same errors."""
     v, f = np.asarray(vertices), np.asarray(faces)
     if len(f) < FEWEST_FACES:
         return build_triangle_tree(v, f)
@@ -30,7 +30,7 @@ def cached_triangle_tree(vertices: ArrayLike, faces: ArrayLike) -> TriangleTree:
 def cached_small_trees(
     meshes: Sequence[tuple[NDArray[Any], NDArray[Any]]], build: Callable[[], list[TriangleTree]]
 ) -> list[TriangleTree]:
-    """What `build` makes of meshes of fewer faces, kept in one file for all of them; raises what that raises."""
+    """The trees that `build` makes of meshes with fewer faces, cached in one file for all; raises the same errors."""
     if sum(len(faces) for _, faces in meshes) < FEWEST_FACES:
         return build()
     digest = digest_of(array for mesh in meshes for array in mesh)
@@ -38,7 +38,7 @@ def cached_small_trees(
 
 
 def _joined(trees: Sequence[TriangleTree]) -> Arrays:
-    """All trees in one array of each kind, and how many nodes and blocks each has."""
+    """The concatenated arrays of trees, and the numbers of nodes and blocks of each."""
     ends = {name: np.array([getattr(tree, name) for tree in trees]) for name in ("lower", "upper", "dropped")}
     whole = {name: np.concatenate([getattr(tree, name) for tree in trees]) for name in ("nodes", "blocks")}
     sizes = [[len(tree.nodes) for tree in trees], [len(tree.blocks) for tree in trees]]
@@ -46,7 +46,7 @@ def _joined(trees: Sequence[TriangleTree]) -> Arrays:
 
 
 def _apart(arrays: Arrays) -> list[TriangleTree]:
-    """The trees that `_joined` put together."""
+    """The trees from the arrays of `_joined`."""
     nodes, blocks = (
         np.split(arrays[name], np.cumsum(arrays[size])[:-1])
         for name, size in zip(("nodes", "blocks"), _SIZES, strict=True)

@@ -1,1 +1,1 @@
-"""What a scene is put together from: geoms, props, flexes and skins, each as shapes that move."""
+"""The parts of a scene: geoms, props, flexes and skins, each as shapes that move."""

@@ -1,4 +1,4 @@
-"""What flexes and skins have in common: surfaces whose vertices move, each carried by one body or several."""
+"""Code shared by flexes and skins: surfaces whose vertices move, carried by one or several bodies."""
 
 from collections.abc import Iterable, Sequence
 
@@ -16,16 +16,16 @@ def flat_surfaces(counts: Iterable[int], faces: Iterable[NDArray[np.int32]]) -> 
 def lost_owners(
     vertices: NDArray[np.float64], owner: NDArray[np.integer], count: int, farthest: float
 ) -> NDArray[np.bool_]:
-    """(count,) which owners have a vertex that is not finite or beyond `farthest` [m]; `owner` (n,) is of each."""
+    """Which owners (count,) have a vertex that is not finite or beyond `farthest` [m]. owner: (n,) of each vertex."""
     is_lost = ~(np.abs(vertices) <= farthest).all(axis=1)
     return np.bincount(owner[is_lost], minlength=count) > 0
 
 
 def only_bodies(carriers: Sequence[NDArray[np.int32]]) -> NDArray[np.int32]:
-    """(n,) the body that carries each thing, -1 where there are several."""
+    """The body (n,) that carries each object, -1 if there are several."""
     return np.array([bodies[0] if len(bodies) == 1 else -1 for bodies in carriers], np.int32)
 
 
 def all_hidden(carriers: Sequence[NDArray[np.int32]], hidden: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n,) of which things all bodies are among the hidden ones (nbody,)."""
+    """Which objects (n,) have all of their bodies among the hidden ones (nbody,)."""
     return np.array([hidden[bodies].all() for bodies in carriers], bool)

@@ -14,7 +14,7 @@ from .lost import Lost
 from .part import Owner, Snapshot
 
 _OUTWARD_SIDES = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)])
-"""Of a tetrahedron, in the order in which MuJoCo keeps its vertices."""
+"""The sides of a tetrahedron, by MuJoCo's order of its vertices."""
 
 
 class Flexes:
@@ -50,7 +50,7 @@ class Flexes:
         self._lost = Lost(lambda flex: mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_FLEX, flex) or f"flex {flex}")
 
     def update(self, data: mujoco.MjData) -> Snapshot:
-        """A flex with a vertex that is not finite is not hit at all."""
+        """The flexes as they stand in `data`. A flex with a vertex that is not finite is never hit."""
         # half of FARTHEST: the distance between two vertices must not pass it either
         lost = lost_owners(data.flexvert_xpos, self._flex_of_vertex, self.model.nflex, 0.5 * FARTHEST)
         self._lost.warn(data.time, ~lost)
@@ -87,13 +87,13 @@ class Flexes:
         return Shapes.joined([edges, surfaces], np.zeros(2, int))
 
     def _vertices(self, of_all: NDArray[np.float64], flex: int) -> NDArray[np.float64]:
-        """Those of one flex among those of all."""
+        """The vertices of one flex, from those of all."""
         first = self.model.flex_vertadr[flex]
         return of_all[first : first + self.model.flex_vertnum[flex]]
 
 
 def _elements(model: mujoco.MjModel, flex: int) -> NDArray[np.int32]:
-    """(n, dim + 1) those that rays hit: all of a 2D flex, and those of a 3D one in layer 0."""
+    """The elements (n, dim + 1) that rays hit: all of a 2D flex, those in layer 0 of a 3D flex."""
     dim, first, count = model.flex_dim[flex], model.flex_elemdataadr[flex], model.flex_elemnum[flex]
     elements = model.flex_elem[first : first + (dim + 1) * count].reshape(count, dim + 1)
     layer = model.flex_elemlayer[model.flex_elemadr[flex] :][:count]
@@ -101,12 +101,12 @@ def _elements(model: mujoco.MjModel, flex: int) -> NDArray[np.int32]:
 
 
 def _faces(elements: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(n, 3) triangles of a 2D or 3D flex; those of a 3D one counter-clockwise seen from outside their element."""
+    """Triangles (n, 3) of a 2D or 3D flex; for 3D counter-clockwise seen from outside their element."""
     return elements if elements.shape[1] == 3 else np.asarray(elements[:, _OUTWARD_SIDES].reshape(-1, 3))
 
 
 def _is_turned(vertices: NDArray[np.float64], elements: NDArray[np.int32]) -> NDArray[np.bool_] | None:
-    """(n,) which faces of a 3D flex are of elements that are inside out by now; None of a 2D one."""
+    """Which faces (n,) of a 3D flex belong to elements that are now inside out; None for a 2D flex."""
     if elements.shape[1] == 3:
         return None
     a, b, c, last = (vertices[corner] for corner in elements.T)

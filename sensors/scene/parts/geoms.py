@@ -40,7 +40,7 @@ class Geoms:
         self._unchanged = Snapshot(self.poses.position.numpy(), self.poses.rotation.numpy().reshape(-1, 9))
         self._lost = Lost(self.name)
         self._assets = geometry.assets
-        # memory of the model, which shows whatever anybody writes there
+        # views of the model's memory, which show edits
         self._kinds_now = [model.geom_type.data, model.geom_dataid.data]
         self._now = [*self._kinds_now, model.geom_size.data]
         self._kinds, self._read = b"".join(self._kinds_now), b"".join(self._now)
@@ -55,7 +55,7 @@ class Geoms:
         return self._unchanged if trees is None else self._unchanged._replace(shapes=self.shapes, trees=trees)
 
     def name(self, geom: int) -> str:
-        """What a message calls a geom."""
+        """The name of a geom in messages."""
         return self.model.geom(geom).name or f"geom {geom}"
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
@@ -63,7 +63,7 @@ class Geoms:
 
     def refresh(self, name: str) -> None:
         """See `Scene.refresh`."""
-        require_type("Scene.refresh: name", name, str)  # MuJoCo would read what None points to
+        require_type("Scene.refresh: name", name, str)  # MuJoCo would dereference None
         ids = {
             "mesh": mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_MESH, name),
             "hfield": mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_HFIELD, name),
@@ -75,7 +75,7 @@ class Geoms:
         self._to_refresh |= {k for k, asset in enumerate(self._assets) if ids[asset.kind] == asset.id}
 
     def renew(self) -> dict[int, TriangleTree] | None:
-        """Read anew what has changed in the model: the changed trees, None if nothing at all has.
+        """Reread what has changed in the model; return the changed trees, or None if nothing has changed.
 
         Raises InputError for a size or height field that has become unusable, and for a geom of another kind.
         """
@@ -98,13 +98,13 @@ class Geoms:
         return b"".join(self._now) != self._read or bool(self._stale())
 
     def _stale(self) -> set[int]:
-        """The trees whose meshes or height fields have changed."""
+        """The indices of trees whose meshes or height fields have changed."""
         if not self._fields:
             return self._to_refresh
         return self._to_refresh | {k for k, field in self._fields.items() if field.have_changed()}
 
     def shapes_with(self, size: NDArray[np.float64], dataid: NDArray[np.int32]) -> Shapes:
-        """The geoms with these sizes (..., ngeom, 3) and meshes (..., ngeom); several worlds follow each other."""
+        """The geoms with these sizes (..., ngeom, 3) and meshes (..., ngeom), world after world."""
         return read_shapes(self.model, self._assets, self.trees, size, dataid)
 
     def _require_finite_sizes(self) -> None:
@@ -117,7 +117,7 @@ class Geoms:
             )
 
     def add_assets(self, dataid: NDArray[np.int32]) -> bool:
-        """Whether geoms have meshes or height fields by `dataid` (..., ngeom) that had no tree yet; they have now."""
+        """Build the missing trees of assets in `dataid` (..., ngeom); return whether any were missing."""
         added = [asset for asset in assets_in_use(self.model, dataid) if asset not in self._assets]
         self.trees = self.trees + [asset.tree(self.model) for asset in added]  # which may raise
         self._assets = self._assets + added
@@ -126,20 +126,20 @@ class Geoms:
         return bool(added)
 
     def is_present(self, dataid: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """(..., ngeom): all but what has a mesh or height field in the model and -1 here."""
+        """Which geoms (..., ngeom) are present: all but those with a mesh or height field in the model and -1 here."""
         return ~(needs_asset(self.model) & (dataid < 0))
 
     def _watched_fields(self) -> dict[int, Watched]:
-        """What the trees of height fields are made of, by the number of the tree."""
+        """The arrays that trees of height fields follow from, watched for changes, by index of the tree."""
         hfields = {k: asset.id for k, asset in enumerate(self._assets) if asset.kind == "hfield"}
         return {k: Watched([self.model.hfield_size[id], hfield_data(self.model, id)]) for k, id in hfields.items()}
 
 
 def are_within_reach(values: NDArray[np.floating]) -> bool:
-    """Whether none is NaN or beyond FARTHEST."""
+    """Whether no value is NaN or beyond FARTHEST."""
     return bool(values.min(initial=0) >= -FARTHEST and values.max(initial=0) <= FARTHEST)
 
 
 def has_finite_pose(position: NDArray[np.floating], rotation: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """(n,) of positions (n, 3) and rotations (n, 9)."""
+    """Which poses (n,) are finite, of positions (n, 3) and rotations (n, 9)."""
     return np.asarray((np.abs(position) <= FARTHEST).all(axis=1) & np.isfinite(rotation).all(axis=1))

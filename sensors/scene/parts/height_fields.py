@@ -14,14 +14,14 @@ Size = Doubles
 
 
 def hfield_data(model: mujoco.MjModel, hfield: int) -> NDArray[np.float32]:
-    """(rows, columns), a view of the elevations of a height field."""
+    """The elevations (rows, columns) of a height field, a view of the model's."""
     rows, columns = model.hfield_nrow[hfield], model.hfield_ncol[hfield]
     first = model.hfield_adr[hfield]
     return model.hfield_data[first : first + rows * columns].reshape(rows, columns)
 
 
 def hfield_tree(size: Size, data: NDArray[np.float32]) -> TriangleTree:
-    """The tree over what `hfield_triangles` says.
+    """The tree over the triangles of `hfield_triangles`.
 
     Raises ValueError for a size or an elevation that is not finite or too large, and a surface without width or depth.
     """
@@ -51,7 +51,7 @@ def hfield_triangles(size: Size, data: NDArray[np.float32]) -> tuple[Doubles, ND
 
 
 def _surface(size: Size, data: NDArray[np.float32]) -> tuple[Doubles, Doubles, Doubles]:
-    """x (columns,) and y (rows,) of the corners of cells, and z (rows, columns) [m]."""
+    """Coordinates [m] of the cells' corners: x (columns,), y (rows,), z (rows, columns)."""
     rows, columns = data.shape
     return (
         np.linspace(-size[0], size[0], columns),

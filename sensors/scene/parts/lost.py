@@ -1,4 +1,4 @@
-"""Things whose pose is not finite: never hit, and named once."""
+"""Objects whose pose is not finite: they are never hit and named in one warning."""
 
 from collections.abc import Callable
 
@@ -9,9 +9,9 @@ from rigcast.sensors.errors import warn_user
 
 
 class Lost:
-    """Warns of each thing when it gets lost, and again only after it has been found.
+    """Warns when an object's pose stops being finite; warns again only after it has been finite in between.
 
-    name: what a message calls thing k.
+    name: function that gives the name of object k in messages.
     """
 
     def __init__(self, name: Callable[[int], str]) -> None:
@@ -20,13 +20,13 @@ class Lost:
 
     @property
     def any(self) -> bool:
-        """Whether some were, the last time."""
+        """Whether any object was lost at the last call."""
         return bool(self._lost)
 
     def warn(self, time: float | None, is_finite: NDArray[np.bool_], first: int = 0) -> None:
-        """time [s]: of the data. is_finite: (n,) whose poses are, of things `first` to `first` + n - 1.
+        """Warn of newly lost objects. time: of the data [s]. is_finite: (n,) for the poses of objects `first`, ...
 
-        One warning names up to ten that are new.
+        One warning names up to ten new ones.
         """
         lost = set((first + np.flatnonzero(~is_finite)).tolist())
         new = sorted(lost - self._lost)

@@ -45,16 +45,16 @@ class Asset:
     id: int
 
     def name(self, model: mujoco.MjModel) -> str:
-        """What a message calls it."""
+        """Its name in messages."""
         objects = mujoco.mjtObj.mjOBJ_MESH if self.kind == "mesh" else mujoco.mjtObj.mjOBJ_HFIELD
         return f"{self.kind} {_name(model, objects, self.id)}"
 
     def tree(
         self, model: mujoco.MjModel, build: Callable[[ArrayLike, ArrayLike], TriangleTree] = build_triangle_tree
     ) -> TriangleTree:
-        """Its triangles, in the frame of its geoms. `build` makes those of a mesh.
+        """The tree of its triangles, in the frame of its geoms. build: makes the tree of a mesh.
 
-        Raises InputError for what is not finite or out of range.
+        Raises InputError for numbers that are not finite or out of range.
         """
         try:
             if self.kind == "hfield":
@@ -83,7 +83,7 @@ def read_model(model: mujoco.MjModel) -> ModelGeometry:
 
 
 def _trees(model: mujoco.MjModel, assets: list[Asset]) -> list[TriangleTree]:
-    """The tree of each asset, those of meshes from disk where they were built before."""
+    """The tree of each asset; those of meshes are read from disk if they were built before."""
     small = [asset for asset in assets if asset.kind == "mesh" and model.mesh_facenum[asset.id] < FEWEST_FACES]
     meshes = [mesh_of_model(model, asset.id) for asset in small]
     of_small = dict(zip(small, cached_small_trees(meshes, lambda: [a.tree(model) for a in small]), strict=True))
@@ -99,7 +99,7 @@ def read_shapes(
 ) -> Shapes:
     """Geoms with these sizes (..., ngeom, 3) and meshes or height fields (..., ngeom), given the tree of each asset.
 
-    Those of several worlds follow each other.
+    With several worlds, geoms are listed world after world.
     """
     kind = np.array([_KIND.get(int(k), solids.SPHERE) for k in model.geom_type], np.int32)
     types, kinds = (np.broadcast_to(each, size.shape[:-1]).reshape(-1) for each in (model.geom_type, kind))
@@ -110,7 +110,7 @@ def read_shapes(
 
 
 def assets_in_use(model: mujoco.MjModel, dataid: NDArray[np.int32]) -> list[Asset]:
-    """The meshes and height fields that geoms have by `dataid` (..., ngeom), by kind and id."""
+    """The meshes and height fields in `dataid` (..., ngeom), sorted by kind and id."""
     present = needs_asset(model) & (dataid >= 0)
     is_hfield = np.broadcast_to(model.geom_type == _GEOM.mjGEOM_HFIELD, dataid.shape)
     hfields, meshes = set(dataid[present & is_hfield].tolist()), set(dataid[present & ~is_hfield].tolist())
@@ -118,13 +118,13 @@ def assets_in_use(model: mujoco.MjModel, dataid: NDArray[np.int32]) -> list[Asse
 
 
 def needs_asset(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """(ngeom,) which geoms are triangles: of a mesh, or a height field."""
+    """Which geoms (ngeom,) consist of triangles: of a mesh or a height field."""
     triangles = [kind for kind, solid in _KIND.items() if solid == solids.TRIANGLES]
     return np.isin(model.geom_type, triangles) & _is_supported(model)
 
 
 def _trees_of(model: mujoco.MjModel, assets: list[Asset], dataid: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(n,) the tree of each geom of each world, -1 where it has none."""
+    """The tree (n,) of each geom of each world, -1 for none."""
     of_asset = {"mesh": np.full(model.nmesh + 1, -1, np.int32), "hfield": np.full(model.nhfield + 1, -1, np.int32)}
     for tree, asset in enumerate(assets):
         of_asset[asset.kind][asset.id] = tree
@@ -135,13 +135,13 @@ def _trees_of(model: mujoco.MjModel, assets: list[Asset], dataid: NDArray[np.int
 
 
 def _is_supported(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """(ngeom,) which geoms rays can hit: an SDF geom by its mesh, if it has one."""
+    """Which geoms (ngeom,) rays can hit; SDF geoms are hit by their mesh, if they have one."""
     has_mesh = (model.geom_type != _GEOM.mjGEOM_SDF) | (model.geom_dataid >= 0)
     return np.asarray(np.isin(model.geom_type, list(_KIND)) & has_mesh)
 
 
 def unsupported_parts(model: mujoco.MjModel) -> list[str]:
-    """What the model has that rays cannot hit, each with its kind and name."""
+    """The parts of the model that rays cannot hit, by kind and name."""
     is_supported = _is_supported(model)
     return [
         f"{_GEOM(int(kind)).name.removeprefix('mjGEOM_').lower()} geom {_name(model, mujoco.mjtObj.mjOBJ_GEOM, g)}"
@@ -151,7 +151,7 @@ def unsupported_parts(model: mujoco.MjModel) -> list[str]:
 
 
 def refuse_unsupported(model: mujoco.MjModel, on_unsupported: str) -> None:
-    """Raise InputError, or with "warn" warn, where there is something that rays cannot hit."""
+    """Raise InputError, or warn for "warn", if the model has parts that rays cannot hit."""
     if on_unsupported not in ("error", "warn"):
         raise InputError(
             f"Scene: no on_unsupported {on_unsupported!r}, {expected_one_of(str(on_unsupported), ['error', 'warn'])}"
@@ -174,7 +174,7 @@ def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
 def _local_boxes(
     types: NDArray[np.int32], size: NDArray[np.float64], tree: NDArray[np.int32], trees: list[TriangleTree]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Centre and half size (n, 3) of each geom's box in its own frame; half +inf where it has none."""
+    """Centre and half size (n, 3) [m] of each geom's box in its own frame; half size +inf if it is unbounded."""
     zero = np.zeros(len(size))
     by_type = {
         _GEOM.mjGEOM_PLANE: np.stack([*np.where(size[:, :2] > 0, size[:, :2], np.inf).T, zero], axis=-1),

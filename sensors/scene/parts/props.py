@@ -21,7 +21,7 @@ from .part import Owner, Snapshot
 class Props:
     """Shape k is prop k, a triangle tree in the frame of its mount. Props of one file and scale share a tree.
 
-    mounts: of each prop, on the model.
+    mounts: the mount of each prop on the model.
     """
 
     owner: Owner = "prop"

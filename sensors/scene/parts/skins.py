@@ -45,7 +45,7 @@ class Skins:
         self._lost = Lost(lambda skin: model.skin(skin).name or f"skin {skin}")
 
     def update(self, data: mujoco.MjData) -> Snapshot:
-        """A skin with a vertex that is not finite is not hit at all."""
+        """The skins as they stand in `data`. A skin with a vertex that is not finite is never hit."""
         count = self.model.nskin
         bones = data.xpos[self.model.skin_bonebodyid]
         # relative to the mean of its bones, float32 is exact enough wherever the skin is
@@ -73,7 +73,7 @@ class Skins:
         return Shapes.of_trees([solids.TRIANGLES] * self.model.nskin, range(self.model.nskin), self.trees)
 
     def _bent(self, data: mujoco.MjData, bones: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(nskinvert, 3): the vertices as the bones at (nskinbone, 3) carry them, not inflated."""
+        """Vertices (nskinvert, 3) as carried by bones at positions (nskinbone, 3), before inflation."""
         model = self.model
         bind = np.array([rotation_matrix(quat) for quat in model.skin_bonebindquat])
         turn = data.xmat[model.skin_bonebodyid].reshape(-1, 3, 3) @ bind.swapaxes(1, 2)
@@ -93,5 +93,5 @@ class Skins:
 
 
 def _sums(of: NDArray[np.integer], vectors: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """(count, 3): row k is the sum of the vectors (n, 3) that are `of` k."""
+    """Sums (count, 3): row k is the sum of the vectors (n, 3) whose `of` is k."""
     return np.stack([np.bincount(of, vectors[:, axis], minlength=count) for axis in range(3)], axis=-1)

@@ -1,1 +1,1 @@
-"""Rays on their way into a scene: those of a user, checked, and those of sensors, placed."""
+"""Rays for casts: checks of users' rays, and placement of sensors' rays."""

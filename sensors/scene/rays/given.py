@@ -1,4 +1,4 @@
-"""Rays that a user gives, checked and brought to the device."""
+"""Checks of users' rays, and their transfer to the device."""
 
 from typing import NamedTuple
 
@@ -13,10 +13,10 @@ from rigcast.sensors.errors import InputError
 
 
 class GivenRays(NamedTuple):
-    """n rays of this shape on the device: unit directions (n,) vec3d, and origins likewise or (1,) [m].
+    """The n rays of this shape on the device: unit directions (n,) vec3d, and origins likewise or (1,) [m].
 
-    vectors: (n,) vec3d, of any length, of which the cast is yet to make the directions; see Rays.
-    unseen: those of the user on the host, origins and directions, where nobody has yet looked whether they can be cast.
+    vectors: (n,) vec3d of any length, which the cast will normalise into `directions`; see Rays.
+    unseen: the user's origins and directions on the host, if they have not been checked yet.
     """
 
     directions: wp.array
@@ -26,15 +26,15 @@ class GivenRays(NamedTuple):
     unseen: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def refuse_lost(self, distance: wp.array) -> None:
-        """Raise InputError for the first unseen ray that could not be cast, of which the distance is NaN."""
+        """Raise InputError for the first unchecked ray whose distance is NaN, as it could not be cast."""
         if self.unseen is not None and np.isnan(distance.numpy()).any():
             _require_castable(*self.unseen)
 
 
 def take_rays(origins: ArrayLike | wp.array, directions: ArrayLike | wp.array, device: wp.Device) -> GivenRays:
-    """See `Scene.cast`.
+    """Check rays and bring them to the device; see `Scene.cast`.
 
-    Those on the host are looked at before they are copied to another device; on the CPU, where they are used in place,
+    Rays on the host are checked before they are copied to another device; on the CPU, where they are used in place,
     the cast does so.
     """
     if isinstance(directions, wp.array):
@@ -49,12 +49,12 @@ def take_rays(origins: ArrayLike | wp.array, directions: ArrayLike | wp.array, d
 
 
 def upload(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
-    """(n,) vec3d of (..., 3)."""
+    """Copy vectors (..., 3) to (n,) vec3d on the device."""
     return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=device)
 
 
 def lend(vectors: NDArray[np.float64], device: wp.Device) -> wp.array:
-    """As `upload`, but on the CPU without a copy."""
+    """`upload`, without a copy on the CPU."""
     return wp.array(np.ascontiguousarray(vectors).reshape(-1, 3), dtype=wp.vec3d, device=device, copy=False)
 
 
@@ -73,12 +73,12 @@ def _device_rays(origins: ArrayLike | wp.array, directions: wp.array, device: wp
 
 
 def _repeated(array: wp.array, shape: tuple[int, ...]) -> wp.array:
-    """The array in this shape, along new axes and those of length 1 the same again."""
+    """The array broadcast to this shape."""
     if array.shape == shape:
         return array
     own = [0 if n == 1 else stride for n, stride in zip(array.shape, array.strides, strict=True)]
     strides = (*[0] * (len(shape) - len(own)), *own)
-    # copied before it is returned, as the view does not keep the array's memory
+    # a copy, because the view does not keep the array's memory alive
     return wp.array(ptr=array.ptr, dtype=array.dtype, shape=shape, strides=strides, device=array.device).contiguous()
 
 
@@ -96,7 +96,7 @@ def _require_vectors(name: str, array: wp.array, device: wp.Device) -> None:
 
 
 def _host_rays(origins: ArrayLike | wp.array, directions: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Origins and directions, float64, in the shape of the rays; (3,) of a single origin."""
+    """Origins and directions in float64 and in the shape of the rays; a single origin stays (3,)."""
     d, o = _vectors("directions", directions), _vectors("origins", origins)
     if o.shape in ((3,), d.shape):
         return o, d
@@ -105,7 +105,7 @@ def _host_rays(origins: ArrayLike | wp.array, directions: ArrayLike) -> tuple[ND
 
 
 def _shape_of_rays(origins: tuple[int, ...], directions: tuple[int, ...]) -> tuple[int, ...]:
-    """(..., 3) of both together, as numpy broadcasts them."""
+    """The common shape (..., 3) of origins and directions, by numpy's broadcasting."""
     try:
         return np.broadcast_shapes(origins, directions)
     except ValueError:
@@ -124,7 +124,7 @@ def _require_origins(o: NDArray[np.float64]) -> None:
 
 
 def _refuse_rays(name: str, values: NDArray[np.float64], good: NDArray[np.bool_], expected: str) -> None:
-    """Raise InputError for the first of the rays that are not good (..., 3) or (..., 1)."""
+    """Raise InputError for the first ray for which `good`, (..., 3) or (..., 1), is False."""
     if not good.all():
         ray = tuple(int(i) for i in np.argwhere(~good)[0, :-1])
         index = ray[0] if len(ray) == 1 else ray

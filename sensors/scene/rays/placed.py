@@ -1,4 +1,4 @@
-"""Rays on a device, in the pose of a frame or in many worlds."""
+"""Rays on a device, at the pose of a frame or in many worlds."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from .given import GivenRays, lend, upload
 def rays_in_frame(
     directions: NDArray[np.float64], origins: NDArray[np.float64], pose: NDArray[np.float64], device: wp.Device
 ) -> Rays:
-    """Rays on the device: unit directions (..., 3) and origins (..., 3) or (3,) in a frame with this pose (4, 4).
+    """Rays on the device with unit directions (..., 3) and origins (..., 3) or (3,) in a frame with this pose (4, 4).
 
     On the CPU directions and origins are used where they are.
     """
@@ -23,25 +23,25 @@ def rays_in_frame(
 
 
 def in_pose(rays: Rays, pose: NDArray[np.float64]) -> Rays:
-    """The same rays in a frame with another pose (4, 4)."""
+    """The rays with another pose (4, 4) of their frame."""
     device = rays.directions.device
     rotation = wp.array(pose[None, :3, :3], dtype=wp.mat33d, device=device)
     return replace(rays, position=upload(pose[:3, 3], device), rotation=rotation)
 
 
 def world_frame(device: wp.Device) -> Rays:
-    """No rays, in the world's own frame: made once, for it takes as long as to cast hundreds."""
+    """Empty rays in the world's frame; cached, because making them takes as long as casting hundreds of rays."""
     nothing = np.empty((0, 3))
     return rays_in_frame(nothing, nothing, np.eye(4), device)
 
 
 def in_world(given: GivenRays, frame: Rays) -> Rays:
-    """In `world_frame`."""
+    """The given rays in `world_frame`."""
     return replace(frame, directions=given.directions, origins=given.origins, vectors=given.vectors)
 
 
 def in_worlds(given: GivenRays, worlds: int) -> Rays:
-    """By their first axis, in each of many worlds. Raises InputError where that is not as long."""
+    """The given rays in many worlds, by their first axis. Raises InputError if its length is not `worlds`."""
     if given.shape[:1] != (worlds,):
         raise InputError(f"Scene.cast: directions: got shape {(*given.shape, 3)}, expected ({worlds}, ..., 3)")
     each, device = (worlds, -1), given.directions.device

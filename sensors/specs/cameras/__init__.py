@@ -1,1 +1,1 @@
-"""Depth cameras as users write them down: pixels, and how depth is measured."""
+"""Specifications of depth cameras: pixels, optics, and the principle of measurement."""

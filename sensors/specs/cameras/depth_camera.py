@@ -17,7 +17,7 @@ from rigcast.sensors.specs.spec import Integers, Keys, Takes, optional
 from .ranging import Stereo, TimeOfFlight
 
 Pixels = Annotated[int, Field(ge=1)]
-# Within these limits, which no lens comes near, no ray's length overflows: |(u - cx) / fx| < 2e15.
+# Within these limits, far beyond any real lens, no ray's length overflows: |(u - cx) / fx| < 2e15.
 Focal = Annotated[float, Field(ge=1e-6)]
 Principal = Annotated[float, Field(ge=-1e9, le=1e9)]
 _FOCAL = ("fx", "fy", "cx", "cy")
@@ -82,17 +82,17 @@ class DepthCamera(SensorSpec):
 
     @property
     def moves(self) -> bool:
-        """Whether its rows are read one after the other."""
+        """Whether its rows are read one after the other (rolling shutter)."""
         return self.readout_time > 0
 
     @property
     def has_effects(self) -> bool:
-        """Whether it measures in a way that has errors."""
+        """Whether its readings have measurement effects."""
         return self.stereo is not None or self.time_of_flight is not None
 
     @property
     def takes_optics(self) -> bool:
-        """Whether its optics are those of the MJCF camera that it is mounted on."""
+        """Whether it uses the optics of the MJCF camera on which it is mounted."""
         return self.mount.camera is not None and all(getattr(self, key) is None for key in (*_VIEW, *_FOCAL))
 
     @field_validator("resolution")
@@ -133,9 +133,9 @@ class DepthCamera(SensorSpec):
         return self
 
     def faults(self, model: mujoco.MjModel) -> list[Fault]:
-        """As for every sensor; and an MJCF camera that does not have the resolution or optics asked of it.
+        """The faults of every sensor, and those of an MJCF camera without the resolution or optics that are needed.
 
-        A lens that folds within the image is a fault too.
+        A lens that folds within the image is a fault, too.
         """
         faults = super().faults(model)
         if not faults and self.mount.camera is not None:
@@ -161,7 +161,7 @@ class DepthCamera(SensorSpec):
     def pattern(self, model: mujoco.MjModel) -> Pattern:
         """Unit directions (height, width, 3) in the optical frame, with intrinsics and lens.
 
-        Pixels that a Kannala-Brandt lens leaves dark have NaN. Raises InputError where `faults` finds any.
+        Pixels that a Kannala-Brandt lens leaves dark are NaN. Raises InputError if `faults` finds any.
         """
         refuse(f"DepthCamera {self.name!r}", self.faults(model))
         return self._pattern(model)
@@ -179,7 +179,7 @@ class DepthCamera(SensorSpec):
         )
 
     def _row_times(self, width: int, height: int) -> NDArray[np.float64] | None:
-        """(height, width) when each pixel is read after the first [s]; None where all are at once."""
+        """The time (height, width) [s] at which each pixel is read after the first; None if all are read at once."""
         if not self.moves:
             return None
         return np.repeat(self.readout_time / height * np.arange(height)[:, None], width, axis=1)
@@ -205,7 +205,7 @@ class DepthCamera(SensorSpec):
 def pixel_rays(
     intrinsics: NDArray[np.float64], lens: Lens | None, width: int, height: int, subrays: int
 ) -> NDArray[np.float64]:
-    """(height, width, subrays^2, 3) unit: rays through the centres of the equal parts of each pixel, NaN for none."""
+    """Unit directions (height, width, subrays^2, 3) through the centres of each pixel's equal parts; NaN for no ray."""
     parts = (np.arange(subrays) + 0.5) / subrays
     across = (np.add.outer(np.arange(width), parts) - intrinsics[0, 2]) / intrinsics[0, 0]
     down = (np.add.outer(np.arange(height), parts) - intrinsics[1, 2]) / intrinsics[1, 1]
@@ -221,7 +221,7 @@ def pixel_rays(
 
 
 def _fold_faults(directions: NDArray[np.float64]) -> list[Fault]:
-    """Pixels of (height, width, 3) directions that no ray is seen at."""
+    """A fault for pixels whose direction, of (height, width, 3), is NaN because no ray is imaged there."""
     dark = np.isnan(directions[..., 2])
     if not dark.any():
         return []
@@ -231,12 +231,12 @@ def _fold_faults(directions: NDArray[np.float64]) -> list[Fault]:
 
 
 def _focal_length(fov_deg: float, pixels: int) -> float:
-    """f = (n / 2) / tan(fov / 2) [pixels], where n pixels span the field of view."""
+    """Focal length f = (n / 2) / tan(fov / 2) [pixels], where n pixels span the field of view."""
     return float(0.5 * pixels / np.tan(np.deg2rad(fov_deg) / 2))
 
 
 def _centred(focal: float, width: int, height: int) -> NDArray[np.float64]:
-    """Square pixels and a centred principal point."""
+    """Intrinsics (3, 3) with square pixels and a centred principal point."""
     return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
 
 

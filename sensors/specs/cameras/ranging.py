@@ -1,4 +1,4 @@
-"""How a depth camera measures depth, and the errors that come with it. Every error is off unless it is asked for."""
+"""Principles by which depth cameras measure depth, and their errors. Every error is off unless it is set."""
 
 import math
 from typing import Annotated, Literal
@@ -12,7 +12,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Ranging(Spec):
-    """What all principles of measurement have: pixels that give no reading, NaN."""
+    """Parameters of all principles of measurement: pixels that give no reading (NaN)."""
 
     dropout: Share = Field(default=0.0, description="share of pixels without a reading, at random")
     max_incidence_deg: float = Field(
@@ -29,7 +29,7 @@ class Ranging(Spec):
 class Stereo(Ranging):
     """Depth from disparity, d = fx |baseline| / z, between the camera and a second imager or a projector.
 
-    The error of a disparity is one of depth that grows with its square: sigma_z = z^2 disparity_std / (fx |baseline|).
+    The error of depth grows with the square of the depth: sigma_z = z^2 disparity_std / (fx |baseline|).
 
     >>> Stereo(baseline=0.05, disparity_std=0.08, disparity_step=1 / 32, max_disparity=126, shadow=True)
     """

@@ -1,1 +1,1 @@
-"""Lidars as users write them down: beams, rosettes, patterns from files, and what disturbs them."""
+"""Specifications of lidars: beams, rosettes, patterns from files, and measurement effects."""

@@ -1,4 +1,4 @@
-"""Tables of beams: rows that are measured in column after column, as a head turns or without one."""
+"""Tables of beams: rows of beams that are measured column after column, with or without a turning head."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from rigcast.sensors.specs.pattern import Pattern, directions_at
 
 @dataclass(frozen=True)
 class BeamTable:
-    """What `Lidar` says of its beams, under the same names."""
+    """The parameters of `Lidar` for its beams, under the same names."""
 
     elevation_deg: Sequence[float]
     azimuth_offset_deg: Sequence[float] | None
@@ -27,14 +27,14 @@ class BeamTable:
 
     @property
     def column_count(self) -> int:
-        """How many there are in a turn or a sector."""
+        """Number of columns in a turn or a sector."""
         if self.column_period_us is None or self.rate_hz is None:
             return self.columns
         return int(min(1e6 / (self.column_period_us * self.rate_hz) * (1 + 1e-12), 2.0**53))
 
     @property
     def duration(self) -> float:
-        """From the first row of the first column to the last one that fires [s]."""
+        """Time from the first row of the first column to the last ray [s]."""
         return self._last_column_time + max(self.firing_time_us or (0.0,)) * 1e-6
 
     def pattern(self) -> Pattern:
@@ -64,7 +64,7 @@ class BeamTable:
         return origins
 
     def _sweep(self) -> NDArray[np.float64]:
-        """(columns,) azimuth of the head [rad]."""
+        """Azimuth of the head in each column (columns,) [rad]."""
         count = self.column_count
         if self.azimuth_deg is not None:
             begin, end = self.azimuth_deg
@@ -79,7 +79,7 @@ class BeamTable:
         return np.arange(count, dtype=np.float64) * (-step if self.clockwise else step)
 
     def _column_times(self) -> NDArray[np.float64]:
-        """(columns,) when the first row of each column fires [s]."""
+        """Time at which the first row of each column fires, (columns,) [s]."""
         count = self.column_count
         if self.column_period_us is not None:
             return np.arange(count, dtype=np.float64) * (1e-6 * self.column_period_us)
@@ -87,7 +87,7 @@ class BeamTable:
 
     @property
     def _last_column_time(self) -> float:
-        """When the first row of the last column fires [s]."""
+        """Time at which the first row of the last column fires [s]."""
         count = self.column_count
         if self.scan_time is not None:
             return self.scan_time
@@ -106,5 +106,5 @@ class BeamTable:
         return self.azimuth_deg is not None and self.azimuth_deg[1] - self.azimuth_deg[0] >= 360 - 1e-9
 
     def _per_row(self, values: Sequence[float] | None) -> NDArray[np.float64]:
-        """(rows, 1) of a table with one value per row, 0 where there is none."""
+        """Values as a column (rows, 1), one per row; 0 if not given."""
         return np.zeros((len(self.elevation_deg), 1)) if values is None else np.array(values, dtype=float)[:, None]

@@ -1,4 +1,4 @@
-"""What a real lidar does to a range, each effect an option of `Lidar` that is off unless given."""
+"""Measurement effects of real lidars, each an option of `Lidar` that is off unless given."""
 
 import math
 from typing import Annotated
@@ -34,10 +34,10 @@ class Noise(Spec):
 
 
 class Detection(Spec):
-    """How far dark and slanted surfaces are detected, and how accurately, from two figures of a data sheet.
+    """Detection range and accuracy for dark and slanted surfaces, from two figures of a data sheet.
 
-    The received power rho cos(theta) exp(-2 a R) / R^2 of a target facing the sensor at `range`, with `reflectivity`,
-    is the least that is detected. With `accuracy`, the range of a return with the power P has a standard deviation in
+    The received power rho cos(theta) exp(-2 a R) / R^2 of a target with `reflectivity` facing the sensor at `range`
+    is the least that is detected. With `accuracy`, the range of a return of power P has a standard deviation in
     proportion to sqrt(1 / P) that is `accuracy` at `accuracy_range` on a target of `accuracy_reflectivity`.
     """
 
@@ -62,7 +62,7 @@ class Detection(Spec):
 
     @property
     def least_power(self) -> float:
-        """P_min, relative to a white target at 1 m: rho / R^2."""
+        """The least detected power P_min = rho / R^2, relative to a white target at 1 m."""
         return self.reflectivity / self.range**2
 
     @property

@@ -193,13 +193,13 @@ class Lidar(SensorSpec):
 
     @classmethod
     def _replaced(cls, given: dict[str, Any]) -> set[str]:
-        """As for every sensor; and what describes a preset's own rows, and the other way to give its columns."""
+        """The keys replaced for every sensor, those of a preset's own rows, and the other key for columns."""
         replaced = super()._replaced(given) | (set(_PER_ROW) if "elevation_deg" in given else set())
         either = {"columns", "column_period_us"}
         return replaced | (either if either & given.keys() else set())
 
     def faults(self, model: mujoco.MjModel) -> list[Fault]:
-        """As for every sensor; and a file of rays that cannot be used."""
+        """The faults of every sensor, and those of an unusable file of rays."""
         faults = super().faults(model)
         if self.ray_file is not None:
             try:
@@ -216,13 +216,13 @@ class Lidar(SensorSpec):
 
     @property
     def has_effects(self) -> bool:
-        """Whether anything but the first surface in range counts for a reading."""
+        """Whether readings depend on more than the first surface in range."""
         given = (self.noise, self.detection, self.beam, self.weather)
         return any(given) or self.returns == "dual" or self.max_surfaces > 1 or self.mirrors
 
     @property
     def moves(self) -> bool:
-        """As `motion` says."""
+        """Whether sensor and geoms move during a reading: `motion`."""
         return self.motion
 
     @property

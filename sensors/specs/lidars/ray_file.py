@@ -1,4 +1,4 @@
-"""Patterns from a file of the user's: one measurement per row, its time and where it looks."""
+"""Patterns from a user's file: one measurement per row, with its time and direction."""
 
 import csv
 from dataclasses import dataclass
@@ -139,7 +139,7 @@ def _read_csv(path: Path) -> tuple[dict[str, NDArray[np.float64]], int]:
 
 
 def _column_names(path: Path, line: str) -> tuple[list[str], int]:
-    """The columns of a CSV file, and how many lines name them."""
+    """The columns of a CSV file, and the number of header lines (0 or 1)."""
     cells = [cell.strip() for cell in line.split(",")]
     if all(_is_number(cell) for cell in cells):
         return list(_COLUMNS[: max(3, min(len(cells), 4))]), 0
@@ -169,5 +169,5 @@ def _is_number(cell: str) -> bool:
 
 
 def _length(times: NDArray[np.float64]) -> float:
-    """How long the rows take [s], with the time after the last as long as between the others on average."""
+    """Duration of the rows [s], including a time after the last row equal to the mean time between rows."""
     return float(times[-1]) * len(times) / max(len(times) - 1, 1)

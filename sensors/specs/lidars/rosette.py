@@ -1,8 +1,8 @@
-"""Scanners whose beam is steered without end, never twice along the same path: every reading has other rays.
+"""Scanners whose beam never repeats its path, so that every reading has different rays.
 
-Rotating wedges bend a beam by Snell's law. Let k be its unit direction times the refractive index of where it is. At a
-face with unit normal n (along the light), what of k is along the face stays, and its length goes from the index n1
-before the face to n2 behind it, so that with c = k . n it goes on as
+Rotating wedges bend a beam by Snell's law. Let k be its unit direction times the refractive index of the medium. At a
+face with unit normal n (along the light), the tangential part of k is preserved, and the length of k changes from the
+index n1 before the face to n2 behind it. With c = k . n the refracted beam is
 
     k + (sqrt(c^2 + n2^2 - n1^2) - c) n
 
@@ -27,12 +27,12 @@ if TYPE_CHECKING:  # cards of devices are drawn without Warp
 
 Coordinate = float | NDArray[np.float64]
 Aim = Callable[[float, bool], "tuple[NDArray[np.float64], Packets | None]"]
-"""Where each line looks (samples, lines, 3) in a reading that begins so far along the path [s]; and these rays in
+"""Computes the directions (samples, lines, 3) of a reading that begins at this time along the path [s]; and their
 packets, where they are of use and there already."""
 
 
 class Steered(Spec):
-    """A beam, or a few on lines of their own, sampled at a steady rate along a path in time."""
+    """A beam, or several on lines of their own, sampled at a constant rate along a path in time."""
 
     sample_rate_hz: float = Field(gt=0, description="measurements of each line per second [Hz]")
     line_elevation_deg: Takes[Numbers, Sequence[float]] = optional(
@@ -41,7 +41,7 @@ class Steered(Spec):
     start: float = Field(default=0.0, description="position along the beam's path at time 0 [s]")
 
     def samples(self, rate_hz: float) -> int:
-        """Measurements of each line in a reading; a reading ends before the next begins."""
+        """Number of measurements of each line in a reading, which ends before the next one begins."""
         return int(min(self.sample_rate_hz / rate_hz * (1 + 1e-9), 2.0**53))
 
     def pattern(self, rate_hz: float) -> Pattern:
@@ -50,7 +50,7 @@ class Steered(Spec):
         column, ring = (index.ravel() for index in np.indices((samples, lines), dtype=np.int32))
         sampled = np.arange(samples) / self.sample_rate_hz
         fired = np.repeat(sampled, lines)
-        make_aim = cache(partial(self.aim, samples))  # only for those who want later readings
+        make_aim = cache(partial(self.aim, samples))  # made only if later readings are needed
 
         def pattern_of(directions: NDArray[np.float64], packets: "Packets | None" = None) -> Pattern:
             rays = directions.reshape(-1, 3)
@@ -63,10 +63,10 @@ class Steered(Spec):
 
     @abstractmethod
     def directions(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, lines, 3) unit: where each line looks at times (n,) [s] along the path."""
+        """Unit directions (n, lines, 3) of each line at times (n,) [s] along the path."""
 
     def aim(self, samples: int) -> Aim:
-        """For readings of so many samples, one after the other."""
+        """The Aim of successive readings of `samples` samples."""
         sampled = np.arange(samples) / self.sample_rate_hz
         return lambda begin, _: (self.directions(begin + sampled), None)
 
@@ -81,11 +81,11 @@ class Wedge(Spec):
 
     @property
     def speed(self) -> float:
-        """Counter-clockwise [rad/s]."""
+        """Angular speed, counter-clockwise [rad/s]."""
         return 2 * np.pi * self.rpm / 60
 
     def bend(self, beam: NDArray[np.float64], time: NDArray[np.float64]) -> None:
-        """Make unit directions (3, lines, n) before the wedge those behind it, at times (n,) [s]."""
+        """Refract unit directions (3, lines, n) by the wedge at times (n,) [s], in place."""
         tilt, turned = np.deg2rad(self.tilt_deg), self.speed * time
         leaning = np.cos(tilt), np.sin(tilt) * np.cos(turned), np.sin(tilt) * np.sin(turned)
         if self.tilted_first:
@@ -143,7 +143,7 @@ class Rosette(Steered):
         return lambda begin, in_packets: bending.reading([w.speed * begin for w in self.wedges], in_packets)
 
     def _lines(self) -> NDArray[np.float64]:
-        """(lines, 3) unit, before the wedges."""
+        """Unit directions (lines, 3) before the wedges."""
         elevation = np.deg2rad(np.asarray(self.line_elevation_deg))
         return directions_at(np.zeros_like(elevation), elevation)
 
@@ -174,9 +174,9 @@ class Nodding(Steered):
 
 
 def refract(k: NDArray[np.float64], normal: Sequence[Coordinate], before: float, behind: float) -> None:
-    """Make vectors k (3, ...) before a face those behind it, between these indices; NaN where all light is reflected.
+    """Refract vectors k (3, ...) at a face between media of these indices, in place; NaN at total reflection.
 
-    normal: x, y and z of the face's. Coordinate by coordinate: numpy is slow along an axis of 3.
+    normal: x, y and z of the face's normal. Coordinates come first because numpy is slow along an axis of 3.
     """
     along = k[0] * normal[0] + k[1] * normal[1] + k[2] * normal[2]
     with np.errstate(invalid="ignore"):
@@ -186,6 +186,6 @@ def refract(k: NDArray[np.float64], normal: Sequence[Coordinate], before: float,
 
 
 def refract_at_x(k: NDArray[np.float64], before: float, behind: float) -> None:
-    """As `refract`, at a face whose normal is the x axis."""
+    """`refract` at a face whose normal is the x axis."""
     with np.errstate(invalid="ignore"):
         k[0] = np.sqrt(k[0] ** 2 + (behind**2 - before**2))

@@ -114,7 +114,7 @@ def test_the_intensity_of_a_miss_is_0_and_colours_edited_later_do_not_show() -> 
             "surfaces[0]: material: no material 'bleu' in the model, expected one of blue; did you mean",
         ),
         ({"body": "crate"}, "surfaces[0]: body: no body 'crate' in the model, expected one of world, box"),
-        ({"prop": "crate"}, "surfaces[0]: prop: no prop 'crate', nor any other"),
+        ({"prop": "crate"}, "surfaces[0]: prop: no prop 'crate', and none with a name exists"),
     ],
 )
 def test_names_that_are_not_there_are_refused(model: mujoco.MjModel, surface: dict[str, Any], message: str) -> None:
