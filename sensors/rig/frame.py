@@ -49,6 +49,9 @@ class Frame:
     when you ask for them. Points, depth and body_id are written by the next cast itself if they were asked of the frame
     whose arrays it reuses.
 
+    On the CPU `numpy()` is a view: editing it edits the frame, and what is computed from it later. Edit a copy:
+    `frame.range.numpy().copy()`.
+
     For a batch of worlds every per-ray field has a first axis for the world, and time (nworld,) and pose (nworld, 4, 4)
     are Warp arrays of float64; `world(k)` is the frame of one world. Frames of worlds that are not active are NaN. With
     two returns in a batch, vectors are arrays of vec3 and vec3d, because Warp arrays have at most four axes; `numpy()`
