@@ -67,7 +67,11 @@ class BeamTable:
         """Azimuth of the head in each column (columns,) [rad]."""
         count = self.column_count
         if self.azimuth_deg is not None:
-            sweep = np.deg2rad(np.linspace(*self.azimuth_deg, count, dtype=np.float64))
+            begin, end = self.azimuth_deg
+            if self._is_turn:  # whose end is where it began
+                begin, end = (end, begin) if self.clockwise else (begin, end)
+                return np.deg2rad(np.linspace(begin, end, count, endpoint=False, dtype=np.float64))
+            sweep = np.deg2rad(np.linspace(begin, end, count, dtype=np.float64))
             return sweep[::-1] if self.clockwise else sweep
         step = 2 * np.pi / count
         if self.column_period_us is not None and self.rate_hz is not None:
@@ -92,9 +96,14 @@ class BeamTable:
         if self.rate_hz is None or count == 1:
             return 0.0
         turned = (count - 1) / count
-        if self.azimuth_deg is not None:
+        if self.azimuth_deg is not None and not self._is_turn:
             turned = (self.azimuth_deg[1] - self.azimuth_deg[0]) / 360
         return turned / self.rate_hz
+
+    @property
+    def _is_turn(self) -> bool:
+        """Whether the sector is a full turn, but for how its ends are rounded."""
+        return self.azimuth_deg is not None and self.azimuth_deg[1] - self.azimuth_deg[0] >= 360 - 1e-9
 
     def _per_row(self, values: Sequence[float] | None) -> NDArray[np.float64]:
         """Values as a column (rows, 1), one per row; 0 if not given."""

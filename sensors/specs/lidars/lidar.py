@@ -28,9 +28,10 @@ class Lidar(SensorSpec):
 
     Directions: a table has `len(elevation_deg)` beams, each measured in `columns` directions around +z; readings have
     shape (beams, columns). Azimuth 0 is +x, counter-clockwise. Column k of n is at 360 k / n deg, or in a sector at
-    from + (to - from) k / (n - 1), so that both ends are measured; `clockwise` reverses the order. With
-    `column_period_us` p instead of `columns`, column k is at 360 k p rate_hz deg, and there are as many columns as fit
-    into a turn. Readings of the other patterns have shape (rays,).
+    from + (to - from) k / (n - 1), so that both ends are measured. In one of 360 deg both are one direction, which is
+    measured once: column k is at from + 360 k / n deg. `clockwise` reverses the order. With `column_period_us` p
+    instead of `columns`, column k is at 360 k p rate_hz deg, and there are as many columns as fit into a turn. Readings
+    of the other patterns have shape (rays,).
 
     Times: with `rate_hz` the head turns at that rate. Column k of n fires k / (n rate_hz) s after the first (in a
     sector, when the head gets there), and row i `firing_time_us[i]` later, when the head has turned further.
@@ -71,7 +72,8 @@ class Lidar(SensorSpec):
     )
     azimuth_deg: Takes[Numbers | None, tuple[float, float] | None] = optional(
         default=None,
-        description="azimuth of the first and of the last column [deg]; null: evenly over a full turn",
+        description="azimuth of the first and of the last column [deg], without the last where they are 360 apart; "
+        "null: evenly over a full turn",
     )
     clockwise: bool = Field(default=False, description="whether columns follow each other clockwise, seen from above")
     firing_time_us: Takes[Numbers | None, Sequence[Annotated[float, Field(ge=0)]] | None] = optional(

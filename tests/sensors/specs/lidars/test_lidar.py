@@ -38,6 +38,12 @@ def lidar(**arguments: Any) -> Lidar:
         ({"clockwise": True}, 0, 1, (0, -1, 0)),
         ({"clockwise": True, "columns": 3, "azimuth_deg": [-90, 90]}, 0, 0, (0, 1, 0)),
         ({"clockwise": True, "columns": 3, "azimuth_deg": [-90, 90]}, 0, 2, (0, -1, 0)),
+        ({"columns": 4, "azimuth_deg": [-180, 180]}, 0, 0, (-1, 0, 0)),
+        ({"columns": 4, "azimuth_deg": [-180, 180]}, 0, 3, (0, 1, 0)),
+        ({"columns": 4, "azimuth_deg": [90, 450]}, 0, 3, (1, 0, 0)),
+        ({"columns": 4, "azimuth_deg": [0, 360], "clockwise": True}, 0, 0, (1, 0, 0)),
+        ({"columns": 4, "azimuth_deg": [0, 360], "clockwise": True}, 0, 1, (0, -1, 0)),
+        ({"columns": 1, "azimuth_deg": [0, 360]}, 0, 0, (1, 0, 0)),
         ({"clockwise": True, "azimuth_offset_deg": [90]}, 0, 0, (0, 1, 0)),
         # 5 readings/s, 0.04 s a column: 72 deg on each; the second row 0.02 s later, so 36 deg further
         (
@@ -85,6 +91,7 @@ MS = 1e-3
         pytest.param({"rate_hz": 10, "scan_time": 0.0}, None, id="flash"),
         pytest.param({"rate_hz": 10, "scan_time": 0.09}, [[0, 30 * MS, 60 * MS, 90 * MS]], id="own time"),
         pytest.param({"scan_time": 0.09}, [[0, 30 * MS, 60 * MS, 90 * MS]], id="own time, no rate"),
+        pytest.param({"rate_hz": 10, "azimuth_deg": [-180, 180]}, [[0, 25 * MS, 50 * MS, 75 * MS]], id="a turn"),
         pytest.param({"rate_hz": 10, "azimuth_deg": [0, 108]}, [[0, 10 * MS, 20 * MS, 30 * MS]], id="sector"),
         pytest.param(
             {"rate_hz": 10, "elevation_deg": [0, 1], "columns": 2, "firing_time_us": [1500, 500]},
@@ -280,3 +287,14 @@ def test_all_faults_are_told_at_once() -> None:
         "bogus",
     ]
     assert "pydantic" not in str(caught.value)
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+@pytest.mark.parametrize("rate_hz", [None, 10])
+@pytest.mark.parametrize("columns", [1, 2, 360, 1024])
+def test_a_sector_of_a_turn_is_a_turn(columns: int, rate_hz: float | None, clockwise: bool) -> None:
+    """Both of its ends were measured, in one direction."""
+    given: dict[str, Any] = {"columns": columns, "rate_hz": rate_hz, "clockwise": clockwise, "firing_time_us": [7]}
+    turn, sector = (lidar(**given, **more).pattern(MODEL) for more in ({}, {"azimuth_deg": [0, 360]}))
+    np.testing.assert_allclose(sector.directions, turn.directions, atol=1e-12)
+    np.testing.assert_array_equal(sector.firing_times, turn.firing_times)
