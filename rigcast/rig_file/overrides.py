@@ -101,5 +101,5 @@ def _chosen(items: SequenceNode, step: ScalarNode) -> list[int]:
         return [int(step.value)]
     known = list(names) or [str(k) for k in range(count)]
     if step.value.isdecimal():
-        raise _NotThereError(placed(step, f"nothing of the number {step.value}, expected 0 to {count - 1}"))
-    raise _NotThereError(placed(step, f"nothing of the name {step.value!r}, {expected_one_of(step.value, known)}"))
+        raise _NotThereError(placed(step, f"no item {step.value}, expected 0 to {count - 1}"))
+    raise _NotThereError(placed(step, f"no item named {step.value!r}, {expected_one_of(step.value, known)}"))
