@@ -24,7 +24,7 @@ _WIDEST = 20.0  # m, half the side of an infinite plane
 
 
 class Moment(NamedTuple):
-    """Where the bodies of a model are: time [s], xpos (nbody, 3) [m] and xquat (nbody, 4), w first."""
+    """Poses of a model's bodies at a moment: time [s], xpos (nbody, 3) [m] and xquat (nbody, 4), w first."""
 
     time: float
     xpos: NDArray[np.float64]

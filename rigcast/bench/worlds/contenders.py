@@ -54,7 +54,7 @@ class Rigcast:
         launch([self._frame._arrays.cast])
 
     def answer(self) -> Answer:
-        """What was hit last: world after world."""
+        """Hits of the last cast, world after world."""
         frame = self._frame
         return Answer(frame.range.numpy().ravel(), frame.geom_id.numpy().ravel(), frame.normal.numpy().reshape(-1, 3))
 
@@ -100,7 +100,7 @@ class MujocoWarp:
             self._rays.cast(self._model, self._state, self._context)
 
     def answer(self) -> Answer:
-        """What was hit last: world after world."""
+        """Hits of the last cast, world after world."""
         return self._rays.answer()
 
 
