@@ -1,14 +1,14 @@
-"""What runs on the device: Warp functions and kernels, and their launchers. Knows arrays, nothing of MuJoCo or files.
+"""Code that runs on the device: Warp functions, kernels and launchers. Knows arrays, nothing of MuJoCo or files.
 
-Each of these imports from those above it only:
+Each of these imports only from those above it:
 
     elements, vectors, inline, on_cuda, launching    what all kernels share
     trees, rays                                      trees of boxes; the rays of a sensor
-    geometry                                         what rays are cast against, as kernels have it
-    shapes, poses                                    where a ray meets a shape; where shapes and sensors stand
-    hits                                             what there is to know about a hit
-    host, world                                      geometry made and kept up to date
+    geometry                                         the geometry that rays are cast against, as structs
+    shapes, poses                                    intersections of rays and shapes; poses of shapes and sensors
+    hits                                             first hits, their distance, face and normal
+    host, world                                      geometry built and kept up to date
     single, packets, packing, bundles                rays cast one by one, in packets, in bundles; which go together
-    effects                                          what sensors make of hits
+    effects                                          measurement effects of sensors
     cast                                             the cast of a sensor's rays, whichever way they go
 """

@@ -1,4 +1,4 @@
-"""What rays are cast against: triangle trees, built once, and the shapes that place them in the world.
+"""The geometry that rays are cast against: triangle trees, built once, and the shapes that place them in the world.
 
 A *shape* is one closed-form solid or one instance of a triangle tree, with a pose. Poses are float64, so that the
 difference between a ray's origin and a shape loses no precision far from the world's origin. Poses of simulations that

@@ -1,7 +1,7 @@
 """Ray-cast lidars and depth cameras for MuJoCo, on CPU and CUDA, checked against mj_ray.
 
     rig = rigcast.load_rig("rig.yaml")      or rigcast.Rig(model, [rigcast.Lidar(...), ...])
-    frames = rig.sense(data)                what each sensor sees now, by name; of many worlds too
+    frames = rig.sense(data)                a frame of each sensor now, by name; also for many worlds
     for frame in rig.step(data): ...        after each mj_step, the frames that fell due
     frame.range.numpy()                     or torch.from_dlpack(frame.range)
 
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
     __version__: str
 
-# Of the rooms here each imports from those above it only:
+# Each of these packages imports only from those above it:
 #     export, oracle, motion               files of frames; the judge of casts; steps of a simulation
 #     rig_file, ros                        rigs from YAML; messages, bags and a node of ROS
 #     recording, bench                     folders of runs; measurements

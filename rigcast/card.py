@@ -1,4 +1,4 @@
-"""What a preset is, worked out from its rays: for `rigcast presets NAME` and its picture."""
+"""Cards of presets, computed from their rays: for `rigcast presets NAME` and its picture."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Card:
 
     @staticmethod
     def of(name: str) -> "Card":
-        """The card of a preset of that name, or in a file .yaml. Raises InputError where there is none."""
+        """The card of the preset of this name, or in this .yaml file. Raises InputError if there is none."""
         preset, spec = load_preset(name), sensor_of_preset(name)
         pattern = spec.pattern(mujoco.MjModel.from_xml_string("<mujoco/>"))
         return Card(preset, spec, pattern, *angles_deg(spec, pattern))
@@ -41,7 +41,7 @@ class Card:
         return f"{self.preset.name}: {self.preset.description}"
 
     def summary(self) -> list[str]:
-        """Its rays, where they go, and when they fire."""
+        """Lines about its rays: number, directions, times of firing."""
         shape, rate = " x ".join(map(str, self.pattern.shape)), self.spec.rate_hz
         pace = "as often as asked"
         if rate is not None:
@@ -69,14 +69,14 @@ class Card:
 
 
 def angles_deg(spec: SensorSpec, pattern: Pattern) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n,) float64 azimuth to the left and elevation up from where the sensor looks, of the rays that there are."""
+    """Azimuth to the left and elevation up, (n,) float64 [deg] each, from the viewing direction; without NaN rays."""
     directions = pattern.directions.reshape(-1, 3)
     azimuth, elevation = azimuth_elevation(directions[np.isfinite(directions).all(axis=1)] @ spec.frame_rotation.T)
     return np.rad2deg(azimuth), np.rad2deg(elevation)
 
 
 def arc_deg(azimuth_deg: NDArray[np.float64]) -> float:
-    """The shortest arc that holds all azimuths; 360 where they leave no gap of more than 5 deg."""
+    """The shortest arc [deg] that contains all azimuths; 360 if they leave no gap of more than 5 deg."""
     around = np.sort(np.unique(azimuth_deg.round(3)))
     gap = float(np.diff(around, append=around[0] + 360).max())
     return 360.0 if gap <= 5 else 360.0 - gap

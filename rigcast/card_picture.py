@@ -1,4 +1,4 @@
-"""The picture of a preset: its rays over azimuth and elevation, with its figures; and the same in a terminal."""
+"""The picture of a preset: its rays over azimuth and elevation, with its figures; as an image and for a terminal."""
 
 import textwrap
 
@@ -12,13 +12,13 @@ from rigcast.sensors.preview.page import BAR_SPACE, CAPTION_HEIGHT, MARGIN, TITL
 from rigcast.sensors.preview.panel import empty_panel
 
 _BOX = (WIDTH - 2 * MARGIN - BAR_SPACE - 40, 400)
-_FEW = 60_000  # rays that are drawn two pixels wide; all keep a margin of more than that
+_FEW = 60_000  # most rays that are drawn two pixels wide; the margin is wider than that
 _LINE = 23  # pixels from one line of text to the next
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])  # of a braille character, from U+2800
 
 
 def draw_card(card: Card) -> Image.Image:
-    """1200 pixels wide: rays in the colour of the time at which they fire, then figures, source and assumptions."""
+    """Draw a card, 1200 pixels wide: rays coloured by their time of firing, then figures, source and assumptions."""
     lines = _lines(card)
     top = TITLE_HEIGHT + CAPTION_HEIGHT + 8
     page = Page(top + _BOX[1] + 64 + _LINE * len(lines), card.title, " · ".join(card.summary()[:2]))

@@ -1,4 +1,4 @@
-"""A rig against MuJoCo: every sensor's rays in several states of the simulation, judged by `rigcast.oracle`."""
+"""Checks of a rig against MuJoCo: each sensor's rays in several states of a simulation, judged by `rigcast.oracle`."""
 
 import copy
 import math
@@ -22,10 +22,10 @@ WRONG_SHOWN = 5
 
 @dataclass(frozen=True)
 class Row:
-    """The rays of one sensor at one type of geom, at flexes, skins or props, or ("none") at nothing.
+    """The rays of one sensor that hit one type of geom, flexes, skins or props, or nothing ("none").
 
-    Errors are |t - t_ref| [m] of rays that agree on a hit, and the same over the bound that agreeing allows;
-    0 where there are none.
+    Errors are |t - t_ref| [m] of rays that agree on a hit, and the same over the bound for agreement;
+    0 if there are no such rays.
     """
 
     sensor: str
@@ -42,7 +42,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Hit:
-    """What a ray met: distance [m], its kind, id and name, outward normal. A miss has no distance, id -1, normal 0."""
+    """A hit: distance [m]; kind, id and name of the object; outward normal. A miss: distance None, id -1, normal 0."""
 
     distance: float | None
     kind: Owner | None
@@ -53,7 +53,7 @@ class Hit:
 
 @dataclass(frozen=True)
 class WrongRay:
-    """All that replays a wrong ray: the state, by steps and time [s], and the ray in the world frame.
+    """Everything needed to replay a wrong ray: the state, by steps and time [s], and the ray in the world frame.
 
     ray is its index in the sensor's reading, for instance (row, column).
     """
@@ -70,11 +70,11 @@ class WrongRay:
 
 @dataclass(frozen=True)
 class Report:
-    """What a check found: rows by sensor and geom type, the first few wrong rays, the times checked [s].
+    """The result of a check: rows by sensor and geom type, the first few wrong rays, the times checked [s].
 
     Every judged ray agrees, is in the edge band, or is wrong: rays = agree + edge + wrong.
 
-    not_judged: how many rays were passed over, because they end on a flex or skin and MuJoCo is older than 4.
+    not_judged: number of rays left out because they end on a flex or skin and MuJoCo is older than 4.
     """
 
     rows: tuple[Row, ...]
@@ -84,22 +84,22 @@ class Report:
 
     @property
     def rays(self) -> int:
-        """How many rays were judged."""
+        """Number of rays that were judged."""
         return sum(row.rays for row in self.rows)
 
     @property
     def agree(self) -> int:
-        """How many agree with MuJoCo."""
+        """Number of rays that agree with MuJoCo."""
         return sum(row.agree for row in self.rows)
 
     @property
     def edge(self) -> int:
-        """How many end so close to an edge that either answer counts."""
+        """Number of rays that end so close to an edge that either answer counts."""
         return sum(row.edge for row in self.rows)
 
     @property
     def wrong(self) -> int:
-        """How many do not agree."""
+        """Number of rays that do not agree."""
         return sum(row.wrong for row in self.rows)
 
 
@@ -107,7 +107,7 @@ class Report:
 class _Part:
     """The judged rays of one sensor in one state.
 
-    index (n,) is the place of each in the flat reading, not_judged how many rays of the reading cannot be judged.
+    index (n,) is the place of each in the flat reading, not_judged the number of its rays that cannot be judged.
     """
 
     sensor: str
@@ -166,7 +166,7 @@ def check(
 
 
 def _states(model: mujoco.MjModel, data: mujoco.MjData, states: int, duration: float) -> Iterator[int]:
-    """Step the data from state to state, yielding the number of steps made so far."""
+    """Step the data from state to state; yield the number of steps made so far."""
     previous = 0
     for step in np.rint(np.linspace(0, duration, states) / model.opt.timestep).astype(int).tolist():
         for _ in range(step - previous):
@@ -196,7 +196,7 @@ def _judge(rig: Rig, data: mujoco.MjData, sensor: str, step: int, quota: int, rn
 
 
 def _posed(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    """Return a copy with all that rays meet, and mounts hang on, as of `data.time`: mj_step leaves it a step behind."""
+    """Return a copy with the poses of shapes and mounts at `data.time`: mj_step leaves them a step behind."""
     posed = copy.copy(data)
     mujoco.mj_kinematics(model, posed)
     mujoco.mj_comPos(model, posed)

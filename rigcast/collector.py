@@ -1,23 +1,23 @@
-"""Python's collector of reference cycles, which walks what a start makes several times, though all of it stays."""
+"""Pausing of Python's garbage collector, which scans the objects made at start-up several times although all stay."""
 
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 _FEW = 1000
-"""More than Python has frozen when it starts, which are 375 in 3.12, and fewer than there are for others to freeze."""
+"""More objects than Python freezes at its own start (375 in 3.12), and fewer than others would freeze."""
 
 
 @contextmanager
 def paused_collector() -> Iterator[None]:
-    """No cycles are looked for meanwhile; what has been made then counts as old, and is looked at as seldom."""
+    """Pause the collector; objects made meanwhile then count as old, and are scanned as seldom."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if gc.get_freeze_count() < _FEW:  # else others' frozen objects would thaw
+        if gc.get_freeze_count() < _FEW:  # else objects frozen by others would be unfrozen
             gc.freeze()
-            gc.unfreeze()  # into the oldest generation
+            gc.unfreeze()  # moves objects into the oldest generation
         if was_enabled:
             gc.enable()

@@ -1,4 +1,4 @@
-"""What a rig sees as part of a gymnasium environment's observations."""
+"""Readings of a rig as part of a gymnasium environment's observations."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from rigcast.sensors.rig.rig import Rig
 
 load_extra("rigcast.gym", "gymnasium", "gym")
 
-import gymnasium  # noqa: E402  where it is missing, the line above says what to do
+import gymnasium  # noqa: E402  if it is missing, the line above says how to install it
 from gymnasium import spaces  # noqa: E402
 
 __all__ = ["RigObservation"]
@@ -60,7 +60,7 @@ class RigObservation(gymnasium.ObservationWrapper[Any, Any, Any]):
         self.observation_space = spaces.Dict({**known, **seen})
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment; a seed is the rig's too, so that with it the readings are the same again."""
+        """Reset the environment; a seed also resets the rig, so that its readings repeat."""
         if seed is not None:
             self.rig.reset(seed)
         return super().reset(seed=seed, options=options)

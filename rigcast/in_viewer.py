@@ -1,4 +1,4 @@
-"""What sensors see, drawn into MuJoCo's own viewer."""
+"""Points of frames, drawn in MuJoCo's viewer."""
 
 from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext

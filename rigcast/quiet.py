@@ -1,10 +1,10 @@
-"""Warp kept quiet, in every version that is supported."""
+"""Silencing of Warp, in every supported version."""
 
 import warp as wp
 
 
 def quiet_warp() -> None:
-    """Let Warp say only what is wrong."""
+    """Let Warp print only warnings and errors."""
     if hasattr(wp.config, "log_level"):
         wp.config.log_level = wp.LOG_WARNING
     else:

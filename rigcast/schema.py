@@ -1,4 +1,4 @@
-"""The JSON schemas of rig files, with what they may say beyond what a rig is: `extends` and `repeat`, and data sets."""
+"""The JSON schemas of rig files, with `extends` and `repeat`, and of data set files."""
 
 from typing import Any
 
@@ -14,14 +14,14 @@ _REPEAT = {
     "additionalProperties": {"type": "array", "minItems": 1, "items": {"type": ["string", "number", "boolean"]}},
     "description": "names with lists of values of equal length: one copy per value, with $name replaced by it",
 }
-# With `extends` any key may be left to the file below; sensors are then told apart by their names.
+# With `extends` any key may be left to the extended file; sensors are then matched by their names.
 _PART = {"type": "object", "required": ["name"], "properties": {"name": {"type": "string"}}}
 
 
 def rig_schema() -> dict[str, Any]:
     """JSON schema, draft 2020-12, of a rig file.
 
-    A file that extends another may leave out what that has. A repeated sensor may have `$name` in place of a number.
+    A file that extends another may omit keys that the other has. A repeated sensor may have `$name` for a number.
     """
     document = RigFile.model_json_schema()
     required, lists = document.pop("required"), {}
@@ -47,7 +47,7 @@ def dataset_schema() -> dict[str, Any]:
 
 
 def _allow_placeholders(schema: Any) -> None:
-    """Let every number be a text with a $ in it too; limits hold for numbers, a pattern for text."""
+    """Allow text that contains $ for every number; limits apply to numbers, a pattern to text."""
     if isinstance(schema, list):
         for item in schema:
             _allow_placeholders(item)

@@ -13,7 +13,7 @@ def is_captured(device: wp.Device) -> bool:
 def require_as_before(what: str, device: wp.Device) -> None:
     """Raise InputError while a graph is captured, for something that would have to be copied to the device now."""
     if is_captured(device):
-        raise InputError(f"{what} while a CUDA graph is captured, expected a reading as this one before it")
+        raise InputError(f"{what} while a CUDA graph is captured, expected the same reading once before the capture")
 
 
 def require_on_device(what: str, got: str, device: wp.Device) -> None:

@@ -22,6 +22,9 @@ strict = true
 follow_imports = silent
 ignore_missing_imports = true
 
+[mypy-torch.*]
+follow_imports = skip
+
 [mypy-pages.*]
 disallow_untyped_defs = false
 disallow_untyped_calls = false

@@ -1,1 +1,1 @@
-"""Where things stand: shapes for a ray, frames fixed to others, and what moves in between."""
+"""Poses of shapes and of mounted frames, and their motion between instants."""

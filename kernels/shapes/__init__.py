@@ -1,1 +1,1 @@
-"""Where a ray meets a triangle or a closed form."""
+"""Intersections of rays with triangles and closed forms."""

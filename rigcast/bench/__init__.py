@@ -1,6 +1,6 @@
-"""How fast rigcast is, measured beside other ray casters on the same rays in the same run.
+"""Benchmarks of rigcast, interleaved with other ray casters on the same rays in the same run.
 
-`workloads` says what is cast, `casters` who casts it, `race` times them in turns and holds their hits to mj_ray's;
+`workloads` defines scenes and rays, `casters` the ray casters; `race` times them in turn and compares hits with mj_ray;
 `casting`, `preparing` and `stepping` are measurements of rigcast alone, `scaling` how its speed changes with size,
-`worlds` many worlds at once; `report` writes and draws what was found.
+`worlds` measures many worlds at once; `report` writes and draws the results.
 """

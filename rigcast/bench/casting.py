@@ -1,4 +1,4 @@
-"""Measurements of the cast: patterns beside grids, outputs switched on, rays of unrelated origins."""
+"""Measurements of casts: patterns compared with grids, further outputs, rays with unrelated origins."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -23,7 +23,7 @@ ROBOT = Filter(exclude_bodies=("dolly",), exclude_subtree=True)
 
 
 def patterns(rounds: int) -> Iterator[Figure]:
-    """Rays per second of other patterns, over those of an even grid of as many rays in a view as wide."""
+    """Rays per second of other patterns, over those of an even grid with as many rays and the same field of view."""
     odd: dict[str, Any] = {"name": "odd", "mount": MOUNT, "filter": ROBOT}
     cases = {
         "rosette": ("Livox Avia, non-repetitive", Lidar(**odd, preset="livox_avia", rate_hz=10.0), 70.4, 77.2),
@@ -61,7 +61,7 @@ def _sensor_times(rig: Rig, data: mujoco.MjData, rounds: int) -> dict[str, Float
 
 
 def outputs(rounds: int) -> Iterator[Figure]:
-    """The time of a depth frame of which everything is read, over that of one of which only the range is."""
+    """The time of a depth frame with all fields read, over that of one with only the range read."""
     model, data = _demo()
     camera = DepthCamera(name="eye", mount=Mount(camera="head"), resolution=(640, 480), fov_y_deg=58.0, filter=ROBOT)
     rig = Rig(model, [camera], "cpu")
@@ -81,7 +81,7 @@ def outputs(rounds: int) -> Iterator[Figure]:
 
 
 def origins(rounds: int) -> Iterator[Figure]:
-    """`Scene.cast` of rays with unrelated origins: rays per second, and over Embree's where that is installed."""
+    """`Scene.cast` of rays with unrelated origins: rays per second, and over Embree's if that is installed."""
     casters, _ = load_casters(("rigcast", "Open3D"))
     rng, count = np.random.default_rng(0), 100_000
     starts, towards = rng.uniform((-4, -3, 0.3), (4, 3, 2.0), (count, 3)), rng.normal(size=(count, 3))

@@ -1,4 +1,4 @@
-"""One thing measured."""
+"""One measured quantity."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Measurements of what comes before the first frame, by CPU time of one thread: trees, memory and the start."""
+"""Measurements of preparations for the first frame, by CPU time of one thread: trees, memory, start-up."""
 
 import json
 import os
@@ -20,7 +20,7 @@ MILLION = 1_000_000
 
 
 def trees(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
-    """Building the tree of a mesh, and reading it as a second start does; and that of the same height field."""
+    """Building the tree of a mesh, reading it as a second start does, and building that of the same height field."""
     model = hills(triangles).model
     field = model.hfield_size[0], hfield_data(model, 0)
     mesh = hfield_triangles(*field)
@@ -39,7 +39,7 @@ def trees(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
 
 
 def memory(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
-    """What a scene adds to the memory of its process, kernels and model left out."""
+    """Memory that a scene adds to its process, without kernels and model."""
     del rounds
     if not os.path.exists("/proc/self/statm"):
         return
@@ -55,7 +55,7 @@ def memory(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
 
 
 def start(rounds: int) -> Iterator[Figure]:
-    """From a fresh Python to the demo's first frames: import, model, rig and one frame of each sensor."""
+    """Time from a fresh Python to the demo's first frames: import, model, rig and one frame of each sensor."""
     with tempfile.TemporaryDirectory() as folder:
         # bytecode is kept, as it is by default, and the first start writes it
         bytecode = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}
@@ -67,7 +67,7 @@ def start(rounds: int) -> Iterator[Figure]:
 
 
 def _child(module: str, *arguments: str, **environment: str) -> dict[str, float]:
-    """Return the last line that a module of this room prints in a process of its own."""
+    """Run a module of this package in a process of its own; return the last line that it prints."""
     command = [sys.executable, "-m", f"{__package__}.{module}", *arguments]
     done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=True)
     measured: dict[str, float] = json.loads(done.stdout.splitlines()[-1])

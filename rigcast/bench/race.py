@@ -1,7 +1,7 @@
-"""Casters in turns on the same rays, and what each gets right.
+"""Timing of casters in turn on the same rays, and the correctness of each.
 
-A caster that is fast by being wrong shows as such: beside each speed stands the fraction of its rays that mj_ray agrees
-with, and the fraction within a centimetre of it, for casters that cut round shapes into triangles.
+A caster that is fast because it is wrong shows as such: each speed comes with the fraction of rays that mj_ray confirms
+and the fraction within a centimetre of it, for casters that tessellate round shapes.
 """
 
 import math
@@ -23,16 +23,16 @@ from .figure import Spread
 from .workloads import View, Workload
 
 CLOSE = 0.01  # [m]
-TURN = 0.1  # [s] for which at least a caster makes frames before it is the next one's turn
-PATIENCE = 2.0  # [s] a caster whose frame takes longer is timed on the sample of rays only
+TURN = 0.1  # [s] least duration of a caster's turn
+PATIENCE = 2.0  # [s] casters with slower frames are timed on the sample of rays only
 
 
 @dataclass(frozen=True)
 class Speed:
     """One caster on the rays of one sensor.
 
-    mrays: millions of rays in a second. ratio: of rigcast's to this one's, round by round; cpu_ratio: the same by the
-    CPU time of all threads, which other work on the machine disturbs less. rays: how many a frame was timed with.
+    mrays: millions of rays per second. ratio: rigcast's speed over this one's, by round; cpu_ratio: the same by the
+    CPU time of all threads, which other work on the machine disturbs less. rays: number of rays of a timed frame.
     agree: fraction of the sample with the hits, misses and distances of mj_ray, to 1e-5 (1 + t) / max(|cos|, 1e-3);
     close: to 1 cm.
     """
@@ -68,8 +68,8 @@ class _Runner:
 def race(workload: Workload, casters: Sequence[type[Caster]], rounds: int, sample: int = 4000) -> list[Result]:
     """Time the casters, rigcast first among them, on each of the workload's sensors.
 
-    A frame is: poses brought up to date, all rays of the sensor cast, and distances, ids and normals, of those that
-    the caster reports, handed over as numpy. `sample` rays, spread evenly, are held against mj_ray.
+    A frame consists of the update of poses, the cast of all rays of the sensor, and the transfer to numpy of those of
+    distances, ids and normals that the caster reports. `sample` rays, spread evenly, are compared with mj_ray.
     """
     scene = workload.model, workload.data, workload.groups
     built = [caster(*scene) for caster in casters]
@@ -101,10 +101,10 @@ def _race(workload: Workload, view: View, casters: Sequence[Caster], rounds: int
 def in_turns(
     what: Mapping[str, Callable[[], Any]], rounds: int, settle: Callable[[], object] = lambda: None
 ) -> dict[str, Floats]:
-    """Return (2, rounds) for each: the seconds and the CPU seconds of all threads that a run took.
+    """Return (2, rounds) for each: the wall-clock seconds of a run, and the CPU seconds of all threads.
 
-    Every other round goes in reverse, and one run that does not count comes first. settle: waits for what runs have
-    launched and not waited for.
+    Every other round is in reverse order, after one run that does not count. settle: waits for work that runs have
+    launched without waiting.
     """
     for run in what.values():
         run()
@@ -116,9 +116,9 @@ def in_turns(
 
 
 def _turn(run: Callable[[], Any], settle: Callable[[], object]) -> tuple[float, float]:
-    """The seconds of a run, as many in a row as take TURN, after one that finds the caches as others left them.
+    """The mean seconds of a run, over consecutive runs for TURN seconds, after one run that warms the caches.
 
-    What a run gives is dropped once the next one has given its own, as by a loop that steps a simulation.
+    A run's result is released after the next run has returned, as in a loop that steps a simulation.
     """
     first = _seconds(run, settle)
     if first[0] >= TURN:
@@ -137,12 +137,12 @@ def _seconds(run: Callable[[], Any], settle: Callable[[], object] = lambda: None
 
 
 def spread_over(count: int, most: int) -> Sequence[int]:
-    """Return at most so many of the numbers below count, evenly spread."""
+    """Return at most `most` of the numbers below `count`, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int)).tolist()
 
 
 def rightness(directions: Floats, answer: Answer, reference: RayHits) -> tuple[float, float]:
-    """Return which fraction of the rays agrees with mj_ray, and which is close."""
+    """Return the fraction of rays that agrees with mj_ray, and the fraction that is close."""
     distance = np.asarray(answer.distance, np.float64)
     hit = ~np.isposinf(distance)
     # only hit, miss and distance are compared: not every caster reports ids and normals
@@ -152,6 +152,6 @@ def rightness(directions: Floats, answer: Answer, reference: RayHits) -> tuple[f
 
 
 def triangles_of(model: mujoco.MjModel) -> int:
-    """Return how many triangles the meshes and height fields of a model have, each counted once."""
+    """Return the number of triangles of a model's meshes and height fields, each counted once."""
     cells = (model.hfield_nrow - 1) * (model.hfield_ncol - 1)
     return int(model.nmeshface + 2 * cells.sum())

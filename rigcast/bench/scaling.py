@@ -1,4 +1,4 @@
-"""How rays per second change with the size of one thing, all else alike."""
+"""Rays per second as one size varies and all else stays the same."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +23,7 @@ from .workloads import Workload, hills, room, warehouse
 
 @dataclass(frozen=True)
 class Series:
-    """M rays/s at each size of what varies."""
+    """M rays/s at each value of the varied size."""
 
     varies: str
     sizes: tuple[int, ...]
@@ -56,22 +56,22 @@ def scaling(
 
 
 def _camera(workload: Workload, every: int = 1) -> tuple[int, Callable[[], object]]:
-    """Return how many rays the workload's camera has, of every so many pixels, and what casts them."""
+    """Return the number of rays of every `every`-th pixel of the workload's camera, and a function that casts them."""
     origin, directions = _view(workload, every)
     caster = RigcastCaster(workload.model, workload.data, workload.groups)
     return len(directions), caster.aim(origin, directions)
 
 
 def _view(workload: Workload, every: int) -> tuple[Floats, Floats]:
-    """Return origin (3,) and directions (n, 3) of every so many pixels of the workload's camera."""
+    """Return origin (3,) and directions (n, 3) of every `every`-th pixel of the workload's camera."""
     view = next(view for view in workload.views if view.sensor == "depth")
     return view.origin, np.ascontiguousarray(view.directions[::every, ::every].reshape(-1, 3))
 
 
 def _camera_in_worlds(workload: Workload, worlds: int) -> tuple[int, Callable[[], object]]:
-    """Return how many rays 80 x 60 pixels of the camera have in so many worlds, and what casts them.
+    """Return the number of rays of 80 x 60 pixels of the camera in `worlds` worlds, and a function that casts them.
 
-    Poses are float32 on the device, as mujoco_warp has them.
+    Poses are float32 on the device, as in mujoco_warp.
     """
     origin, directions = _view(workload, 8)
     scene, seen = Scene(workload.model, "cpu"), Filter(geom_groups=tuple(workload.groups))

@@ -49,10 +49,10 @@ def main(kind: str, triangles: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         props = [[as_prop(hills(n), folder)] if kind == "mesh" else [] for n in (2000, triangles)]
         kept = [ready(workloads[0], props[0])]
-        give_back_freed_memory()  # else the scene takes what is free in the process already
+        give_back_freed_memory()  # else the scene uses memory that the process has already
         before = resident()
         kept.append(ready(workloads[1], props[1]))
-        gc.collect()  # meshes of trimesh refer to themselves
+        gc.collect()  # trimesh meshes contain reference cycles
         give_back_freed_memory()
         print(json.dumps({"bytes_per_triangle": (resident() - before) / triangles}))
 

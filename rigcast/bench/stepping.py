@@ -1,4 +1,4 @@
-"""Measurements of what a step costs besides the cast, by CPU time of one thread: update and small frames."""
+"""Measurements of a step's cost besides the cast, by CPU time of one thread: update and small frames."""
 
 import time
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ def update(rounds: int) -> Iterator[Figure]:
 
 
 def small(rounds: int) -> Iterator[Figure]:
-    """`sense` of a sensor of one ray in a scene of ten geoms, and that less mj_kinematics and mj_ray of the same."""
+    """`sense` of a sensor with one ray in a scene of ten geoms, and that less mj_kinematics and mj_ray of the same."""
     balls = "".join(f'<body pos="{k} 1 0"><freejoint/><geom size=".3"/></body>' for k in range(9))
     xml = f'<mujoco><worldbody>{balls}<geom type="plane" size="0 0 1" pos="0 0 -1"/></worldbody></mujoco>'
     model = mujoco.MjModel.from_xml_string(xml)

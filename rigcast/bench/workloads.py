@@ -1,7 +1,7 @@
-"""What is cast: a model in one state, and the rays of a depth camera and a lidar in it.
+"""Workloads: a model in one state, and the rays of a depth camera and a lidar in it.
 
-Two of the models are others': the Unitree G1 of mjlab, whose wheel is fetched from PyPI as data, and the aloha_pot
-scene that mujoco_warp brings.
+Two of the models are third-party: the Unitree G1 of mjlab, whose wheel is fetched from PyPI as data, and the aloha_pot
+scene of mujoco_warp.
 """
 
 import importlib.util
@@ -42,7 +42,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Workload:
-    """A model in one state, poses worked out, of which the geoms of `groups` are seen."""
+    """A model in one state with computed poses; the geoms of `groups` are visible."""
 
     name: str
     model: mujoco.MjModel
@@ -52,11 +52,11 @@ class Workload:
 
 
 class Unavailable(Exception):
-    """A model that cannot be had here; says why."""
+    """A model that is not available here; the message gives the reason."""
 
 
 def warehouse() -> Workload:
-    """The demo, its camera and its lidar of 64 x 1024, without the robot, as their filters have it."""
+    """The demo, its camera and its lidar of 64 x 1024, without the robot, which their filters exclude."""
     config, model = open_rig(demo_rig())
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.keyframe(config.keyframe).id)
@@ -73,7 +73,7 @@ def demo_rig() -> Path:
 
 
 def room(geoms: int = 1600, seed: int = 0) -> Workload:
-    """A hall, 40 m square, of so many boxes, cylinders and meshes in heaps, each a body of its own."""
+    """A hall, 40 m square, with `geoms` boxes, cylinders and meshes in heaps, each a body of its own."""
     rng = np.random.default_rng(seed)
     spec = mujoco.MjSpec()
     for k in range(4):
@@ -97,7 +97,7 @@ def room(geoms: int = 1600, seed: int = 0) -> Workload:
 
 
 def hills(triangles: int = TRIANGLES, seed: int = 0) -> Workload:
-    """A height field of so many triangles, 100 m square."""
+    """A height field of `triangles` triangles, 100 m square."""
     side = max(2, round((triangles / 2) ** 0.5)) + 1
     model = mujoco.MjModel.from_xml_string(f"""<mujoco>
       <asset><hfield name="hills" nrow="{side}" ncol="{side}" size="50 50 4 1"/></asset>
@@ -114,7 +114,7 @@ def g1() -> Workload:
     terrain = _rough(200, 1)
     terrain -= terrain[100, 100]
     spec.add_hfield(name="terrain", nrow=200, ncol=200, size=[10, 10, 0.6, 1], userdata=terrain.ravel())
-    height = 0.6 * np.clip(-terrain.min(), 0, None) / np.ptp(terrain)  # of the middle, once data spans 0 to 1
+    height = 0.6 * np.clip(-terrain.min(), 0, None) / np.ptp(terrain)  # height of the middle, with data from 0 to 1
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname="terrain", pos=[0, 0, -height])
     kinds = [getattr(mujoco.mjtGeom, f"mjGEOM_{name}") for name in ("SPHERE", "CAPSULE", "CYLINDER", "BOX")]
     for k in range(60):
@@ -129,7 +129,7 @@ def g1() -> Workload:
 
 
 def aloha_pot() -> Workload:
-    """Two ALOHA arms and a pot on a table, of mujoco_warp's tests."""
+    """Two ALOHA arms and a pot on a table, from mujoco_warp's tests."""
     package = importlib.util.find_spec("mujoco_warp")
     if package is None or package.origin is None:
         raise Unavailable("mujoco_warp, which brings it, is not installed; pip install 'rigcast[benchmark]' does")
@@ -178,7 +178,7 @@ def _views(eye: tuple[float, float, float], target: tuple[float, float, float]) 
 
 
 def _rough(side: int, seed: int) -> npt.NDArray[np.float32]:
-    """Return (side, side) elevations 0 to 1: waves of all lengths, and a little noise."""
+    """Return elevations (side, side) from 0 to 1: waves of all lengths, and a little noise."""
     rng = np.random.default_rng(seed)
     x = np.linspace(0, 1, side)
     total = np.zeros((side, side))
@@ -191,7 +191,7 @@ def _rough(side: int, seed: int) -> npt.NDArray[np.float32]:
 
 
 def _mjlab_folder() -> Path:
-    """Return where mjlab's wheel is unpacked: fetched once, beside Warp's kernels, and never run."""
+    """Return the folder of mjlab's unpacked wheel, which is fetched once, beside Warp's kernels, and never run."""
     wp.init()
     folder = Path(wp.config.kernel_cache_dir).parent / "rigcast_bench"
     if not (folder / "mjlab").exists():

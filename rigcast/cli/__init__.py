@@ -83,7 +83,7 @@ _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 
 class _Commands(TyperGroup):
-    """Knows its commands by name, so that `rigcast --help` waits for none of their libraries."""
+    """Commands by name, imported when called, so that `rigcast --help` loads none of their libraries."""
 
     def list_commands(self, _ctx: Any) -> list[str]:
         return list(_COMMANDS)
@@ -129,7 +129,7 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version  # here, as nothing else waits for it
+        from importlib.metadata import version  # imported here, because only this option needs it
 
         typer.echo(f"rigcast {version('rigcast')}")
         raise typer.Exit

@@ -38,7 +38,7 @@ _SIZES, _SIZES_ON_CUDA = (16, 64), (64, 256, 1024, 4096, 16384)
 
 @dataclass(frozen=True)
 class Extent:
-    """How much is measured: rounds in turn, triangles of the largest height field, numbers of worlds on a device."""
+    """The extent of measurements: rounds, triangles of the largest height field, numbers of worlds on a device."""
 
     rounds: int
     triangles: int
@@ -101,7 +101,7 @@ def bench(
 def measure(
     console: Console, parts: Sequence[str], casters: Sequence[type[Caster]], extent: Extent, record: Record
 ) -> None:
-    """Measure the parts into the record, and show each when it is done."""
+    """Measure the parts, add the results to the record, and show each when it is done."""
     for part in parts:
         with console.status(part):
             if part in WORKLOADS:

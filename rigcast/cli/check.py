@@ -75,7 +75,7 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def _sentence(wrong: WrongRay) -> str:
-    """Return a wrong ray in full, so that it can be cast again."""
+    """Return a wrong ray in words, with everything needed to cast it again."""
     return (
         f"wrong: {wrong.sensor}, ray {list(wrong.ray)}, after {wrong.step} steps, t = {wrong.time:.17g} s\n"
         f"  from {list(wrong.origin)} along {list(wrong.direction)}\n"

@@ -23,7 +23,7 @@ from rigcast.dataset.storage.shards import ENTRY_NAME, without_entry
 from rigcast.dataset.storage.stores import is_url
 from rigcast.sensors.errors import InputError
 
-_SHOWN = 20  # reasons of failed episodes that are told on the terminal; the manifest has them all
+_SHOWN = 20  # reasons of failed episodes shown on the terminal; the manifest has them all
 EngineName = Literal["in-process", "processes", "ray"]
 
 
@@ -106,7 +106,7 @@ def _engine(name: EngineName, address: str | None, workers: int | None) -> Engin
 
 
 def _counting(report: Callable[[float, int], None], duration: float) -> Report:
-    """What adds up the simulated time and the frames of results for a progress bar."""
+    """A Report that passes the total simulated time and number of frames to a progress bar."""
     time, frames = 0.0, 0
 
     def add(result: Result) -> None:
@@ -160,7 +160,7 @@ def _table(statistics: dict[str, dict[str, Any]]) -> Table:
 
 
 def _throughput(done: Done, workers: int) -> str:
-    """Frames and bytes a second, and what the workers' time went to: most of it is the limit."""
+    """Frames and bytes per second, and the workers' time by purpose; the largest share is the bottleneck."""
     rates = f"{done.frames / done.seconds:.1f} frames/s, {decimal(int(done.size / done.seconds))}/s"
     purposes = {"loading": done.spent.loading, "physics": done.spent.stepping, "casting": done.spent.sensing}
     purposes |= {"writing": done.spent.writing}

@@ -33,7 +33,7 @@ def init(
 
 
 def _beside(rig: Path, model: Path) -> str:
-    """The model as the rig file names it: relative to the file's folder where that is possible."""
+    """The path of the model for the rig file: relative to the file's folder if possible."""
     try:
         return Path(os.path.relpath(model.resolve(), rig.parent.resolve())).as_posix()
     except ValueError:  # on another drive

@@ -1,4 +1,4 @@
-"""`rigcast presets`: the devices whose figures rigcast brings along."""
+"""`rigcast presets`: rigcast's presets of real devices."""
 
 import json
 from pathlib import Path
@@ -52,10 +52,10 @@ def _show(card: Card, console: Console, picture: Path | None) -> None:
 
 
 def _entry(name: str) -> dict[str, Any]:
-    """A preset with all that it takes over from what it extends."""
+    """A preset as plain values, including those of the presets it extends."""
     preset = load_preset(name)
     given = {key for each in preset.lineage() for key in each.sensor}
-    sensor = json.loads(sensor_of_preset(name).model_dump_json(include=given))  # in which infinity is null
+    sensor = json.loads(sensor_of_preset(name).model_dump_json(include=given))  # infinity becomes null
     return {
         "name": preset.name,
         "type": preset.type,

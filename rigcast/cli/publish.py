@@ -1,4 +1,4 @@
-"""`rigcast publish`: step the simulation in real time and publish what its sensors see to ROS 2."""
+"""`rigcast publish`: step the simulation in real time and publish its sensors' frames to ROS 2."""
 
 import itertools
 from time import perf_counter, sleep
@@ -54,7 +54,7 @@ def publish(
 
 
 def _simulate(rig: Rig, data: mujoco.MjData, step: Step, node: RosNode, steps: int | None, speed: float) -> int:
-    """Step and publish, not faster than `speed`; the number of frames."""
+    """Step and publish at most at `speed` times real time; return the number of frames."""
     count = 0
     began, start = perf_counter(), data.time
     node.step(data, ())

@@ -1,4 +1,4 @@
-"""`rigcast run`: step the simulation, write every frame that falls due, say what was written."""
+"""`rigcast run`: step the simulation, write every due frame, summarise what was written."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -28,7 +28,7 @@ from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 DURATION = 3.0
-"""Time to simulate where nothing says how long [s]."""
+"""Default time to simulate [s]."""
 
 
 def run(
@@ -62,7 +62,7 @@ def run(
     folder = Path("out") / rig.stem if out is None else out
     wanted = None if formats is None else split_formats(formats)
     choose_formats(config.sensors, wanted)
-    make_writable(folder)  # mistakes are told before anything is compiled
+    make_writable(folder)  # mistakes are reported before anything is compiled
     data = initial_data(compiled, config.keyframe)
     step = moved.step(compiled, data, config.seed if seed is None else seed)
     loaded = ready_rig(console, config, compiled, data, device, seed)
@@ -99,12 +99,12 @@ def simulate(
     spent: Spent,
     report: Callable[[float, int], None],
 ) -> None:
-    """Take so many steps, sense after each and write the frames that fell due.
+    """Take `steps` steps, sense after each one and write the due frames.
 
     `report` is called after every step with the time simulated [s] and the frames written so far.
 
     Raises:
-        InputError: the simulation diverged, or a file cannot be written. Earlier frames are whole.
+        InputError: the simulation diverged, or a file cannot be written. Earlier frames are complete.
     """
     recorder.step(data, ())
     for number in range(1, steps + 1):
@@ -129,7 +129,7 @@ def _take(step: Step, recorder: Recorder) -> None:
 
 
 def summary(sensors: Sequence[SensorSpec], recorder: Recorder) -> Table:
-    """What has been written of every sensor, as a table; a sensor that was never due says so."""
+    """A table of what has been written for each sensor; names sensors that were never due."""
     table = Table("sensor", "type")
     for column in ("frames", "files", "size"):
         table.add_column(column, justify="right")
@@ -143,5 +143,5 @@ def summary(sensors: Sequence[SensorSpec], recorder: Recorder) -> Table:
 
 
 def _size(folder: Path) -> int:
-    """Bytes of all files in a folder."""
+    """Total size of the files in a folder [bytes]."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

@@ -1,4 +1,4 @@
-"""`rigcast schema`: what may stand in a rig file, or in that of a data set, for editors and other tools."""
+"""`rigcast schema`: the JSON schema of rig files, or of data set files, for editors and other tools."""
 
 import json
 from typing import Annotated, Literal

@@ -44,7 +44,7 @@ def validate(
 
 
 def as_json(config: RigConfig, model: mujoco.MjModel) -> str:
-    """Return the rig as JSON, presets and what it extends filled in: files, model, and every key of every sensor.
+    """Return the rig as JSON, with presets and extended files filled in: files, model, and every key of every sensor.
 
     Keys are those of the YAML; an unlimited range is null. `shape` is that of a sensor's readings.
     """
@@ -62,7 +62,7 @@ def as_json(config: RigConfig, model: mujoco.MjModel) -> str:
 
 
 def _view(sensor: SensorSpec, pattern: Pattern) -> str:
-    """How far its outermost rays are apart, across and up: who gives radians for degrees sees it."""
+    """The field of view of its outermost rays, across and up; reveals radians given for degrees."""
     if sensor.yaw_aligned:
         return "down"
     azimuth, elevation = angles_deg(sensor, pattern)

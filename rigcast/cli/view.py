@@ -53,7 +53,7 @@ def view(
     if recorded:
         _refuse({"--duration": duration, "--model": model, "--device": device, "--set": overrides}, target)
     if suffix == ".rrd":
-        load_rerun()  # before what may take long
+        load_rerun()  # before anything that takes long
     if save is not None:
         make_room_for(save)
     if recorded:
@@ -68,14 +68,14 @@ def view(
 
 
 def _refuse(options: Mapping[str, object], target: Path) -> None:
-    """Raise InputError where one of these options of rigs was given."""
+    """Raise InputError if one of these options for rigs was given."""
     given = [name for name, value in options.items() if value not in (None, [])]
     if given:
         raise InputError(f"{', '.join(given)}: expected with a rig only; {target} is shown as it was recorded")
 
 
 def _suffix(save: Path | None) -> str:
-    """What is made: .rrd or .html."""
+    """The suffix of the output: .rrd or .html."""
     if save is None:
         return ".rrd" if find_spec("rerun") else ".html"
     if save.suffix not in (".rrd", ".html"):
@@ -92,12 +92,12 @@ def _recorded(target: Path, suffix: str) -> _Seen:
 
 
 def _most(suffix: str) -> int | None:
-    """Shots that are shown; None is all."""
+    """Most shots that are shown; None for all."""
     return MOST_SHOTS if suffix == ".html" else None
 
 
 def _kept(shot: Shot, suffix: str) -> Shot:
-    """As much of a shot as is shown, so that no more of a long recording is in memory."""
+    """A shot reduced to what is shown, to limit the memory for long recordings."""
     return shot.thinned(MOST_POINTS, WIDEST) if suffix == ".html" else shot
 
 
@@ -121,7 +121,7 @@ def _simulated(
             new = [_kept(shot_of(frame), suffix) for frame in loaded.step(data) if share.takes(frame.sensor)]
             seen.shots.extend(new)
             if new:
-                mujoco.mj_kinematics(compiled, data)  # the poses of now, as the frames have them
+                mujoco.mj_kinematics(compiled, data)  # the present poses, as in the frames
                 seen.moments.append(Moment(data.time, data.xpos.copy(), data.xquat.copy()))
             report(step * compiled.opt.timestep, len(seen.shots))
     if not seen.shots:
@@ -130,7 +130,7 @@ def _simulated(
 
 
 def _most_readings(sensor: SensorSpec, duration: float, steps: int) -> int:
-    """As many readings as a sensor may have in so many seconds, or steps."""
+    """Most readings that a sensor can have in `duration` [s] and `steps` steps."""
     return steps if sensor.rate_hz is None else math.ceil(duration * sensor.rate_hz) + 1
 
 

@@ -1,4 +1,4 @@
-"""`rigcast watch`: what a rig's sensors see, drawn again whenever its files are saved."""
+"""`rigcast watch`: pictures of a rig's readings, drawn again whenever its files are saved."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ def watch(
     console = Console(highlight=False)
     folder = Path("out") / rig.stem if out is None else out
     refuse_other_names(rig)
-    if not rig.is_file():  # once there, it may come and go, as editors do when they save
+    if not rig.is_file():  # later it may be missing for a moment while an editor saves it
         raise InputError(f"{rig}: no such file, expected a rig")
     make_writable(folder)
 
@@ -49,7 +49,7 @@ def watch(
 def draw_once(
     console: Console, rig: Path, model: Path | None, folder: Path, device: str | None, overrides: Sequence[str]
 ) -> Sequence[Path]:
-    """Write one picture per sensor, as the state at the start has it; returns the files that they depend on."""
+    """Write one picture per sensor in the initial state; return the files that the pictures depend on."""
     began = time.perf_counter()
     config, compiled = open_rig(rig, model, overrides)
     data = initial_data(compiled, config.keyframe)
@@ -64,7 +64,7 @@ def draw_once(
 
 
 def keep_drawing(console: Console, rig: Path, draw: Callable[[], Sequence[Path]]) -> None:
-    """Call `draw`, then again whenever a file that it returned is saved. Mistakes are shown and waited out."""
+    """Call `draw`, then again whenever a file that it returned is saved. Mistakes are shown."""
     files: Sequence[Path] = (rig,)
     while True:
         before = _saved(files)
@@ -79,5 +79,5 @@ def keep_drawing(console: Console, rig: Path, draw: Callable[[], Sequence[Path]]
 
 
 def _saved(files: Sequence[Path]) -> dict[Path, int]:
-    """When each file was saved [ns]; 0 for one that is not there just now."""
+    """Time at which each file was last saved [ns]; 0 for one that is missing."""
     return {path: path.stat().st_mtime_ns if path.is_file() else 0 for path in files}

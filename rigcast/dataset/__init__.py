@@ -1,5 +1,5 @@
-"""Data sets: a rig in many scenes and episodes, made by any number of workers, one shard for each episode.
+"""Data sets: readings of a rig in many scenes and episodes, made by any number of workers, one shard per episode.
 
-The file of a data set is read into a `description`; `making` takes that to the shards and the manifest of `storage`;
-`reading` gives frames back from there.
+The file of a data set is read into a `description`; `making` turns it into the shards and manifest of `storage`;
+`reading` reads frames from there.
 """

@@ -1,1 +1,1 @@
-"""Frames as files, and what every file of frames holds: per-ray fields on the host, and the names behind ids."""
+"""Frames as files; per-ray fields on the host, and tables of ids, for all formats."""

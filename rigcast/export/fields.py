@@ -1,4 +1,4 @@
-"""The per-ray fields of a frame, on the host, as every exporter takes them."""
+"""The per-ray fields of a frame on the host, for all exporters."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
@@ -32,7 +32,7 @@ _TYPES = {
 FIELD_NAMES = tuple(_TYPES)
 _VECTORS = ("points", "normal")
 
-# Fields that only some types of sensors have.
+# Fields of only some types of sensors.
 _OWN = {"lidar": ("intensity", "ring", "column"), "depth_camera": ("depth", "depth_16bit", "intensity")}
 
 # What has been brought from the device of frames that are still in use, None for what a frame does not have: several
@@ -47,9 +47,9 @@ def field_names(kind: str) -> list[str]:
 
 
 def fields_of(frame: "Frame", names: Iterable[str] = FIELD_NAMES) -> Fields:
-    """Those of the per-ray fields `names` that this frame has, in the frame's own shapes.
+    """The per-ray fields in `names` that this frame has, in the frame's shapes.
 
-    Raises InputError for a batch of worlds: a file holds the frames of one.
+    Raises InputError for a batch of worlds, because files hold frames of one world.
     """
     frame.require_one_world()
     on_host = _on_host.setdefault(frame, {})
@@ -61,7 +61,7 @@ def fields_of(frame: "Frame", names: Iterable[str] = FIELD_NAMES) -> Fields:
 
 
 def camera_fields(frame: "CameraFrame") -> dict[str, NDArray[Any]]:
-    """What turns pixels into rays and steps of `depth_16bit` into depth.
+    """Parameters that map pixels to rays, and steps of `depth_16bit` to depth.
 
     `intrinsics` (3, 3), `depth_scale` () [m], and with a lens `distortion_model` () and `distortion`, OpenCV's order.
     """
@@ -93,9 +93,9 @@ def points_of(frame: "Frame") -> Fields:
 
 
 def intensity_of(rays: Fields, white: float, most: float) -> NDArray[np.float32]:
-    """(n,) the intensity in the numbers of a format: `white` for 1, a white surface facing the sensor, `most` at most.
+    """The intensity (n,) in a format's units: `white` for 1, a white surface facing the sensor; at most `most`.
 
-    0 where the frame has no intensity.
+    All 0 if the frame has no intensity.
     """
     intensity = rays.get("intensity", np.zeros(len(rays["range"]), np.float32))
     return np.clip(white * intensity, 0, most).astype(np.float32)
@@ -107,7 +107,7 @@ def _fetch(frame: "Frame", name: str) -> NDArray[Any] | None:
 
 
 def _has_returns(fields: Fields) -> bool:
-    """Whether the last axis is that of several returns: then all of it has one ring and one column."""
+    """Whether the last axis is that of several returns: ring and column are constant along it."""
     shape = fields["range"].shape
     if any(field.ndim < len(shape) for field in fields.values()):
         return True

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and folders known to be writable before work begins."""
+"""Atomic writing of files, and checks that folders are writable before work begins."""
 
 import errno
 import os
@@ -36,7 +36,7 @@ def replacing(path: Path, mark: str = "") -> Iterator[Path]:
 
 
 def make_writable(folder: Path) -> None:
-    """Create `folder` if need be and try it with a file that leaves no trace.
+    """Create `folder` if needed and test it by writing a temporary file.
 
     Raises:
         InputError: it is not a folder, cannot be created, or files cannot be written in it.
@@ -51,7 +51,7 @@ def make_writable(folder: Path) -> None:
 
 
 def make_room_for(file: Path) -> None:
-    """Create the folder of a file if need be and try it, as `make_writable` does.
+    """Create the folder of a file if needed and test it as `make_writable` does.
 
     Raises:
         InputError: a folder has the file's name, or its own cannot be written.
@@ -62,9 +62,9 @@ def make_room_for(file: Path) -> None:
 
 
 def require_disk_space(folder: Path, size: int) -> None:
-    """Raise OSError(ENOSPC) where less than `size` bytes are free.
+    """Raise OSError(ENOSPC) if less than `size` bytes are free.
 
-    Asked before each frame, with what closing the files will take, so that a full disk finds them complete.
+    Called before each frame with the bytes needed to close the files, so that they can be completed on a full disk.
     """
     if shutil.disk_usage(folder).free < size:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -72,7 +72,7 @@ def require_disk_space(folder: Path, size: int) -> None:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Hold Ctrl-C back until the body is done, then raise KeyboardInterrupt; a second Ctrl-C is not held back.
+    """Defer Ctrl-C until the body is done, then raise KeyboardInterrupt; a second Ctrl-C is not deferred.
 
     Only the main thread gets Ctrl-C; in others this does nothing.
     """

@@ -24,7 +24,7 @@ _KINDS = ("geom", "flex", "skin", "prop")
 
 @dataclass(frozen=True)
 class IdTable:
-    """What ids stand for; row i is id i.
+    """The meaning of ids; row i is id i.
 
     For geoms, flexes, skins and props `geom_name` (n,) ... are strings and `geom_class` (n,) ... int32 rows of
     `class_name`, whose row 0, "", is for no class. `geom_body`, `prop_body` (n,) int32 are body ids, rows of
@@ -51,7 +51,7 @@ class IdTable:
         classes: a name stands for a geom, flex, skin or prop, or for a body with all that is below it; a thing's
         own name counts before its body's, a body's before its parent's.
 
-        Raises InputError for a name that nothing has, or that two classes claim, and names that are no list.
+        Raises InputError for a name that nothing has, or that is in two classes, and for names that are not a list.
         """
         classes = _as_classes(classes)
         refuse("classes", class_faults(model, classes, props))
@@ -76,7 +76,7 @@ class IdTable:
         return json.dumps(self.lists())
 
     def class_of(self, fields: Mapping[str, NDArray[Any]]) -> NDArray[np.int32]:
-        """(...) the class of what each ray hit, from `geom_id` and the other ids among its fields; 0 for a miss."""
+        """The class (...) of what each ray hit, from `geom_id` and the other ids in its fields; 0 for a miss."""
         classes = np.zeros(fields["geom_id"].shape, np.int32)
         for kind in _KINDS:
             ids = fields.get(f"{kind}_id")
@@ -97,7 +97,7 @@ def _as_classes(given: Classes | None) -> Classes:
 
 
 def class_faults(model: mujoco.MjModel, classes: Classes, props: Sequence[Prop] = ()) -> list[Fault]:
-    """What keeps `classes` from being those of a model: names that nothing has, things in two classes."""
+    """Faults of `classes` for a model: names that nothing has, and objects in two classes."""
     known = list(chain.from_iterable(_names(model, props).values()))
     unknown = [
         Fault((label, i), f"no geom, body, flex, skin or prop {name!r}{did_you_mean(name, known)}")
@@ -109,7 +109,7 @@ def class_faults(model: mujoco.MjModel, classes: Classes, props: Sequence[Prop] 
 
 
 def require_few_classes(ids: IdTable, most: int | None, what: str) -> None:
-    """Raise InputError where there are more classes than a format has numbers for; None: it has one for each."""
+    """Raise InputError if there are more classes than a format can store; None: no limit."""
     if most is not None and len(ids.class_name) - 1 > most:
         raise InputError(f"{what} holds at most {most} classes, got {len(ids.class_name) - 1}")
 
@@ -139,7 +139,7 @@ def _body_classes(model: mujoco.MjModel, names: Sequence[str], classes: Classes)
 
 
 def _names(model: mujoco.MjModel, props: Sequence[Prop]) -> dict[str, list[str]]:
-    """By kind, the name of each thing."""
+    """The names of all objects by kind."""
     counts = {"geom": model.ngeom, "body": model.nbody, "flex": model.nflex, "skin": model.nskin}
     names = {kind: [_name(model, kind, i) for i in range(count)] for kind, count in counts.items()}
     return names | {"prop": [prop.name for prop in props]}

@@ -1,4 +1,4 @@
-"""How frames are written: the `export:` section of a rig."""
+"""Options for writing frames: the `export:` section of a rig."""
 
 from typing import Literal
 

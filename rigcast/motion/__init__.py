@@ -1,1 +1,1 @@
-"""What takes a simulation a step further: physics, with or without a controller, or a recorded motion."""
+"""Steps of a simulation: physics, with or without a controller, or a recorded motion."""

@@ -1,4 +1,4 @@
-"""Functions of the user's own, by their names `module:function`."""
+"""Users' functions, by their names `module:function`."""
 
 import inspect
 import sys
@@ -14,19 +14,19 @@ from rigcast.sensors.errors import InputError
 
 
 class FunctionFault(InputError):
-    """A user's function raises, or returns what cannot be used."""
+    """A user's function raised, or returned something unusable."""
 
 
 @dataclass(frozen=True)
 class UserFunction:
-    """A function that a data set names. name: `module:function`. folder: which places in messages are relative to."""
+    """A user's function. name: `module:function`. folder: file names in messages are relative to it."""
 
     name: str
     folder: Path
     function: Callable[..., Any]
 
     def __call__(self, *arguments: Any) -> Any:
-        """What it returns. Raises FunctionFault, with the line, in place of whatever it raises."""
+        """Call the function. Raises FunctionFault, with the line, in place of whatever it raises."""
         try:
             return self.function(*arguments)
         except (Exception, SystemExit) as error:
@@ -34,15 +34,15 @@ class UserFunction:
             raise FunctionFault(f"{place}{self.name}: {type(error).__name__}: {error}") from error
 
     def wrong(self, message: str) -> FunctionFault:
-        """The fault of having returned something that cannot be used."""
+        """A FunctionFault for an unusable return value."""
         return FunctionFault(f"{self._defined_at()}{self.name}: {message}")
 
     def returned(self, function: Callable[..., Any]) -> "UserFunction":
-        """A function that this one has returned."""
+        """Wrap a function that this one has returned."""
         return UserFunction(self.name, self.folder, function)
 
     def _raised_at(self, error: BaseException) -> str:
-        """The last line of the function's module that was come to; empty where none was, as with wrong arguments."""
+        """The last line of the function's module in the traceback; empty if none, as with wrong arguments."""
         own = module_file(self.name)
         lines = [
             line for frame, line in traceback.walk_tb(error.__traceback__) if Path(frame.f_code.co_filename) == own
@@ -50,7 +50,7 @@ class UserFunction:
         return "" if own is None or not lines else self._place(own, lines[-1])
 
     def _defined_at(self) -> str:
-        """Empty for what was not written in Python."""
+        """The place of the function's definition; empty for functions not written in Python."""
         try:
             function = inspect.unwrap(self.function)
             file, (_, line) = inspect.getsourcefile(function), inspect.getsourcelines(function)
@@ -64,12 +64,12 @@ class UserFunction:
 
 
 def find_function(folder: Path, name: str) -> UserFunction:
-    """The `module:function` of this name; the module may be in this folder. Raises InputError where there is none."""
+    """The `module:function` of this name; the module may be in this folder. Raises InputError if there is none."""
     module, _, attribute = name.partition(":")
     _find_modules_in(folder)
     try:
         function = getattr(import_module(module), attribute)
-    except (Exception, SystemExit) as error:  # whatever the user's module does when it is imported
+    except (Exception, SystemExit) as error:  # importing the user's module may raise anything
         raise InputError(f"{name} cannot be imported: {type(error).__name__}: {error}") from None
     if not callable(function):
         raise InputError(f"{name}: got {type(function).__name__}, expected a function")
@@ -83,6 +83,6 @@ def _find_modules_in(folder: Path) -> None:
 
 
 def module_file(name: str) -> Path | None:
-    """The file of the module of `module:function`; None of one that has none."""
+    """The file of the module of `module:function`; None if it has none."""
     spec = find_spec(name.partition(":")[0])
     return None if spec is None or spec.origin is None else Path(spec.origin)

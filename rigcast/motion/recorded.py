@@ -10,7 +10,7 @@ from rigcast.sensors.errors import InputError
 
 
 def read_motion(path: Path, model: mujoco.MjModel | None = None) -> NDArray[np.float64]:
-    """(rows, nq) the positions in an NPY file. Raises InputError for anything else, and for those of another model."""
+    """The positions (rows, nq) in an NPY file. Raises InputError for anything else, and for those of another model."""
     try:
         rows = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
     except (OSError, ValueError, TypeError) as error:

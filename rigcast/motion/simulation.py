@@ -1,4 +1,4 @@
-"""A simulation as commands run it: its start, how it diverges, and where its time goes."""
+"""Simulations run by commands: initial state, divergence, and time spent."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ _DIVERGED = {
 
 
 class Diverged(InputError):
-    """A simulation has diverged; says when and where."""
+    """A simulation has diverged; the message says when and where."""
 
 
 @dataclass
 class Spent:
-    """Wall-clock seconds of a run, by what they were spent on."""
+    """Wall-clock seconds of a run, by purpose."""
 
     loading: float = 0.0
     stepping: float = 0.0
@@ -45,7 +45,7 @@ def initial_data(model: mujoco.MjModel, keyframe: str | None) -> mujoco.MjData:
 def divergence(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> str | None:
     """How the step from `time` [s] diverged, None if it did not.
 
-    MuJoCo answers NaN and huge values with a warning, and by starting over from its initial state.
+    MuJoCo reacts to NaN and huge values with a warning and a reset to its initial state.
     """
     for warning, quantity in _DIVERGED.items():
         if data.warning[warning].number:

@@ -20,7 +20,7 @@ def no_control(_data: mujoco.MjData) -> None:
 
 
 def physics(model: mujoco.MjModel, data: mujoco.MjData, control: Control = no_control) -> Step:
-    """A step of MuJoCo's after `control`. It raises Diverged when the simulation diverges."""
+    """A step that calls `control`, then mj_step. It raises Diverged when the simulation diverges."""
 
     def step() -> None:
         control(data)
@@ -58,7 +58,7 @@ def playback(
     data: mujoco.MjData,
     adjust: Control = no_control,
 ) -> Step:
-    """A recorded motion from its first row on, which `data` gets now; between two rows joints move at constant speed.
+    """Playback of a recorded motion. Sets `data` to the first row now; between rows joints move at constant speed.
 
     Args:
         rows: (n, nq), a qpos in each, see rigcast.motion.recorded.
@@ -73,7 +73,7 @@ def playback(
         data.time += model.opt.timestep
         at = (data.time - began) * rate_hz
         row = min(int(at), len(rows) - 2)
-        # on the manifold of qpos, where quaternions turn evenly
+        # on the manifold of qpos, where quaternions rotate at constant speed
         velocity = np.zeros(model.nv)
         mujoco.mj_differentiatePos(model, velocity, 1.0, rows[row], rows[row + 1])
         data.qpos[:] = rows[row]

@@ -1,4 +1,4 @@
-"""The judge of every cast: MuJoCo's `mj_ray`, and the one definition of a wrong ray (see `judge`)."""
+"""The reference for every cast: MuJoCo's `mj_ray`, and the definition of a wrong ray (see `judge`)."""
 
 from rigcast.oracle.judge import Comparison, Verdict, compare
 from rigcast.oracle.ray import Oracle, RayHits, cast

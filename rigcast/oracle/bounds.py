@@ -1,4 +1,4 @@
-"""When two answers are the same, and when one is an answer at all."""
+"""Bounds within which two answers agree, and the form of a valid answer."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from rigcast.oracle.world import World
 DISTANCE_BOUND = 1e-5  # of 1 + t, over |cos| of the angle of incidence
 SMALLEST_COS = 1e-3
 NORMAL_BOUND = 1e-3  # of 1 - n . n_ref
-TIE = 2e-6  # of 1 + t: things this close along the ray are at the same distance
+TIE = 2e-6  # of 1 + t: objects this close along the ray count as equally far
 
 
 def missed(hits: RayHits) -> Bools:
@@ -16,7 +16,7 @@ def missed(hits: RayHits) -> Bools:
 
 
 def well_formed(hits: RayHits, count: int) -> Bools:
-    """Return (n,) True for misses as they must be, and hits on one of `count` things, with distance and unit normal."""
+    """Return (n,) True for well-formed misses, and for hits on one of `count` objects with distance and unit normal."""
     unit = np.abs(np.linalg.norm(hits.normal, axis=1) - 1) <= NORMAL_BOUND
     hit = np.isfinite(hits.distance) & (hits.distance >= 0) & (hits.geom_id >= 0) & (hits.geom_id < count) & unit
     return hit | missed(hits)
@@ -43,7 +43,7 @@ def agrees(unit: Floats, got: RayHits, reference: RayHits) -> Bools:
 
 
 def tied(world: World, starts: Floats, unit: Floats, got: RayHits, expected: RayHits) -> RayHits:
-    """Return what each ray is held to: `expected`, or the oracle's on the tied thing or face that the caster names."""
+    """Return each ray's reference: `expected`, or the oracle's answer for the tied object or face named."""
     both_hit = (expected.geom_id >= 0) & (got.geom_id >= 0) & (got.geom_id < world.count)
     other_side = (got.normal * expected.normal).sum(axis=1) < 0
     rays = np.flatnonzero(both_hit & ((got.geom_id != expected.geom_id) | other_side))

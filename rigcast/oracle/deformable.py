@@ -1,4 +1,4 @@
-"""`mj_rayFlex` and `mju_raySkin`, ray by ray in float64: what MuJoCo says that a ray hits of flexes and skins.
+"""`mj_rayFlex` and `mju_raySkin`, ray by ray in float64: MuJoCo's own hits of rays on flexes and skins.
 
 mj_ray sees neither. From Python, MuJoCo 4 is the first whose functions can be called on all of them.
 """
@@ -14,11 +14,11 @@ from rigcast.oracle.ray import Bools, Floats, Ints, RayHits
 from rigcast.sensors.specs.filter import Filter, is_opaque
 
 CAN_JUDGE = int(mujoco.__version__.split(".")[0]) >= 4
-ON_FACE = 1e-7  # of a triangle's size: points this far off it lie on it
+ON_FACE = 1e-7  # of a triangle's size: points within this distance count as on it
 
 
 class _Surfaces(ABC):
-    """What flexes and skins have in common: MuJoCo is asked for one of them at a time."""
+    """Code shared by flexes and skins, which MuJoCo casts one at a time."""
 
     def __init__(self, seen: Bools, vertices: list[Floats], margin: Floats) -> None:
         """seen (n,): which there are to hit; vertices (n of (m, 3)): in the world; margin (n,): how far they reach."""
@@ -53,7 +53,7 @@ class _Surfaces(ABC):
         return hits
 
     def _may_meet(self, k: int, origins: Floats, directions: Floats) -> Bools:
-        """Return (n,) whether a ray's line meets the ball around one of them; where that is not finite, True."""
+        """Return (n,) whether a ray's line meets the ball around object k; True if the ball is not finite."""
         to = self._center[k] - origins
         nearest = to - (to * directions).sum(axis=1, keepdims=True) * directions
         return ~(np.linalg.norm(nearest, axis=1) > self._reach[k])
@@ -64,7 +64,7 @@ class _Surfaces(ABC):
 
 
 class Flexes(_Surfaces):
-    """1D flexes are asked for with `flg_edge`, capsules; 2D and 3D ones with `flg_skin`, layer 0.
+    """Flexes: 1D ones are cast with `flg_edge`, as capsules, 2D and 3D ones with `flg_skin`, layer 0.
 
     The face of a 2D flex has two outer sides: its normal is turned to the ray's origin. That of a 3D one points out of
     its element; where two elements meet, which only rays from inside can see, out of either.
@@ -87,14 +87,14 @@ class Flexes(_Surfaces):
         normal, vertex = np.zeros((3, 1)), np.zeros((1, 1), np.int32)
         distance = mujoco.mj_rayFlex(*where, is_line, False, not is_line, *ray, vertex, normal)
         if distance < 0 or is_line or mujoco.mj_rayFlex(*where, True, False, False, *ray, None, None) == distance:
-            return distance, normal.T  # an edge's, a capsule's, is outward already
+            return distance, normal.T  # the normal of an edge, a capsule, is outward already
         if self._model.flex_dim[k] == 3:
             return distance, self._sides[k][vertex[0, 0]].normals_at(origin + distance * direction)
         return distance, -normal.T if direction @ normal > 0 else normal.T
 
 
 class Skins(_Surfaces):
-    """On the vertices of `mjv_updateScene`, of each skin about the mean of its bones: they are in float32."""
+    """Skins with the vertices of `mjv_updateScene`, relative to the mean of their bones, because these are float32."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, filter: Filter) -> None:
         bodies = [_bone_bodies(model, skin) for skin in range(model.nskin)]
@@ -136,7 +136,7 @@ class _Fan(NamedTuple):
 
     @classmethod
     def of(cls, corners: Floats) -> "_Fan":
-        """corners (m, 3, 3): of triangles that have an area."""
+        """From the corners (m, 3, 3) of triangles with an area."""
         along = np.roll(corners, -1, axis=1) - corners
         normal = _unit(np.cross(along[:, 0], along[:, 1]))
         inward = _unit(np.cross(normal[:, None], along))

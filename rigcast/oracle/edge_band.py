@@ -1,4 +1,4 @@
-"""The edge band: whether a neighbour of a ray makes mj_ray give the answer that a caster gave for the ray."""
+"""The edge band: whether mj_ray gives a caster's answer for a ray close to the given one."""
 
 import functools
 
@@ -12,7 +12,7 @@ MOVE = 1e-5  # origins move by at most this times 1 + t [m], directions by at mo
 
 
 def in_edge_band(world: World, start: Floats, unit: Floats, got: RayHits, expected: RayHits) -> bool:
-    """Return whether a neighbour of one ray makes mj_ray give the caster's own answer."""
+    """Return whether mj_ray gives the caster's answer for a ray close to this one."""
     reach = MOVE * (1 + min(got.distance[0], expected.distance[0]))  # both cannot be inf: that would agree
     moves, tilts = _neighbours()
     frame = _frame(unit)

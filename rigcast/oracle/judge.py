@@ -38,7 +38,7 @@ from rigcast.sensors.specs.prop import Prop
 
 
 class Verdict(IntEnum):
-    """What the judge says of one ray."""
+    """The judge's verdict on one ray."""
 
     AGREE = 0
     EDGE = 1
@@ -65,7 +65,7 @@ class Comparison:
         return np.flatnonzero(self.verdict == verdict)
 
     def things(self) -> Ints:
-        """Return (n,) what each ray is booked under: what mj_ray hits, or the caster where that misses, or -1."""
+        """Return (n,) the object under which each ray is counted: mj_ray's hit, else the caster's, else -1."""
         return np.where(self.expected.geom_id >= 0, self.expected.geom_id, self.got.geom_id)
 
 

@@ -1,4 +1,4 @@
-"""Props as mj_ray sees them: a model of their meshes, made by MuJoCo, in the poses of their mounts."""
+"""mj_ray on props: a MuJoCo model of their meshes, at the poses of their mounts."""
 
 from collections.abc import Sequence
 
@@ -35,7 +35,7 @@ def _compiled(props: Sequence[Prop]) -> mujoco.MjModel:
         name = names[prop.file, prop.scale]
         if name == prop.name:
             vertices, faces = prop.triangles()
-            # MuJoCo wants four vertices: one that no face has does no harm
+            # MuJoCo requires four vertices; an unused one is harmless
             vertices = np.concatenate([vertices, vertices.mean(axis=0, keepdims=True)])
             mesh = spec.add_mesh(name=name, uservert=vertices.ravel(), userface=faces.ravel().astype(np.int32))
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL

@@ -1,4 +1,4 @@
-"""`mj_ray`, ray by ray in float64: what MuJoCo itself says that a ray hits."""
+"""`mj_ray`, ray by ray in float64: MuJoCo's own hits."""
 
 import copy
 import functools
@@ -20,9 +20,9 @@ Bools = npt.NDArray[np.bool_]
 
 
 class RayHits(NamedTuple):
-    """What n rays hit: distance (n,) [m], geom_id (n,), outward unit normal (n, 3). A miss is +inf, -1, 0.
+    """Hits of n rays: distance (n,) [m], geom_id (n,), outward unit normal (n, 3). A miss is +inf, -1, 0.
 
-    Where flexes, skins or props are judged as well, `geom_id` counts on beyond the geoms: see `Things`.
+    If flexes, skins or props are judged, too, `geom_id` continues beyond the geoms: see `Things`.
     """
 
     distance: Floats
@@ -31,7 +31,7 @@ class RayHits(NamedTuple):
 
     @classmethod
     def of(cls, hits: Any) -> "RayHits":
-        """Return what a caster answered, `Hits.numpy()` for instance, in float64 and flat, in C order."""
+        """Return a caster's answer, such as `Hits.numpy()`, in float64, flat, in C order."""
         distance = np.asarray(hits.distance, np.float64).reshape(-1)
         geom_id = np.asarray(hits.geom_id, np.int32).reshape(-1)
         return cls(distance, geom_id, np.asarray(hits.normal, np.float64).reshape(-1, 3))
@@ -122,7 +122,7 @@ def cast(
 
 
 def require_answerable(model: mujoco.MjModel, data: mujoco.MjData, filter: Filter | None) -> None:
-    """Raise InputError where mj_ray would answer of other things than are meant, or end the process."""
+    """Raise InputError if mj_ray would answer for another model or state, or end the process."""
     require_type("oracle: model", model, mujoco.MjModel)
     require_type("oracle: data", data, mujoco.MjData)
     require_type("oracle: filter", filter, Filter, NoneType)

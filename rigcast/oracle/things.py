@@ -1,4 +1,4 @@
-"""One numbering of all that rays hit: geoms first, as MuJoCo numbers them, then flexes, skins and props."""
+"""A common numbering of all objects that rays hit: geoms first, by MuJoCo's ids, then flexes, skins and props."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from rigcast.oracle.ray import Ints
 from rigcast.sensors.scene.parts.part import OWNERS, Owner
 from rigcast.sensors.specs.prop import Prop
 
-NOTHING = "none"  # the type of what a ray that misses has hit
+NOTHING = "none"  # the type for a ray that misses
 _GEOM_TYPES = [mujoco.mjtGeom(k).name.removeprefix("mjGEOM_").lower() for k in range(int(mujoco.mjtGeom.mjNGEOMTYPES))]
 TYPES = (NOTHING, *_GEOM_TYPES, "flex", "skin", "prop")
 
 
 @dataclass(frozen=True)
 class Things:
-    """What there is to hit.
+    """The objects that rays can hit.
 
     Thing i is of the kind `kinds[i]`, and `ids[i]`, `names[i]` (or None) and `types[i]` are its own id, name and type:
     that of a geom as MJCF writes it, or "flex", "skin", "prop".
@@ -45,7 +45,7 @@ class Things:
         return cls(kinds, ids, named, (*geom_types, *kinds[model.ngeom :]))
 
     def numbers(self, hits: Any) -> Ints:
-        """Return (n,) the number of what each ray of a caster's answer hit, -1 of nothing, -2 of two things at once.
+        """Return (n,) the number of the object that each ray hit by a caster's answer, -1 for none, -2 for two at once.
 
         hits: an object with `geom_id`, and with `flex_id`, `skin_id` and `prop_id` where the caster knows these.
         """
@@ -63,6 +63,6 @@ class Things:
         return np.asarray(number, np.int32)
 
     def types_of(self, numbers: Ints) -> npt.NDArray[np.str_]:
-        """Return (n,) the type of each of these things, one of TYPES; NOTHING where there is no such thing."""
+        """Return (n,) the type of each of these objects, one of TYPES; NOTHING if it does not exist."""
         known = (numbers >= 0) & (numbers < len(self.types))
         return np.array([*self.types, NOTHING])[np.where(known, numbers, -1)]

@@ -1,4 +1,4 @@
-"""All that rays can hit in one state of a model, each kind by MuJoCo's own function for it."""
+"""All objects that rays can hit in one state of a model, each kind cast by MuJoCo's own function."""
 
 import copy
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from rigcast.sensors.specs.prop import Prop
 
 
 class _Part(Protocol):
-    """Things of some kind, numbered from 0."""
+    """Objects of one kind, numbered from 0."""
 
     count: int
 

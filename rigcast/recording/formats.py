@@ -1,4 +1,4 @@
-"""The formats that there are, and which sensor is written in which."""
+"""The formats, and their assignment to sensors."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ FORMATS = {
 
 
 def choose_formats(sensors: Sequence[SensorSpec], formats: Sequence[str] | None) -> dict[str, tuple[str, ...]]:
-    """Give every sensor, by name, the formats that fit it: all fit a depth camera, those of images no other.
+    """Assign to each sensor, by name, the formats that fit it: all fit a depth camera; formats of images fit no other.
 
     Args:
         sensors: of one rig.
@@ -76,7 +76,7 @@ def choose_formats(sensors: Sequence[SensorSpec], formats: Sequence[str] | None)
 
 
 def is_installed(name: str) -> bool:
-    """Whether the library that writes a format is there."""
+    """Whether the library that writes a format is installed."""
     needs = FORMATS[name].needs
     return needs is None or find_spec(needs[0]) is not None
 

@@ -1,4 +1,4 @@
-"""frames.npz: what a run wrote, one row per frame, with the sensors and the names behind the ids.
+"""frames.npz: the index of a run, one row per frame, with the sensors and the names of ids.
 
 Frames, F rows in the order written: `sensor` (F,) str, `frame` (F,) int64, its number within that sensor,
 `time` (F,) float64 [s], `pose` (F, 4, 4) float64, sensor in world, and for each format of the run that has files of
@@ -31,7 +31,7 @@ from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 
 class FrameIndex:
-    """The frames that a run has written, kept in `journal`, a file, and made into frames.npz at its end."""
+    """The index of a run's frames, kept in the file `journal` and written as frames.npz at its end."""
 
     def __init__(
         self,
@@ -77,7 +77,8 @@ class FrameIndex:
 def read_journal(path: Path, formats: Sequence[str]) -> dict[str, NDArray[Any]]:
     """The frames of a run that is under way or was killed, as columns of frames.npz. Raises OSError."""
     with path.open(encoding="utf-8") as journal:
-        return _frame_table((line for line in journal if line.endswith("\n")), formats)  # the last may be half of one
+        # the last line may be incomplete
+        return _frame_table((line for line in journal if line.endswith("\n")), formats)
 
 
 def _frame_table(journal: Iterable[str], formats: Sequence[str]) -> dict[str, NDArray[Any]]:
@@ -109,7 +110,7 @@ def _sensor_table(sensors: Sequence[SensorSpec], patterns: Mapping[str, Pattern]
 
 
 def _coefficients(lens: Lens | None) -> NDArray[np.float64]:
-    """(8,) those of a lens, then NaN."""
+    """The coefficients of a lens, padded with NaN to (8,)."""
     own = np.empty(0) if lens is None else lens.coefficients
     return np.concatenate([own, np.full(8 - own.size, np.nan)])
 

@@ -29,14 +29,14 @@ _RUN_NAMES = tuple(form.suffixes[0] for form in FORMATS.values() if form.holds =
 
 
 def refuse_names(sensors: Iterable[str]) -> None:
-    """Raise InputError for a sensor called like another part of the folder."""
+    """Raise InputError for a sensor with the name of another part of the folder."""
     for name in sensors:
         if name in (CAMERAS_NAME, UNFINISHED_NAME, *_RUN_NAMES):
             raise InputError(f"sensor {name!r}: the name of another part of the output folder, expected another")
 
 
 def clear_earlier_run(folder: Path, sensors: Iterable[str]) -> None:
-    """Remove what an earlier run has left under the names of one with these sensors."""
+    """Remove files of an earlier run whose names a run with these sensors uses."""
     (folder / INDEX_NAME).unlink(missing_ok=True)
     for name in (UNFINISHED_NAME, *_RUN_NAMES):
         if (folder / name).is_dir():

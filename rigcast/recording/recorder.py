@@ -1,4 +1,4 @@
-"""Writes the frames of a rig into the folder that a run leaves, see `layout`."""
+"""Recording of a rig's frames into the folder of a run, see `layout`."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -39,7 +39,7 @@ _PER_RAY = 128  # bytes of all fields of a ray, rounded up
 
 @dataclass
 class SensorOutput:
-    """What has been written of one sensor: frames, files of its own and their bytes, and the latest frame."""
+    """Totals of one sensor: frames, files of its own and their bytes; and its latest frame."""
 
     folder: Path
     formats: tuple[str, ...]
@@ -121,7 +121,7 @@ class Recorder:
 
     @property
     def frames(self) -> int:
-        """How many frames have been written, all sensors together."""
+        """Number of frames written, of all sensors."""
         return len(self._index)
 
     def write(self, frame: Frame) -> None:
@@ -178,7 +178,7 @@ class Recorder:
                 self._write_parts(frames, files, written)
                 self._runs.step(data, frames)
             except BaseException:
-                for path in written:  # a frame is saved as a whole or not at all
+                for path in written:  # a frame is saved completely or not at all
                     path.unlink(missing_ok=True)
                 raise
             for frame, paths in zip(frames, files, strict=True):
@@ -232,7 +232,7 @@ class Recorder:
         output.latest = frame
 
     def _require_disk_space(self, frames: Sequence[Frame]) -> None:
-        """Stop while there is still room to complete what was begun."""
+        """Raise an error while there is still room to complete the files that were begun."""
         size = _PER_RAY * sum(frame.range.size for frame in frames)
         formats = max(len(output.formats) for output in self.outputs.values())
         require_disk_space(self.folder, _ROOM + _ROOM_PER_FRAME * self.frames + 2 * formats * size)

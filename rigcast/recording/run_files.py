@@ -1,4 +1,4 @@
-"""What holds a whole run: a Zarr store, ROS 2 bags. Each grows frame by frame in a folder of its own."""
+"""Recordings of whole runs: a Zarr store, ROS 2 bags. Each grows frame by frame in a folder of its own."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 
 class RunFile(Protocol):
-    """A recording that is being written. Methods raise OSError where that fails."""
+    """A recording being written. Methods raise OSError on failure."""
 
     def step(self, data: mujoco.MjData | None, frames: Sequence[Frame]) -> None:
         """Append the frames of one step; data: the simulation after it, None if it is not known."""
@@ -41,12 +41,12 @@ class RunFiles:
         }
 
     def step(self, data: mujoco.MjData | None, frames: Sequence[Frame]) -> None:
-        """As of each recording."""
+        """Append the frames of one step to each recording."""
         for recording in self._open.values():
             recording.step(data, frames)
 
     def finish(self) -> list[str]:
-        """Complete all recordings; why that failed, for those where it did."""
+        """Complete all recordings; return the reasons for those that failed."""
         return [failure for path in list(self._open) if (failure := self._close(path))]
 
     def _close(self, path: Path) -> str | None:
@@ -64,9 +64,9 @@ class RunFiles:
 def begin_run_file(
     name: str, folder: Path, model: mujoco.MjModel, sensors: Sequence[SensorSpec], ids: IdTable, options: Export
 ) -> RunFile:
-    """A recording in `folder`, to be made, of format "zarr", "mcap" or "sqlite3"."""
+    """Begin a recording of format "zarr", "mcap" or "sqlite3" in a new `folder`."""
     if name == "zarr":
         return ZarrStore(folder, sensors, ids)
-    from rigcast.ros.bag import BagRecorder  # here, as only bags need a Python that has SQLite
+    from rigcast.ros.bag import BagRecorder  # imported here, because only bags need a Python with SQLite
 
     return BagRecorder(folder, "mcap" if name == "mcap" else "sqlite3", model, sensors, ids, options)

@@ -1,4 +1,4 @@
-"""What a model lacks of what a rig file names."""
+"""Names in a rig file that its model does not have."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ _PARTS: dict[str, type[Mount | Filter]] = {"mount": Mount, "filter": Filter}
 
 
 def binding_faults(document: YamlFile, faults: list[Fault], model: mujoco.MjModel) -> list[Fault]:
-    """What the model lacks, for the sensors and props that have no `faults` in themselves."""
+    """Names that the model does not have, in sensors and props without `faults` of their own."""
     content = document.content
     unbound = _keyframe_faults(content, model) + _class_faults(content, faults, model)
     for i, _ in sound_items("sensors", content, faults):
@@ -35,7 +35,7 @@ def binding_faults(document: YamlFile, faults: list[Fault], model: mujoco.MjMode
 
 
 def _part_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> list[Fault]:
-    """The same for mounts and filters without `faults` in sensors that have some."""
+    """Names that the model does not have, in sound mounts and filters of sensors with `faults`."""
     sound = {i for i, _ in sound_items("sensors", content, faults)}
     known = {fault.where[:3] for fault in faults}
     unbound = []

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RigConfig:
-    """What a rig file says.
+    """The contents of a rig file.
 
     `model` and the files of props are resolved against the folder of the file that names them; `model` is None where
     none is named. files: all that were read, `path` first.
@@ -47,8 +47,8 @@ class RigConfig:
     sensors: tuple[AnySensor, ...]
 
     def build(self, model: mujoco.MjModel, device: str | None = None, seed: int | None = None) -> "Rig":
-        """The rig on its compiled model. seed: in place of the file's."""
-        from rigcast.sensors.rig.rig import Rig  # here, as reading and checking files needs no Warp
+        """The rig on its compiled model. seed: replaces the file's."""
+        from rigcast.sensors.rig.rig import Rig  # imported here, because reading and checking files needs no Warp
 
         own_seed = self.seed if seed is None else seed
         return Rig(
@@ -65,7 +65,7 @@ class RigConfig:
 def read_rig(path: str | Path, overrides: Sequence[str] = ()) -> RigConfig:
     """Read and check a rig file by itself, without its model.
 
-    overrides: each `KEY=VALUE`, such as "sensors.top.rate_hz=5", in place of what the file says.
+    overrides: each `KEY=VALUE`, such as "sensors.top.rate_hz=5", replacing the file's value.
 
     Raises InputError with every fault of the file, each as `path:line:col: sensors[0].mount.bdy: what is
     wrong` with the line below it.
@@ -108,7 +108,7 @@ def load_rig(
     *,
     overrides: Sequence[str] = (),
 ) -> "Rig":
-    """The rig of a YAML file, ready to sense.
+    """The rig of a YAML file, ready for use.
 
     Args:
         path: the rig file.
@@ -145,7 +145,7 @@ def compile_model(path: Path) -> mujoco.MjModel:
 def _urdf_faults(
     document: YamlFile, model: mujoco.MjModel | str | Path | None, unbound: Sequence[Fault]
 ) -> list[Fault]:
-    """Why links that a URDF has are not bodies of its model, where a body is not found."""
+    """Faults that explain missing bodies: links of a URDF that are not bodies of its model."""
     source = document.content.get("model") if model is None else model
     if not str(source).endswith(".urdf") or not any(fault.message.startswith("no body") for fault in unbound):
         return []
@@ -155,7 +155,7 @@ def _urdf_faults(
 
 
 def _own_model(document: YamlFile, faults: list[Fault]) -> tuple[mujoco.MjModel | None, list[Fault]]:
-    """The model that the file names, or what is wrong with it beyond the known `faults`."""
+    """The model that the file names, or its faults besides the known `faults`."""
     if any(fault.where[:1] in ((), ("model",)) for fault in faults):
         return None, []
     name = document.content.get("model")

@@ -1,4 +1,4 @@
-"""What a rig file says, and what is wrong with it in itself."""
+"""The contents of a rig file, and its faults without regard to its model."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ class _Only(Spec):
 
 
 def sensor_of_preset(name: str) -> SensorSpec:
-    """A sensor, fixed to the world, that has the figures of a preset and no others. Raises InputError."""
+    """A sensor with only the figures of a preset, fixed to the world. Raises InputError."""
     given = {"type": load_preset(name).type, "name": "preset", "mount": {}, "preset": name}
     try:
         return _Only.model_validate({"sensors": [given]}).sensors[0]
@@ -34,7 +34,7 @@ def sensor_of_preset(name: str) -> SensorSpec:
 
 
 def faults_in(document: YamlFile) -> list[Fault]:
-    """What is wrong with a rig file in itself."""
+    """The faults of a rig file, without regard to its model."""
     other = other_kind(document, "rig")
     if other:
         return other
@@ -43,7 +43,7 @@ def faults_in(document: YamlFile) -> list[Fault]:
 
 
 def read_document(document: YamlFile) -> tuple[RigFile | None, list[Fault]]:
-    """What a rig file says, or what is wrong with it. Sensors are read one by one, as paths need their folders."""
+    """The contents of a rig file, or its faults. Sensors are read one by one, because paths need their folders."""
     content, sensors, faults = document.content, [], list[Fault]()
     raws = raw_items("sensors", content)
     for i in range(len(raws)):
@@ -60,7 +60,7 @@ def read_document(document: YamlFile) -> tuple[RigFile | None, list[Fault]]:
 
 
 def _with_its_place(fault: Fault, content: Any, sensors: Sequence[SensorSpec]) -> Fault:
-    """The same fault; of a key of the rig that is one of sensors, or the name of one or of a prop, with its place."""
+    """The fault, with a hint if its key of the rig belongs to a sensor, or is the name of a sensor or prop."""
     if not fault.at_key or len(fault.where) != 1:
         return fault
     (key,) = fault.where
@@ -106,7 +106,7 @@ def sound_items(key: str, content: Any, faults: list[Fault]) -> Iterator[tuple[i
 
 
 def _outside_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
-    """Props outside of the file's folder that may not be there."""
+    """Faults for props outside of the file's folder, which are not allowed."""
     props = [(i, Prop.model_validate(raw)) for i, raw in sound_items("props", document.content, faults)]
     return [
         Fault(

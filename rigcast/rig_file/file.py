@@ -1,4 +1,4 @@
-"""What may stand in a rig file."""
+"""The keys of a rig file."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal

@@ -1,7 +1,7 @@
 """Rig files in layers: what a file extends, sensors that are repeated, and values set from the shell.
 
-All of it is done on nodes, which know where they were written: whatever is wrong with the rig that results is
-shown in the file, or the `--set`, that says it.
+Layers are merged as nodes, which know their positions in the text: a fault of the resulting rig is
+shown in the file, or the `--set`, from which it comes.
 """
 
 import string
@@ -19,10 +19,10 @@ from rigcast.sensors.yaml.places import Placed, entries, error_at, placed
 
 from .overrides import assigned, read_assignments
 
-_MODELS = (".xml", ".mjcf", ".urdf", ".mjb")  # what is given by mistake in place of a rig
-_MOST_FILES = 100  # that one rig may be made of
+_MODELS = (".xml", ".mjcf", ".urdf", ".mjb")  # files that are given by mistake in place of a rig
+_MOST_FILES = 100  # most files from which one rig is made
 _STRING = "tag:yaml.org,2002:str"
-_NAMED = ("props", "sensors")  # lists of things with names
+_NAMED = ("props", "sensors")  # lists of named items
 
 
 def read_layers(path: Path, overrides: Sequence[str] = ()) -> YamlFile:
@@ -52,7 +52,7 @@ def read_layers(path: Path, overrides: Sequence[str] = ()) -> YamlFile:
 
 
 def refuse_other_names(path: Path) -> None:
-    """Raise InputError for what is no YAML file by its name: a model, or a device."""
+    """Raise InputError for names that are not of YAML files: models and devices."""
     if path.suffix in _MODELS:
         raise InputError(f"{path}: a MuJoCo model, expected a rig file; `rigcast init {path}` writes one")
     device = path.stem.lower()
@@ -62,7 +62,7 @@ def refuse_other_names(path: Path) -> None:
 
 
 class _Layers:
-    """The texts that a rig is read from, and what is wrong with how they refer to each other."""
+    """The texts from which a rig is read, and the faults of their references to each other."""
 
     def __init__(self) -> None:
         self.texts: dict[str, str] = {}
@@ -70,7 +70,7 @@ class _Layers:
         self._files = 0
 
     def file(self, path: Path, extended_by: tuple[Path, ...]) -> Node:
-        """The nodes of a file laid over those of the files that it extends."""
+        """The nodes of a file merged over those of the files that it extends."""
         document = read_yaml(path)
         self.texts |= document.texts
         own = self._written_out(document.root)
@@ -160,7 +160,7 @@ class _Layers:
 
 
 def merged(base: Node, over: Node) -> Node:
-    """`over` laid over `base`: mappings merged key by key, lists of named things name by name, all else replaced."""
+    """`over` merged over `base`: mappings key by key, lists of named items name by name; anything else is replaced."""
     if isinstance(base, MappingNode) and isinstance(over, MappingNode):
         return _like(over, _merged_pairs(base.value, over.value))
     below, above = _by_name(base), _by_name(over)
@@ -188,7 +188,7 @@ def _laid(below: Node, key: Node, value: Node) -> tuple[Node, Node]:
 
 
 def _by_name(node: Node) -> _Pairs | None:
-    """Names and items of a list of things that all have one; None for anything else."""
+    """Names and items of a list whose items all have names; None for anything else."""
     if not isinstance(node, SequenceNode):
         return None
     pairs = [(_value(item, "name"), item) for item in node.value]
@@ -197,7 +197,7 @@ def _by_name(node: Node) -> _Pairs | None:
 
 
 def _bases(root: Node) -> Sequence[Node]:
-    """The names of the files that are extended; of anything else the rig's own check will tell."""
+    """The names of the extended files; anything else is reported by the rig's own check."""
     extends = _value(root, "extends")
     items = extends.value if isinstance(extends, SequenceNode) else [extends]
     names = [item for item in items if isinstance(item, ScalarNode) and str(item.tag) == _STRING]
@@ -213,7 +213,7 @@ def _without(node: Node, key: str) -> Node:
 
 
 def _like(node: Node, value: list[Node] | list[tuple[Node, Node]]) -> Node:
-    """Another value in the place of a node."""
+    """A node with another value at the position of this one."""
     return type(node)(node.tag, value, node.start_mark, node.end_mark)
 
 

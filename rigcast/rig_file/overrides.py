@@ -1,4 +1,4 @@
-"""`--set sensors.top.rate_hz=5`: one value of a rig in place of what its file says."""
+"""`--set sensors.top.rate_hz=5`: one value of a rig that replaces its file's."""
 
 import re
 from collections.abc import Sequence
@@ -55,7 +55,7 @@ def _step(line: int, column: int, text: str) -> ScalarNode:
 
 
 def assigned(root: Node, assignment: Assignment, faults: list[Placed]) -> Node:
-    """The nodes with one value set; where there is nothing to set, a fault is noted and they stay as they are."""
+    """The nodes with one value set; if its place does not exist, a fault is noted and they are unchanged."""
     try:
         return _set(root, assignment.steps, assignment.value)
     except _NotThereError as error:
@@ -101,5 +101,5 @@ def _chosen(items: SequenceNode, step: ScalarNode) -> list[int]:
         return [int(step.value)]
     known = list(names) or [str(k) for k in range(count)]
     if step.value.isdecimal():
-        raise _NotThereError(placed(step, f"nothing of the number {step.value}, expected 0 to {count - 1}"))
-    raise _NotThereError(placed(step, f"nothing of the name {step.value!r}, {expected_one_of(step.value, known)}"))
+        raise _NotThereError(placed(step, f"no item {step.value}, expected 0 to {count - 1}"))
+    raise _NotThereError(placed(step, f"no item named {step.value!r}, {expected_one_of(step.value, known)}"))

@@ -1,4 +1,4 @@
-"""A first rig for a model: sensors on its cameras and on the sites that sound like sensors, with comments."""
+"""A first rig for a model: sensors on its cameras and on sites named like sensors, with comments."""
 
 import re
 from collections.abc import Iterator
@@ -111,7 +111,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Text as a YAML value: as it is where that is plain, else in quotes."""
+    """Text as a YAML value, quoted only if needed."""
     plain = re.fullmatch(r"[A-Za-z_/.][\w/. -]*", text) and not text.endswith(" ")
     spoken_for = text.lower() in ("null", "true", "false", "yes", "no", "on", "off") or text.strip(".") == ""
     return text if plain and not spoken_for else "'" + text.replace("'", "''") + "'"

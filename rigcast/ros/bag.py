@@ -20,7 +20,7 @@ Storage = Literal["mcap", "sqlite3"]
 
 
 class Bag:
-    """A bag that is being written; what was settled survives a crash.
+    """A bag being written; messages that were settled survive a crash.
 
     A bag that was not closed lacks metadata.yaml, and an MCAP its index: `ros2 bag reindex` and `mcap recover` add
     them.
@@ -56,7 +56,7 @@ class Bag:
             self._writer.close()
 
     def _settle(self) -> None:
-        """By itself rosbags would keep up to a megabyte, or the whole bag in one transaction."""
+        """Flush messages; rosbags alone would buffer up to a megabyte, or the whole bag in one transaction."""
         if self._is_mcap:
             self._storage.close_chunk()
             self._storage.bio.flush()

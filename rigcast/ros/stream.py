@@ -74,14 +74,14 @@ class MessageStream:
         self.topics = [*_COMMON, *(topic for spec in sensors for topic in self._topics(spec))]
 
     def opening(self, time: float) -> list[Message]:
-        """What is sent once, before all else."""
+        """Messages that are sent once, before all others."""
         return [
             _message("/tf_static", time, messages.transforms(time, self._tree.static)),
             _message("/rigcast/ids", time, messages.text(self._ids.json())),
         ]
 
     def step(self, data: mujoco.MjData, frames: Iterable[Frame]) -> list[Message]:
-        """What is sent after a step of the simulation, with the frames that it gave.
+        """Messages after a step of the simulation, with its frames.
 
         Clock and transforms come with every frame, and otherwise at `transform_rate_hz`. Transforms are those of
         `data.time`; `data` may stand as `mj_step` leaves it, and is only read.

@@ -96,7 +96,7 @@ class TransformTree:
 
 
 def _is_free(spec: SensorSpec, model: mujoco.MjModel) -> bool:
-    """Whether a sensor turns against its body."""
+    """Whether a sensor rotates relative to its body."""
     if spec.yaw_aligned:
         return True
     fixed = mujoco.mjtCamLight.mjCAMLIGHT_FIXED

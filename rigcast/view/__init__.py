@@ -1,1 +1,1 @@
-"""Looking at what sensors saw: in rerun, or in a page that needs nothing but a browser."""
+"""Views of readings: in rerun, or in a page that needs only a browser."""

@@ -35,7 +35,7 @@ Arrays = Mapping[str, Any]
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is that of a bag: a folder with metadata.yaml, or a file with a bag's suffix."""
+    """Whether a path is a bag: a folder with metadata.yaml, or a file with a bag's suffix."""
     return (path / "metadata.yaml").is_file() or (path.suffix in _FILES and path.is_file())
 
 
@@ -107,14 +107,14 @@ class _Bag:
             yield connection, self._reader.deserialize(data, connection.msgtype)
 
     def arrays(self, connection: Any, message: Any) -> Arrays | None:
-        """What a message shows; None for an image that is not one of depths."""
+        """The arrays of a message; None for an image without depths."""
         if connection.msgtype == "sensor_msgs/msg/Image":
             return _of_image(message, self._cameras[_namespace(connection.topic)])
         return _of_cloud(message) if connection.msgtype == "sensor_msgs/msg/PointCloud2" else _of_scan(message)
 
 
 class _Tree:
-    """Where frames are, by the transforms so far."""
+    """The poses of frames by the transforms received so far."""
 
     def __init__(self) -> None:
         self._links: dict[str, tuple[str, NDArray[np.float64]]] = {}
@@ -125,7 +125,7 @@ class _Tree:
             self._links[transform.child_frame_id] = (transform.header.frame_id, _matrix(transform.transform))
 
     def pose(self, frame: str) -> NDArray[np.float64]:
-        """(4, 4) of a frame in the outermost one above it."""
+        """The pose (4, 4) of a frame in its root frame."""
         pose, passed = np.eye(4), {frame}
         while frame in self._links:
             frame, link = self._links[frame]

@@ -24,7 +24,7 @@ _WIDEST = 20.0  # m, half the side of an infinite plane
 
 
 class Moment(NamedTuple):
-    """Where the bodies of a model are: time [s], xpos (nbody, 3) [m] and xquat (nbody, 4), w first."""
+    """Poses of a model's bodies at a moment: time [s], xpos (nbody, 3) [m] and xquat (nbody, 4), w first."""
 
     time: float
     xpos: NDArray[np.float64]
@@ -32,7 +32,7 @@ class Moment(NamedTuple):
 
 
 def load_rerun() -> ModuleType:
-    """Raises InputError where it is not installed."""
+    """Import rerun. Raises InputError if it is not installed."""
     return load_extra("Looking at sensors in rerun", "rerun", "view")
 
 
@@ -134,7 +134,7 @@ def _body_name(model: mujoco.MjModel, body: int) -> str:
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> Iterator[Any]:
-    """A geom as rerun draws it, with where it is on its body; nothing for one that is transparent or a height field."""
+    """A geom for rerun, with its pose on its body; nothing for transparent geoms and height fields."""
     import rerun as rr
 
     rgba = model.geom_rgba[geom] if model.geom_matid[geom] < 0 else model.mat_rgba[model.geom_matid[geom]]

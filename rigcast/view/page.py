@@ -17,7 +17,7 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.preview.colour import Scale, id_colours, turbo
 from rigcast.view.shots import VALUES, Shot, every
 
-MOST_SHOTS = 200  # in a page; of more, every second, third, ... of each sensor
+MOST_SHOTS = 200  # most shots of a page; of more, only every second, third, ... of each sensor
 MOST_POINTS = 20_000  # of a shot
 WIDEST = 320  # pixels of a row of an image, and less than twice as many
 _FARTHEST = 5.0
@@ -41,7 +41,7 @@ def write_page(path: Path, title: str, shots: Sequence[Shot]) -> None:
 
 
 def _thinned(shots: Sequence[Shot]) -> list[Shot]:
-    """The same share of the shots of every sensor, the first among them, in the order of their times."""
+    """The same share of every sensor's shots, including the first, in the order of their times."""
     by_sensor = [_of(name, shots) for name in {shot.sensor: None for shot in shots}]
     step = every([len(own) for own in by_sensor], MOST_SHOTS)
     return sorted((shot for own in by_sensor for shot in own[::step]), key=lambda shot: shot.time)
@@ -74,7 +74,7 @@ def _document(title: str, shots: Sequence[Shot]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Box:
-    """Where points are shown [m], and how far most of them, nine in ten, are from the middle."""
+    """The box [m] in which points are shown, and the distance from its middle within which nine in ten points are."""
 
     low: NDArray[np.float64]
     high: NDArray[np.float64]
@@ -91,7 +91,7 @@ class _Box:
         return _Box(low, np.maximum(high, low + 1e-6), middle, reach)
 
     def steps(self, points: NDArray[np.float64]) -> NDArray[np.uint16]:
-        """(n, 3) points in the box as 0 to _STEPS along each axis."""
+        """Points (n, 3) in the box as integers from 0 to _STEPS along each axis."""
         return np.round((points - self.low) / (self.high - self.low) * _STEPS).astype("<u2")
 
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -99,7 +99,7 @@ class _Box:
 
 
 def _scale(name: str, shots: Sequence[Shot]) -> list[float] | None:
-    """The values of both ends of the colours; None for ids, which have a colour each."""
+    """The values at both ends of the colour scale; None for ids, which have a colour each."""
     if name == "geom_id":
         return None
     scale = Scale.of(np.concatenate([np.asarray(s.values[name], float) for s in shots if name in s.values]))
@@ -124,7 +124,7 @@ def _entry(shot: Shot, box: _Box, scales: dict[str, list[float] | None], depth: 
 
 
 def _bytes(values: NDArray[Any], scale: list[float] | None) -> NDArray[np.uint8]:
-    """0 to 255 along the scale; an id modulo 256."""
+    """Values as 0 to 255 along the scale; ids modulo 256."""
     if scale is None:
         return (values.astype(np.int64) % 256).astype(np.uint8)
     return np.clip((values - scale[0]) / (scale[1] - scale[0]) * 255, 0, 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""The readings in the folder that `rigcast run` has left."""
+"""Readings in the folder of `rigcast run`."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ _EXPECTED = "expected a folder of rigcast run, or a ROS bag"
 def read_run(folder: Path, most: int | None = None) -> Iterator[Shot]:
     """The readings that were written as npz, exr or ply, else those in a bag, in the order of their times.
 
-    Of a run that is under way or was killed, too: those that are written.
+    For a run that is under way or was killed, those written so far.
 
     most: no more than that, the same share of every sensor's. One is read at a time.
 
@@ -64,7 +64,7 @@ def _read_index(folder: Path) -> dict[str, NDArray[Any]]:
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    with path.open("rb") as file, np.load(file) as archive:  # numpy leaves open what it opened and cannot read
+    with path.open("rb") as file, np.load(file) as archive:  # numpy leaves files open that it cannot read
         return {name: archive[name] for name in archive.files}
 
 

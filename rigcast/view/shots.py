@@ -1,4 +1,4 @@
-"""What a view shows of a reading, be it just taken or read from what a run has left."""
+"""Shots: the data of a reading that a view shows, from a new frame or from files."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.specs.cameras.depth_camera import pixel_rays
 from rigcast.sensors.specs.lens import Lens
 
-VALUES = ("range", "intensity", "ring", "geom_id")  # by which points can be coloured
+VALUES = ("range", "intensity", "ring", "geom_id")  # fields by which points can be coloured
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Shot:
 
 
 def shot_of(frame: Frame) -> Shot:
-    """What is shown of a frame of one world."""
+    """The shot of a frame of one world."""
     fields = {name: getattr(frame, name, None) for name in ("points", *VALUES)}
     arrays = {name: field.numpy() for name, field in fields.items() if field is not None}
     if isinstance(frame, CameraFrame):
@@ -91,7 +91,7 @@ def every(counts: Sequence[int], most: int | None) -> int:
 
 
 class Share:
-    """One in `every` so many of each sensor's shots, the first among them, of sensors with so many shots each."""
+    """Selects every n-th of each sensor's shots, beginning with the first. counts: number of shots by sensor."""
 
     def __init__(self, counts: Sequence[int], most: int | None) -> None:
         self._step, self._seen = every(counts, most), Counter[str]()

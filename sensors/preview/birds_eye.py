@@ -17,7 +17,7 @@ _MARGIN = 24  # between the points and the edge of the map, pixels
 
 @dataclass(frozen=True)
 class _View:
-    """Where the ground is on the map: `origin` is the pixel (x, y) of the sensor, `pixels` one metre."""
+    """The map's view of the ground: `origin` is the pixel (x, y) of the sensor, `pixels` the length of one metre."""
 
     size: tuple[int, int]
     origin: tuple[float, float]

@@ -51,7 +51,7 @@ def require_memory(worlds: int, needs: Mapping[str, int], meanwhile: int, device
         parts = ", ".join(f"{name} {_bytes(need)}" for name, need in needs.items() if need)
         raise InputError(
             f"Rig.sense: {worlds} worlds need {_bytes(worlds * each + meanwhile)}, {_bytes(each)} each ({parts}) and "
-            f"{_bytes(meanwhile)} to work them out in, expected at most {max(0, free - meanwhile) // each}: "
+            f"{_bytes(meanwhile)} to compute them, expected at most {max(0, free - meanwhile) // each}: "
             f"{_bytes(free)} are free on {device}"
         )
 

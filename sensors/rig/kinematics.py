@@ -11,7 +11,7 @@ from rigcast.sensors.scene.same_model import PLACES, SHAPES, require_same_model
 _STATE = sum(getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("TIME", "QPOS", "MOCAP_POS", "MOCAP_QUAT"))
 """State components from which poses are computed."""
 _SLEEP = mujoco.mjtEnableBit.mjENBL_SLEEP.value
-_SAME = 1e-9  # of a metre and of itself, for poses that were worked out from the same state
+_SAME = 1e-9  # absolute [m] and relative, for poses computed from the same state
 _STAGES = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_camlight)
 """MuJoCo stages that compute poses; bodies need only the first, flexes and cameras all of them."""
 

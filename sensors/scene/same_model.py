@@ -34,4 +34,4 @@ def require_posed(what: str, data: mujoco.MjData) -> None:
     """Raise InputError for data whose poses have not been computed since they were made or reset."""
     rotation = data.geom_xmat
     if len(rotation) and not (rotation[0].any() or rotation.any()):
-        raise InputError(f"{what}: poses have not been worked out, expected mj_forward or mj_kinematics first")
+        raise InputError(f"{what}: poses have not been computed, expected mj_forward or mj_kinematics first")

@@ -87,7 +87,7 @@ OTHER = mujoco.MjModel.from_xml_string("<mujoco/>")
     ("arguments", "message"),
     [
         ((OTHER, DATA, (0, 0, 0), (1, 0, 0)), "oracle: data belongs to another model than that given"),
-        ((MODEL, mujoco.MjData(MODEL), (0, 0, 0), (1, 0, 0)), "oracle: data: poses have not been worked out, expected"),
+        ((MODEL, mujoco.MjData(MODEL), (0, 0, 0), (1, 0, 0)), "oracle: data: poses have not been computed, expected"),
         ((DATA, MODEL, (0, 0, 0), (1, 0, 0)), "oracle: model: got MjData, expected MjModel"),
         ((MODEL, DATA, (0, 0, 0), (1, 0)), r"oracle: got origins (3,), directions (2,); expected (..., 3)"),
         ((MODEL, DATA, 0.0, (1, 0, 0)), r"oracle: got origins (), directions (3,); expected (..., 3)"),

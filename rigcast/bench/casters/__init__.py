@@ -1,4 +1,4 @@
-"""The ray casters that are compared, each in a module of its own that imports what it needs."""
+"""The ray casters that are compared, each in a module of its own with its imports."""
 
 from .caster import CASTERS, Answer, Caster, Floats, Frame, load_casters
 

@@ -1,4 +1,4 @@
-"""What every caster does and answers, and the list of casters."""
+"""The interface of casters, and the list of casters."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ EVERY_GROUP = (0, 1, 2, 3, 4, 5)
 
 @dataclass(frozen=True)
 class Answer:
-    """What n rays hit: distance (n,) [m], +inf on a miss; geom_id (n,) and outward normal (n, 3), or None where
-    the caster does not report them. geom_id counts on to flexes, skins and props as `rigcast.oracle.Things` does."""
+    """Hits of n rays: distance (n,) [m], +inf on a miss; geom_id (n,) and outward normal (n, 3), or None if
+    the caster does not report them. geom_id continues to flexes, skins and props as in `rigcast.oracle.Things`."""
 
     distance: npt.NDArray[np.floating]
     geom_id: npt.NDArray[np.integer] | None
@@ -30,7 +30,7 @@ Frame = Callable[[], Answer]
 
 
 class Caster(Protocol):
-    """A caster with what it builds of a model, once: the geoms of these groups, in the poses of `data` as they stand.
+    """A caster with what it builds once for a model: the geoms of these groups, in the poses of `data` as they stand.
 
     name, version: of the caster.
     """
@@ -41,10 +41,10 @@ class Caster(Protocol):
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, groups: Sequence[int] = EVERY_GROUP) -> None: ...
 
     def aim(self, origins: Floats, directions: Floats) -> Frame:
-        """What casts these rays, as often as it is called: poses brought up to date, hits handed over as numpy.
+        """A function that casts these rays each time it is called: updates poses, casts, returns hits as numpy.
 
-        origins (3,) for all rays or (n, 3) [m], unit directions (n, 3), in the world. What can be prepared once
-        for rays that stay the same is prepared here.
+        origins (3,) for all rays or (n, 3) [m], unit directions (n, 3), in the world. Preparation that can be done once
+        for rays that stay the same is done here.
         """
         ...
 
@@ -61,7 +61,7 @@ CASTERS = tuple(_MODULES)
 
 
 def load_casters(names: Sequence[str] = CASTERS) -> tuple[list[type[Caster]], list[str]]:
-    """Return the casters of these names that can be run here, and a line about each that cannot.
+    """Return the casters of these names that can run here, and a line about each one that cannot.
 
     Raises:
         InputError: there is no caster of such a name.

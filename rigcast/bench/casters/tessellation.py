@@ -1,4 +1,4 @@
-"""A model as one mesh in the world, for casters that know triangles only."""
+"""A model as one mesh in the world, for casters that support triangles only."""
 
 from collections.abc import Sequence
 
@@ -11,9 +11,9 @@ from rigcast.sensors.meshes import mesh_of_model
 from rigcast.sensors.scene.parts.height_fields import hfield_data, hfield_triangles
 
 SECTIONS = 32
-"""Corners around a round shape: at most (1 - cos(pi / 32)) r = 0.005 r deeper than it."""
+"""Corners around a round shape; its triangles are at most (1 - cos(pi / 32)) r = 0.005 r inside it."""
 FAR = 1000.0
-"""Half size [m] of a plane without an end."""
+"""Half size [m] of an unbounded plane."""
 
 Triangles = tuple[npt.NDArray[np.float64], npt.NDArray[np.integer]]
 _GEOM = mujoco.mjtGeom

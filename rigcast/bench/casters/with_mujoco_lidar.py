@@ -11,7 +11,7 @@ from rigcast.sensors.specs.pattern import azimuth_elevation
 
 from .caster import EVERY_GROUP, Answer, Floats, Frame
 
-CUTOFF = 1e6  # [m]; its default of 100 m would make misses of hits
+CUTOFF = 1e6  # [m]; its default of 100 m would turn hits into misses
 
 
 class MujocoLidar:

@@ -23,11 +23,11 @@ class Rays:
         self._out = wp.empty(shape, dtype=float), wp.empty(shape, dtype=int), wp.empty(shape, dtype=wp.vec3)
 
     def cast(self, model: mjw.Model, state: mjw.Data, context: mjw.RenderContext) -> None:
-        """As everything stands in the BVH of the context."""
+        """Cast against the BVH of the context as it stands."""
         mjw.rays(model, state, *self._rays, *self._seen, *self._out, context)
 
     def answer(self) -> Answer:
-        """What was hit last: world after world."""
+        """Hits of the last cast, world after world."""
         distance, geom_id, normal = (out.numpy() for out in self._out)
         missed = geom_id.ravel() < 0
         normals = np.where(missed[:, None], 0.0, normal.reshape(-1, 3))

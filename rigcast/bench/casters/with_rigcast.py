@@ -1,4 +1,4 @@
-"""rigcast: rays of one origin as a sensor casts them, others as `Scene.cast` does."""
+"""rigcast: rays of one origin cast as by a sensor, others by `Scene.cast`."""
 
 from collections.abc import Sequence
 from dataclasses import replace

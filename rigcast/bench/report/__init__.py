@@ -1,1 +1,1 @@
-"""What `rigcast bench` measured, written and drawn."""
+"""Results of `rigcast bench` as JSON and charts."""

@@ -1,4 +1,4 @@
-"""The results as pictures. Needs matplotlib, the extra `plot`."""
+"""Charts of the results. Needs matplotlib, the extra `plot`."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -36,7 +36,7 @@ def draw_results(results: Sequence[Result], path: Path) -> None:
 
 
 def draw_scaling(series: Sequence[Series], path: Path) -> None:
-    """Write a PNG with a plot for each series: M rays/s by what varies, both logarithmic."""
+    """Write a PNG with a plot for each series: M rays/s over the varied size, both logarithmic."""
     figure = _figure(3.2 * len(series), 3)
     for axes, one in zip(figure.subplots(1, len(series), squeeze=False)[0], series, strict=True):
         _plot(axes, one)
@@ -44,7 +44,7 @@ def draw_scaling(series: Sequence[Series], path: Path) -> None:
 
 
 def draw_worlds(ways: Mapping[str, Series], path: Path) -> None:
-    """Write a PNG with M rays/s of each way to cast, by the number of worlds, both logarithmic."""
+    """Write a PNG with M rays/s of each way to cast over the number of worlds, both logarithmic."""
     figure = _figure(6, 4)
     axes = figure.subplots()
     for name, series in ways.items():

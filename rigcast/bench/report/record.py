@@ -1,4 +1,4 @@
-"""What `rigcast bench` measured in one run, and on what, as JSON and back."""
+"""The results of one run of `rigcast bench` and its environment, to JSON and back."""
 
 import json
 import os
@@ -22,10 +22,10 @@ _PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "open3d", "mujoco-lidar"
 
 @dataclass
 class Record:
-    """What a run measured, and before that on what.
+    """The environment of a run, and its results.
 
-    load: how many threads wanted to run on the machine before it began, NaN where that is not known. versions: of the
-    packages that were there.
+    load: number of threads ready to run on the machine before the run, NaN if unknown. versions: of the installed
+    packages.
     """
 
     machine: str
@@ -42,18 +42,18 @@ class Record:
 
     @staticmethod
     def begun(rounds: int) -> "Record":
-        """That of a run which begins here and now."""
+        """The record of a run that begins now."""
         load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
         versions = dict(chain.from_iterable(map(_version, _PACKAGES)))
         return Record(platform.machine(), _processor(), os.cpu_count() or 1, thread_count(), rounds, load, versions)
 
     @staticmethod
     def read(file: Path) -> "Record":
-        """The one that `as_json` was written to this file of."""
+        """The record from a file written by `as_json`."""
         return TypeAdapter(Record).validate_python(json.loads(file.read_text()))
 
     def as_json(self) -> str:
-        """All of it. Speeds are in M rays/s."""
+        """The record as JSON. Speeds are in M rays/s."""
         return json.dumps(asdict(self), indent=1) + "\n"
 
     @property
@@ -70,7 +70,7 @@ def _version(package: str) -> Iterator[tuple[str, str]]:
 
 
 def _processor() -> str:
-    """Return the CPU's name where Linux says it, else what Python knows."""
+    """Return the CPU's name from Linux, else from Python."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

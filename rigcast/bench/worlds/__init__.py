@@ -1,5 +1,5 @@
-"""Many worlds cast at once, as reinforcement learning has them: on a GPU where there is one.
+"""Benchmarks of many worlds at once, as in reinforcement learning, on a GPU if there is one.
 
-`crowd` says what is cast, `contenders` who casts it, `measure` times them in turns and holds their hits to each other's
-and mj_ray's, `limits` is what the device could do at most.
+`crowd` defines the worlds, `contenders` the casters; `measure` times them in turn, compares their hits with each other
+and with mj_ray; `limits` measures the device's peak rates.
 """

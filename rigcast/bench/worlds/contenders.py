@@ -1,4 +1,4 @@
-"""Who casts the rays of all worlds, from poses on the device into arrays there."""
+"""Casters of the rays of all worlds, from poses on the device into arrays there."""
 
 from collections.abc import Callable
 from functools import cached_property
@@ -31,48 +31,48 @@ class Rigcast:
 
     @cached_property
     def _with_points(self) -> dict[str, Frame]:
-        """Other frames, whose points are worked out by every reading, as they have been asked for."""
+        """Frames whose points are computed by every reading, because they have been requested."""
         frames = self._rig.sense(self._poses)
         _ = frames["lidar"].points
         return frames
 
     def sense(self) -> None:
-        """Poses are brought up to date, the sensor is aimed, all rays are cast and read."""
+        """Update poses, aim the sensor, cast all rays and make readings."""
         self._rig.sense(self._poses, out=self._frames)
 
     def sense_points(self) -> None:
-        """That, and points in the sensor's frame."""
+        """`sense`, and points in the sensor's frame."""
         self._rig.sense(self._poses, out=self._with_points)
 
     def update(self) -> None:
-        """Only the first of it: the trees over the geoms of every world."""
+        """Only the update: the trees over the geoms of every world."""
         self._rig.scene.update(self._poses)
 
     def cast(self) -> None:
-        """Only casting and reading, at what was brought up to date before."""
+        """Only the cast and readings, at the poses of the last update."""
         assert self._frame._arrays.cast is not None
         launch([self._frame._arrays.cast])
 
     def answer(self) -> Answer:
-        """What was hit last: world after world."""
+        """Hits of the last cast, world after world."""
         frame = self._frame
         return Answer(frame.range.numpy().ravel(), frame.geom_id.numpy().ravel(), frame.normal.numpy().reshape(-1, 3))
 
     def poses(self) -> Floats:
-        """(nworld, 4, 4), of the sensor."""
+        """The sensor's poses (nworld, 4, 4)."""
         poses: Any = self._frame.pose
         return np.asarray(poses.numpy())
 
 
 class MujocoWarp:
-    """mujoco_warp's `rays` with its BVH, which it is given in the world, ready made. Raises ImportError without it."""
+    """mujoco_warp's `rays` with its BVH, given rays in the world. Raises ImportError if it is not installed."""
 
     name = "mujoco_warp"
 
     def __init__(self, crowd: Crowd, worlds: int, device: wp.Device, poses: Floats) -> None:
         import mujoco_warp as mjw
 
-        from rigcast.bench.casters.with_mujoco_warp import Rays  # here, as it imports mujoco_warp too
+        from rigcast.bench.casters.with_mujoco_warp import Rays  # imported here, because it imports mujoco_warp
 
         self.device, self._mjw, model = device, mjw, crowd.workload.model
         directions = crowd.directions @ poses[:, :3, :3].transpose(0, 2, 1)
@@ -89,23 +89,23 @@ class MujocoWarp:
         self.frame()
 
     def frame(self) -> None:
-        """The trees over the geoms of every world are refitted, all rays cast."""
+        """Refit the trees over the geoms of every world, and cast all rays."""
         with wp.ScopedDevice(self.device):
             self._mjw.refit_bvh(self._model, self._state, self._context)
         self.cast()
 
     def cast(self) -> None:
-        """Only the latter."""
+        """Only cast all rays."""
         with wp.ScopedDevice(self.device):
             self._rays.cast(self._model, self._state, self._context)
 
     def answer(self) -> Answer:
-        """What was hit last: world after world."""
+        """Hits of the last cast, world after world."""
         return self._rays.answer()
 
 
 def captured(run: Run, device: wp.Device) -> Run:
-    """Return what replays a run as a CUDA graph."""
+    """Return a function that replays a run as a CUDA graph."""
     with wp.ScopedCapture(device) as capture:
         run()
     return lambda: wp.capture_launch(capture.graph)

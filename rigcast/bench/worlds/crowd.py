@@ -1,4 +1,4 @@
-"""What is cast in many worlds: a robot on a landscape, in each world somewhere else and in another posture."""
+"""Many worlds of a robot on a landscape, with a different place and posture in each world."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +16,7 @@ from rigcast.sensors.specs.mount import Mount
 
 ROWS, COLUMNS = 16, 64
 G1_HEAD = Mount(body="torso_link", pos=(0.0, 0.0, 0.55))
-"""Above the head of a G1, whose shoulders, arms and feet it sees."""
+"""A mount above the head of a G1, from which its shoulders, arms and feet are visible."""
 _FIELDS = {"geom_xpos": wp.vec3, "geom_xmat": wp.mat33, "xpos": wp.vec3, "xmat": wp.mat33}
 
 
@@ -33,13 +33,13 @@ class Crowd:
     poses: dict[str, npt.NDArray[np.float32]]
 
     def on_device(self, worlds: int, device: wp.Device) -> dict[str, wp.array]:
-        """The poses of the first so many worlds."""
+        """The poses of the first `worlds` worlds."""
         return {
             name: wp.array(self.poses[name][:worlds], dtype=dtype, device=device) for name, dtype in _FIELDS.items()
         }
 
     def data(self, world: int) -> mujoco.MjData:
-        """One world, in the poses that the device has, rounded as they are."""
+        """One world with the device's poses, rounded as they are there."""
         data = mujoco.MjData(self.workload.model)
         for name, values in self.poses.items():
             getattr(data, name)[:] = values[world].reshape(len(values[world]), -1)
@@ -47,14 +47,14 @@ class Crowd:
 
     @cached_property
     def directions(self) -> Floats:
-        """(n, 3), of the lidar's rays in its own frame."""
+        """Directions (n, 3) of the lidar's rays in its own frame."""
         return self.lidar.pattern(self.workload.model).directions.reshape(-1, 3)
 
 
 def crowd(workload: Workload, mount: Mount, worlds: int, seed: int = 0) -> Crowd:
-    """Return so many worlds of a model of one robot, whose first joint is free, on a height field at the origin.
+    """Return `worlds` worlds of a model of one robot, whose first joint is free, on a height field at the origin.
 
-    It stands somewhere in the middle 60 % of the field along each axis, turned anyhow, its joints bent.
+    It is placed at random within the middle 60 % of the field along each axis, with random heading and joint angles.
     """
     model, rng = workload.model, np.random.default_rng(seed)
     data = mujoco.MjData(model)
@@ -77,7 +77,7 @@ def crowd(workload: Workload, mount: Mount, worlds: int, seed: int = 0) -> Crowd
 
 
 def _posture(model: mujoco.MjModel, rng: np.random.Generator) -> Floats:
-    """Return (nq,)."""
+    """Return a random qpos (nq,)."""
     field = int(np.argmax(model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD))
     size = model.hfield_size[model.geom_dataid[field]]
     qpos = model.qpos0 + rng.normal(scale=0.25, size=model.nq)
@@ -92,7 +92,7 @@ def _posture(model: mujoco.MjModel, rng: np.random.Generator) -> Floats:
 
 
 def _ground(model: mujoco.MjModel, geom: int, x: float, y: float) -> float:
-    """Return how high the field is at the sample next to a place [m]."""
+    """Return the height [m] of the field at the sample next to a place."""
     field = model.geom_dataid[geom]
     rows, columns, begin = model.hfield_nrow[field], model.hfield_ncol[field], model.hfield_adr[field]
     across, along, high, _ = model.hfield_size[field]

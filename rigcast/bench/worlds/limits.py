@@ -1,4 +1,4 @@
-"""What a device can do at most: bytes read from its memory and from its cache, operations on float32."""
+"""Peak rates of a device: bytes read from memory and from cache, float32 operations."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -10,7 +10,7 @@ from rigcast.bench.figure import Figure, Spread
 from rigcast.bench.race import in_turns
 
 STEP = wp.constant(1296096)
-"""Farther than there are threads, and to the cache as if by chance."""
+"""Stride between reads of a thread: larger than the number of threads, and irregular for the cache."""
 CHAINS = 4
 TIMES = 256
 
@@ -19,7 +19,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.kernel
 def read(values: wp.array[float], times: int, sums: wp.array[float]) -> None:
-    """Each thread reads beside its neighbours, every time elsewhere. As many values as a power of two."""
+    """Each thread reads next to its neighbours, at another place each time. The number of values is a power of two."""
     i = wp.tid()
     total = float(0.0)
     for k in range(times):
@@ -29,7 +29,7 @@ def read(values: wp.array[float], times: int, sums: wp.array[float]) -> None:
 
 @wp.kernel
 def compute(times: int, results: wp.array[float]) -> None:
-    """A product and a sum, again and again, in CHAINS that do not wait for each other."""
+    """Repeated multiply-adds in CHAINS independent chains."""
     x = 1.0e-3 * float(wp.tid() & 1023)
     a = x
     b = x + 1.0
@@ -44,7 +44,7 @@ def compute(times: int, results: wp.array[float]) -> None:
 
 
 def limits(rounds: int, device: wp.Device) -> Iterator[Figure]:
-    """Measure them: of the memory with more than caches hold, 2 GB on CUDA, of the cache with what it holds, 16 MB."""
+    """Measure the peak rates: memory with more data than caches hold (2 GB on CUDA), cache with 16 MB."""
     threads = 1 << (20 if device.is_cuda else 10)
     sizes = {"memory": 1 << (29 if device.is_cuda else 26), "cache": 1 << (22 if device.is_cuda else 16)}
     out, settle = wp.empty(threads, dtype=float, device=device), partial(wp.synchronize_device, device)

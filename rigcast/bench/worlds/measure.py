@@ -1,4 +1,4 @@
-"""Casters in turns in the same worlds."""
+"""Timing of casters in turn in the same worlds."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from .crowd import Crowd
 from .limits import limits
 from .rightness import Right, right, sameness, seen
 
-CALLS = 20  # whose time on the host is taken
+CALLS = 20  # calls whose time on the host is measured
 
 
 @dataclass(frozen=True)
 class Way:
-    """One way to cast the rays of all worlds. ms: of a frame. mrays: millions of rays in a second. ratio: of those of
+    """One way to cast the rays of all worlds. ms: time of a frame. mrays: millions of rays per second. ratio: speed of
     rigcast's `sense` to this one's, round by round."""
 
     name: str
@@ -34,10 +34,10 @@ class Way:
 
 @dataclass(frozen=True)
 class Batch:
-    """So many worlds with so many rays in all.
+    """Results for a number of worlds with a total number of rays.
 
-    parts: of rigcast's frame, and the memory that casters take on CUDA. same: the fraction of the rays that mujoco_warp
-    has alike, geom and distance to 1 cm; None without it. seen: fractions of the rays by what they hit.
+    parts: of rigcast's frame, and the casters' memory on CUDA. same: fraction of the rays for which mujoco_warp has the
+    same geom and, to 1 cm, distance; None without it. seen: fractions of the rays by what they hit.
     """
 
     worlds: int
@@ -51,8 +51,8 @@ class Batch:
 
 @dataclass(frozen=True)
 class OnDevice:
-    """What was measured on a device, in batches of fewer and more worlds. limits: what it does at most, if it is a GPU;
-    a CPU does not run their kernels on all threads."""
+    """Results on a device, for different numbers of worlds. limits: its peak rates, if it is a GPU;
+    on a CPU their kernels do not use all threads."""
 
     device: str
     workload: str
@@ -62,7 +62,7 @@ class OnDevice:
     limits: tuple[Figure, ...]
 
     def by_way(self) -> dict[str, Series]:
-        """The speed of each way by the number of worlds."""
+        """The speed of each way over the number of worlds."""
         sizes = tuple(batch.worlds for batch in self.batches)
         names = [way.name for way in self.batches[0].ways]
         speeds = zip(*([way.mrays for way in batch.ways] for batch in self.batches), strict=True)
@@ -72,7 +72,7 @@ class OnDevice:
 def measure_worlds(
     crowd: Crowd, sizes: Sequence[int], device: wp.Device, casters: Collection[str], rounds: int
 ) -> OnDevice:
-    """Time rigcast in the first so many worlds for each size, beside mujoco_warp if it is among the casters."""
+    """Time rigcast in the first n worlds for each n in `sizes`, and mujoco_warp if it is among the casters."""
     model = crowd.workload.model
     about = device.name, crowd.workload.name, model.ngeom, triangles_of(model)
     batches = tuple(_batch(crowd, size, device, MujocoWarp.name in casters, rounds) for size in sizes)
@@ -144,7 +144,7 @@ def _on_host(ours: Rigcast, settle: Run) -> Figure:
 
 
 def _used(device: wp.Device) -> int:
-    """Return the bytes that Warp has on a CUDA device, as far as it knows, 0 on the CPU."""
+    """Return the bytes that Warp has allocated on a CUDA device; 0 on the CPU."""
     return int(wp.get_mempool_used_mem_current(device)) if device.is_cuda and device.is_mempool_enabled else 0
 
 

@@ -1,4 +1,4 @@
-"""What casters get right in many worlds: beside mj_ray in some of them, beside each other in all."""
+"""Correctness of casters in many worlds: compared with mj_ray in some worlds, with each other in all."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from rigcast.sensors.specs.filter import Filter
 
 from .crowd import Crowd
 
-JUDGED = 16  # worlds that are held to mj_ray
+JUDGED = 16  # worlds that are compared with mj_ray
 
 
 @dataclass(frozen=True)
 class Right:
-    """Of the rays in the worlds that are judged, the fractions with mj_ray's hits, misses and distances as `Speed` has
-    them, and with its geom."""
+    """Fractions of the rays in the judged worlds with mj_ray's hits, misses and distances, see `Speed`,
+    and with its geom."""
 
     caster: str
     agree: float
@@ -29,7 +29,7 @@ class Right:
 
 
 def right(crowd: Crowd, poses: Floats, answers: Mapping[str, Answer]) -> Iterator[Right]:
-    """Hold to mj_ray what each caster answered, world after world, where the sensor has these poses (nworld, 4, 4)."""
+    """Compare each caster's answer, world after world, with mj_ray. poses: (nworld, 4, 4) of the sensor."""
     judged, count = spread_over(len(poses), JUDGED), len(crowd.directions)
     turned = [crowd.directions @ poses[k, :3, :3].T for k in judged]
     reference = _mj_ray(crowd, judged, poses[judged, :3, 3], turned)
@@ -47,7 +47,7 @@ def _mj_ray(crowd: Crowd, worlds: Sequence[int], origins: Floats, directions: Se
 
 
 def sameness(one: Answer, other: Answer) -> float:
-    """Return which fraction of the rays two casters agree in, in the geom and to 1 cm."""
+    """Return the fraction of rays for which two casters agree on the geom and, to 1 cm, on the distance."""
     with np.errstate(invalid="ignore"):
         near = np.abs(one.distance - other.distance) <= CLOSE
     near |= np.isposinf(one.distance) & np.isposinf(other.distance)
@@ -55,7 +55,7 @@ def sameness(one: Answer, other: Answer) -> float:
 
 
 def seen(model: mujoco.MjModel, answer: Answer) -> dict[str, float]:
-    """Return which fractions of the rays hit the robot, of the first joint, the height field, other things, nothing."""
+    """Return the fractions of rays that hit the robot (of the first joint), the height field, other things, nothing."""
     hit, root = _geoms(answer), model.body_rootid[model.geom_bodyid]
     is_robot, is_field = root == model.body_rootid[model.jnt_bodyid[0]], model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD
     kinds = {"robot": is_robot, "height field": is_field, "other things": ~is_robot & ~is_field}
@@ -64,5 +64,5 @@ def seen(model: mujoco.MjModel, answer: Answer) -> dict[str, float]:
 
 
 def _geoms(answer: Answer) -> npt.NDArray[np.integer]:
-    assert answer.geom_id is not None  # as both casters report it
+    assert answer.geom_id is not None  # which both casters report
     return answer.geom_id

@@ -1,4 +1,4 @@
-"""Options that say what moves the robot while a command simulates."""
+"""Options for what moves the robot while a command simulates."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -32,7 +32,7 @@ MotionRate = Annotated[float | None, typer.Option(help="rows of --motion per sec
 
 @dataclass(frozen=True, eq=False)
 class Moving:
-    """What moves a robot: a user's controller, recorded positions, or neither, which is physics alone."""
+    """The source of a robot's motion: a user's controller, recorded positions, or neither: physics alone."""
 
     function: UserFunction | None = None
     rows: NDArray[np.float64] | None = None
@@ -40,13 +40,13 @@ class Moving:
 
     @property
     def lasts(self) -> float | None:
-        """Time that recorded positions last [s]; None without any."""
+        """Duration of the recorded positions [s]; None without any."""
         return None if self.rows is None else (len(self.rows) - 1) / self.rate_hz
 
     def duration(self, wanted: float | None) -> float | None:
-        """Time to simulate [s]: `--duration`, or as long as the motion lasts; None where neither says.
+        """Time to simulate [s]: `--duration`, else the duration of the motion; None without either.
 
-        Raises InputError where the motion ends before.
+        Raises InputError if the motion is shorter than `--duration`.
         """
         if wanted is None or self.lasts is None:
             return self.lasts if wanted is None else wanted
@@ -55,7 +55,7 @@ class Moving:
         return wanted
 
     def step(self, model: mujoco.MjModel, data: mujoco.MjData, seed: int) -> Step:
-        """What takes `data` one timestep further; `data` gets the first of recorded positions."""
+        """A function that advances `data` by one timestep; sets `data` to the first recorded positions."""
         if self.rows is not None:
             return playback(self.rows, self.rate_hz, model, data)
         if self.function is not None:
@@ -66,7 +66,7 @@ class Moving:
 def moving(
     rig: Path, model: mujoco.MjModel, controller: str | None, motion: Path | None, rate_hz: float | None
 ) -> Moving:
-    """What the options say. Raises InputError where they do not go together or name what is not there."""
+    """The motion from the options. Raises InputError if they conflict or name something that does not exist."""
     if controller is not None and motion is not None:
         raise InputError("--controller and --motion: expected one of them")
     if (motion is None) != (rate_hz is None):

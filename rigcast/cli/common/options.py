@@ -1,4 +1,4 @@
-"""Options, and where the answer goes."""
+"""Options shared by commands, and the output of results."""
 
 from pathlib import Path
 from typing import Annotated
@@ -28,9 +28,9 @@ _STANDARD_OUTPUT = Path("-")
 
 
 def console_beside(json_file: Path | None) -> Console:
-    """Where tables and words go: nowhere when standard output is for JSON.
+    """The console for tables and messages; it is silent if JSON goes to standard output.
 
-    Raises InputError, before anything is worked out, where the file could not be written.
+    Raises InputError, before anything is computed, if the file could not be written.
     """
     if json_file not in (None, _STANDARD_OUTPUT):
         make_room_for(json_file)
@@ -38,7 +38,7 @@ def console_beside(json_file: Path | None) -> Console:
 
 
 def require_png(option: str, picture: Path | None) -> None:
-    """Raise InputError, before anything is worked out, where a picture is not named as a PNG or cannot be written."""
+    """Raise InputError, before anything is computed, if a picture is not named as a PNG or cannot be written."""
     if picture is None:
         return
     if picture.suffix.lower() != ".png":
@@ -47,7 +47,7 @@ def require_png(option: str, picture: Path | None) -> None:
 
 
 def say(console: Console, line: str) -> None:
-    """A line as it is: brackets in it are no markup, and it is not broken where the terminal ends."""
+    """Print a line as it is, without markup and without wrapping."""
     console.print(line, markup=False, soft_wrap=True)
 
 
@@ -57,7 +57,7 @@ def counted(count: int, noun: str) -> str:
 
 
 def write_json(json_file: Path, text: str) -> None:
-    """Write JSON to a file, or to standard output. Raises InputError where the file cannot be written."""
+    """Write JSON to a file, or to standard output. Raises InputError if the file cannot be written."""
     if json_file == _STANDARD_OUTPUT:
         typer.echo(text, nl=False)
         return

@@ -1,4 +1,4 @@
-"""How long a command simulates, and how far it is."""
+"""The number of steps of a simulation, and its progress."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ from rigcast.sensors.errors import InputError
 
 
 def step_count(model: mujoco.MjModel, duration: float) -> int:
-    """Steps of the model's timestep that make up `duration` [s], at least one."""
+    """The number of the model's timesteps in `duration` [s], at least one."""
     if not (np.isfinite(duration) and duration > 0.0):
         raise InputError(f"--duration: got {duration}, expected a positive number of seconds")
     return max(1, round(duration / float(model.opt.timestep)))
@@ -22,9 +22,9 @@ def step_count(model: mujoco.MjModel, duration: float) -> int:
 
 @contextmanager
 def progress(console: Console, duration: float) -> Iterator[Callable[[float, int], None]]:
-    """Yield what to call with the time simulated [s] and the frames written.
+    """Yield a function to call with the time simulated [s] and the number of frames written.
 
-    On a terminal that moves a bar; elsewhere it prints a line at every quarter of the way.
+    On a terminal it moves a progress bar; elsewhere it prints a line at every quarter.
     """
     if console.is_terminal:
         with _bar(console) as bar:

@@ -1,4 +1,4 @@
-"""Building a rig for a command: Warp kept quiet, a word where kernels are compiled first or something is odd."""
+"""Rigs for commands: Warp is silenced; the compilation of kernels and warnings are reported."""
 
 import warnings
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ def ready_rig(
     device: str | None,
     seed: int | None = None,
 ) -> Rig:
-    """The rig of a file with its kernels compiled: it has cast once, into the state of `data`."""
+    """The rig of a file with its kernels compiled by one cast in the state of `data`."""
     quiet_warp()
     with word_if_compiling(console), _warnings_as_words(console), compiling():
         rig = config.build(model, device, seed)
@@ -43,7 +43,7 @@ def _warnings_as_words(console: Console) -> Iterator[None]:
 
 @contextmanager
 def word_if_compiling(console: Console) -> Iterator[None]:
-    """Say that kernels are being compiled where the body takes longer than loading them."""
+    """Print that kernels are being compiled if the body takes longer than loading them would."""
     timer = Timer(_PATIENCE, _say_compiling, [console])
     timer.start()
     try:
@@ -53,5 +53,5 @@ def word_if_compiling(console: Console) -> Iterator[None]:
 
 
 def _say_compiling(console: Console) -> None:
-    with suppress(OSError):  # the command's own next line meets it too, where it is told
+    with suppress(OSError):  # the command's next output fails, too, and reports it
         console.print("compiling kernels, on first use only: about 20 s")

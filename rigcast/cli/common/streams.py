@@ -1,4 +1,4 @@
-"""The standard streams of a command, whatever they were given as."""
+"""Preparation of a command's standard streams, however they were opened or closed."""
 
 import io
 import os
@@ -7,16 +7,16 @@ from typing import Any
 
 
 def prepare_streams() -> None:
-    """Let words on standard error that cannot be written be lost, open streams that are closed, and escape letters that
+    """Drop output to standard error that cannot be written, reopen closed streams, and escape characters that
     the encoding of standard output does not have.
 
-    The number of a closed stream would be that of the next file, into which libraries print what was meant for it.
+    Otherwise the next opened file would get a closed stream's number, and libraries would print into it.
     """
     for stream in (0, 1, 2):
         try:
             os.fstat(stream)
         except OSError:
-            # takes the lowest number that is free; an answer still cannot be written
+            # takes the lowest free number; results still cannot be written
             opened = os.open(os.devnull, os.O_RDONLY if stream == 1 else os.O_RDWR)
             os.set_inheritable(opened, True)
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -28,17 +28,17 @@ def prepare_streams() -> None:
 
 
 def why_unwritable() -> str | None:
-    """Why an empty line more cannot be written to standard output, whose rest then goes nowhere; None where it can."""
+    """The reason why standard output cannot be written, which is then redirected to nowhere; None if it can."""
     try:
         print(flush=True)
     except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter tries again at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter tries again at exit
         return error.strerror or str(error)
     return None
 
 
 class _Lossy(io.FileIO):
-    """Drops what cannot be written: a command ends with the exit code of its fault, whether or not that can be told."""
+    """A stream that drops what cannot be written, so that a command keeps its exit code in any case."""
 
     def write(self, text: Any, /) -> int:
         try:

@@ -1,1 +1,1 @@
-"""What the file of a data set says, checked at the door."""
+"""The contents of a data set's file, checked when it is read."""

@@ -1,4 +1,4 @@
-"""The file of a data set, read and checked at the door, and the episodes that it stands for."""
+"""The file of a data set, read and checked, and the episodes that it describes."""
 
 import hashlib
 import os
@@ -21,9 +21,9 @@ from .file import DatasetFile, RecordedMotion, SceneSource, UserController
 
 
 class Unit(NamedTuple):
-    """One episode of one scene: what a worker makes by itself, into a shard of its own.
+    """One episode of one scene, which one worker makes as one shard.
 
-    number: of the episode within its scene. seed: all that happens in it follows from this.
+    number: of the episode within its scene. seed: determines everything that happens in it.
     """
 
     scene: str
@@ -37,7 +37,7 @@ class Unit(NamedTuple):
 
 @dataclass(frozen=True)
 class DatasetConfig:
-    """What the file of a data set says. folder: which its paths are relative to.
+    """The contents of a data set's file. folder: its paths are relative to this folder.
 
     sources: SHA-256 of the rig's files, the scenes' files, recorded motions and the modules of functions, by path.
     """
@@ -68,9 +68,9 @@ class DatasetConfig:
         return find_function(self.folder, name)
 
     def identity(self) -> dict[str, Any]:
-        """What the frames of this data set follow from, as plain values.
+        """Everything that the frames of this data set depend on, as plain values.
 
-        More episodes and other scenes may come later: those that there are stay as they are.
+        Episodes and scenes may be added later without a change of the existing ones.
         """
         document = self.file.model_dump(mode="json")
         del document["episodes"]["count"], document["scenes"]
@@ -78,7 +78,7 @@ class DatasetConfig:
         return {"config": document, "scenes": scenes, "sources": self.sources}
 
     def require_same_sources(self) -> None:
-        """Raise InputError where a file has changed since the data set was read."""
+        """Raise InputError if a file has changed since the data set was read."""
         for name, expected in self.sources.items():
             if not (self.folder / name).is_file() or digest(self.folder / name) != expected:
                 raise InputError(f"{self.folder / name} has changed since {self.path} was read")
@@ -87,10 +87,10 @@ class DatasetConfig:
 def read_dataset(path: Path, overrides: Sequence[str] = ()) -> DatasetConfig:
     """Read and check the file of a data set, its rig, and the files and functions that it names.
 
-    overrides: each `KEY=VALUE`, in place of what the file says.
+    overrides: each `KEY=VALUE`, replacing the file's value.
 
-    Raises InputError with every fault, each as `path:line:col: what is wrong` with the line below it. A scene that does
-    not compile is none: its episodes fail, the others are made.
+    Raises InputError with every fault, each as `path:line:col: message` with the line below it. A scene that does
+    not compile is not a fault: its episodes fail, the others are made.
     """
     document = read_layers(path, overrides)
     other = other_kind(document, "data set")
@@ -100,7 +100,7 @@ def read_dataset(path: Path, overrides: Sequence[str] = ()) -> DatasetConfig:
         file = DatasetFile.model_validate(document.content)
     except ValidationError as error:
         raise document.error(faults_of(error, DatasetFile)) from None
-    folder = path.parent.resolve()  # workers may have other working directories
+    folder = path.parent.resolve()  # absolute, because workers may have other working directories
     faults = faults_in(file, folder)
     if faults:
         raise document.error(faults)
@@ -108,7 +108,7 @@ def read_dataset(path: Path, overrides: Sequence[str] = ()) -> DatasetConfig:
 
 
 def _episode_seed(seed: int, scene: str, number: int) -> int:
-    """From 0 to 2^63 - 1; that of one episode depends on no other episode or scene."""
+    """The seed of an episode, 0 to 2^63 - 1; it does not depend on other episodes or scenes."""
     digest = hashlib.blake2b(f"{seed}/{scene}/{number}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") >> 1
 
@@ -128,7 +128,7 @@ def _sources(file: DatasetFile, folder: Path) -> dict[str, str]:
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """A path as seen from the folder of the data set's file, the same wherever the whole is copied to."""
+    """A path relative to the folder of the data set's file, which stays the same if everything is copied elsewhere."""
     return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with the file of a data set beyond itself: with its names, its rig, and what else it names."""
+"""Faults of a data set's file that depend on other files: names, the rig, and other files that it names."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -20,11 +20,11 @@ from .file import DatasetFile, RecordedMotion, UserController
 
 _LOW, _HIGH = 0, 1
 _KINDS = {"body": mujoco.mjtObj.mjOBJ_BODY, "site": mujoco.mjtObj.mjOBJ_SITE, "camera": mujoco.mjtObj.mjOBJ_CAMERA}
-_TAKEN = ("failed", "unfinished")  # folders beside those of scenes
+_TAKEN = ("failed", "unfinished")  # folders of a data set besides those of scenes
 
 
 def faults_in(file: DatasetFile, folder: Path) -> list[Fault]:
-    """folder: which its paths are relative to. Raises InputError for a rig with faults, shown in the rig's own file."""
+    """All faults. folder: the file's paths are relative to it. Raises InputError for faults in the rig's own file."""
     rig = read_rig(folder / file.rig) if (folder / file.rig).is_file() else None
     of_inputs = [*_name_faults(file), *_rig_faults(file, folder, rig), *_scene_faults(file, folder)]
     of_inputs += _name_faults_in_scenes(file, folder, rig)
@@ -41,7 +41,7 @@ def _name_faults(file: DatasetFile) -> list[Fault]:
 
 
 def _rig_faults(file: DatasetFile, folder: Path, rig: RigConfig | None) -> list[Fault]:
-    """A rig that is not there, or has faults when it is randomised."""
+    """Faults of a rig that does not exist, or is faulty when it is randomised."""
     if rig is None:
         return [Fault(("rig",), f"{folder / file.rig} is not a file")]
     faults = []
@@ -64,7 +64,7 @@ def _scene_faults(file: DatasetFile, folder: Path) -> list[Fault]:
 
 
 def _name_faults_in_scenes(file: DatasetFile, folder: Path, rig: RigConfig | None) -> list[Fault]:
-    """What the files of scenes lack of what is named elsewhere; what functions make is known in their episodes."""
+    """Names that are missing in the files of scenes; scenes made by functions are checked in their episodes."""
     faults = []
     for i, scene in enumerate(file.scenes):
         names = None if scene.file is None else _names_in(folder / scene.file)
@@ -75,7 +75,7 @@ def _name_faults_in_scenes(file: DatasetFile, folder: Path, rig: RigConfig | Non
 
 
 def _pose_faults(file: DatasetFile, scene: str, bodies: list[str]) -> list[Fault]:
-    """Bodies to be moved that are not among those that can be."""
+    """Faults for bodies to be moved that cannot be moved."""
     return [
         Fault(
             ("randomise", "poses", name),
@@ -88,7 +88,7 @@ def _pose_faults(file: DatasetFile, scene: str, bodies: list[str]) -> list[Fault
 
 
 def _rig_faults_in_scene(rig: RigConfig, i: int, names: Mapping[str, list[str]]) -> list[Fault]:
-    """What sensors and props are mounted on, and what filters exclude, that the i-th scene lacks."""
+    """Carriers of sensors and props, and bodies in filters, that the i-th scene does not have."""
     mounts = [(each.name, each.mount) for each in (*rig.sensors, *rig.props)]
     wanted = [
         (mount.parent, getattr(mount, mount.parent), f"on which {name!r} of the rig is mounted")
@@ -108,7 +108,7 @@ def _rig_faults_in_scene(rig: RigConfig, i: int, names: Mapping[str, list[str]])
 
 
 def _names_in(path: Path) -> dict[str, list[str]] | None:
-    """Names by kind, read without meshes, which take long; None where the file cannot be read, as its episodes say."""
+    """Names by kind, read without meshes, which take long; None if it cannot be read, as its episodes report."""
     try:
         if path.suffix == ".mjb":
             model = compile_model(path)
@@ -149,7 +149,7 @@ def _output_faults(file: DatasetFile) -> list[Fault]:
 
 def _field_faults(file: DatasetFile, rig: RigConfig | None) -> list[Fault]:
     if rig is None:
-        return []  # which is a fault of its own
+        return []  # reported as a fault of its own
     kinds = {spec.name: spec.type for spec in rig.sensors}
     faults = []
     for sensor, chosen in file.output.fields.items():

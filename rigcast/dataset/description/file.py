@@ -1,4 +1,4 @@
-"""What may stand in the file of a data set."""
+"""The keys of a data set's file."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,1 +1,1 @@
-"""Making a data set, from the seed of each episode to its shard."""
+"""Generation of a data set, from the seed of each episode to its shard."""

@@ -1,4 +1,4 @@
-"""What takes an episode from one step to the next: physics under some controller, or a recorded motion."""
+"""Steps of an episode: physics under a controller, or a recorded motion."""
 
 from collections.abc import Mapping
 
@@ -17,14 +17,14 @@ from .randomise import of_free_bodies, place_bodies
 def stepper(
     config: DatasetConfig, model: mujoco.MjModel, data: mujoco.MjData, seed: int, poses: Mapping[str, list[float]]
 ) -> Step:
-    """What takes `data` one timestep further. poses: by how much bodies were moved, as `draw_poses` has it.
+    """A function that advances `data` by one timestep. poses: displacements of bodies, from `draw_poses`.
 
-    Raises InputError, here or when it is called, where a motion is of another model or the simulation diverges.
+    Raises InputError, here or when it is called, if a motion is of another model or the simulation diverges.
     """
     controller = config.file.episodes.controller
     if isinstance(controller, RecordedMotion):
         rows = read_motion(config.folder / controller.file, model)
-        free = of_free_bodies(model, poses)  # by how much they are away from where the recording has them
+        free = of_free_bodies(model, poses)  # displacements relative to the recording
         return playback(rows, controller.rate_hz, model, data, lambda data: place_bodies(model, data, free))
     if isinstance(controller, RandomActions):
         return physics(model, data, _random_actions(controller, model, seed))

@@ -1,7 +1,7 @@
-"""Where episodes are made: here, in processes of this machine, or by Ray.
+"""Engines that make episodes: in this process, in processes of this machine, or by Ray.
 
-An engine takes a function and units and gives out a result for every one, in any order. Closing its generator
-stops the work. A unit whose worker dies is tried again, by itself, so that only what kills its worker is given up.
+An engine takes a function and units and yields a result for each unit, in any order. Closing its generator
+stops the work. A unit whose worker dies is retried alone, so that only units that kill their worker are given up.
 """
 
 import multiprocessing
@@ -26,18 +26,18 @@ from .episode import Result
 Make = Callable[[Unit], Result]
 Results = Generator[Result, None, None]
 
-_RETRIES = 2  # of an episode whose worker died, in Ray
+_RETRIES = 2  # retries of an episode whose worker died, in Ray
 _PATIENCE = 5.0  # s, for a cluster's answer; Ray itself tries for minutes
 _DIED = "its worker died, and died again when it was tried alone: killed, or out of memory"
 
 
 class Engine(Protocol):
-    """Makes episodes. workers: how many at a time."""
+    """Makes episodes. workers: number of episodes made at a time."""
 
     workers: int
 
     def run(self, make: Make, units: Sequence[Unit]) -> Results:
-        """The result of every unit as it comes."""
+        """Yield the result of each unit when it is done."""
 
 
 class InProcess:
@@ -71,7 +71,7 @@ class Processes:
 def _results(
     pool: ProcessPoolExecutor, most: int, make: Make, waiting: deque[Unit], running: dict[Future[Result], Unit]
 ) -> Iterator[Result]:
-    """The results of the units that wait; which of them are under way is in `running`."""
+    """Yield the results of the waiting units; those under way are in `running`."""
     while waiting or running:
         while waiting and len(running) < most:
             running[pool.submit(make, waiting[0])] = waiting[0]
@@ -92,13 +92,13 @@ def _alone(make: Make, unit: Unit) -> Result:
 
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Fresh interpreters: a fork of a process with Warp's and MuJoCo's threads may hang."""
+    """A pool of fresh interpreters, because a fork of a process with Warp's and MuJoCo's threads may hang."""
     before = set(multiprocessing.active_children())
     threads = max(1, cpu_count() // workers)
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin, (threads,))
     try:
         yield pool
-    except BaseException:  # do not wait for episodes that nobody wants any more
+    except BaseException:  # do not wait for episodes whose results are no longer wanted
         for process in set(multiprocessing.active_children()) - before:
             process.terminate()
         raise
@@ -107,7 +107,7 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _begin(threads: int) -> None:
-    """Make a process a worker, which ends with the process that started it, however that ends."""
+    """Initialise a worker process, which ends with the process that started it, however that ends."""
     set_threads(threads)
     Thread(target=_end_with_parent, daemon=True).start()
 
@@ -120,12 +120,12 @@ def _end_with_parent() -> None:
 
 
 class Ray:
-    """Workers of a Ray cluster, or of one that is started on this machine for as long as it takes.
+    """Workers of a Ray cluster, or of one that is started on this machine and stopped at the end.
 
     All machines must see the data set's files and folder under the same paths.
 
     Args:
-        address: of the cluster, "auto" for the one that this machine belongs to; None starts one.
+        address: of the cluster; "auto" for the one that this machine belongs to; None starts one.
         workers: one CPU each; None: as many as the cluster has CPUs when it is joined.
 
     Raises:
@@ -174,18 +174,18 @@ class Ray:
             return self._ray.get(done)
         except (errors.WorkerCrashedError, errors.NodeDiedError, errors.OutOfMemoryError):
             return Result(unit, "its worker died three times: killed, out of memory, or with its machine")
-        except errors.RayError as error:  # such as a machine where rigcast cannot be imported
+        except errors.RayError as error:  # for example, a machine where rigcast cannot be imported
             return Result(unit, f"Ray: {str(error).strip().splitlines()[-1]}", stops=True)
 
 
 def _require_answer(address: str) -> None:
-    """Raise InputError where nothing listens at `host:port`. Where there is no port Ray says at once what is wrong."""
+    """Raise InputError if nothing listens at `host:port`. Without a port, Ray itself reports the mistake at once."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not port.isdecimal():
         return
     try:
         socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
-    except (OSError, OverflowError) as error:  # OverflowError: of a port too large for any number
+    except (OSError, OverflowError) as error:  # OverflowError: a port number out of range
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"--address: no Ray cluster at {address!r} to join: {reason}") from None
 

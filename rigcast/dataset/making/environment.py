@@ -1,4 +1,4 @@
-"""What the bits of a frame depend on beside the data set itself: versions, the device, and how kernels are compiled."""
+"""The environment on which the bits of frames depend: versions, the device, and how kernels are compiled."""
 
 import platform
 import sys
@@ -16,13 +16,13 @@ from rigcast.sensors.errors import InputError
 _PACKAGES = ("rigcast", "mujoco", "warp-lang", "numpy", "pillow")
 _FORMAT_PACKAGES = {"npz": (), "zarr": ("zarr", "numcodecs"), "exr": ("openexr",)}
 _NATIVE = "-march=native"
-_VECTORS = ("sse", "ssse", "avx", "fma", "f16c", "bmi", "amx", "asimd", "sve")  # what compilers and libraries choose by
+_VECTORS = ("sse", "ssse", "avx", "fma", "f16c", "bmi", "amx", "asimd", "sve")  # which affect code
 
 
 def prepare_warp(portable: bool) -> None:
-    """Keep Warp quiet and, for a portable data set, let it compile for no CPU in particular from now on.
+    """Silence Warp and, for a portable data set, let it compile for the generic CPU of the architecture from now on.
 
-    Raises InputError where Warp has no such choice.
+    Raises InputError if Warp has no such option.
     """
     quiet_warp()
     if not portable:
@@ -35,11 +35,11 @@ def prepare_warp(portable: bool) -> None:
     if flags != wp.config.cpu_compiler_flags:
         wp.config.cpu_compiler_flags = flags
         for name in [name for name in sys.modules if name.startswith("rigcast.kernels")]:
-            wp.get_module(name).mark_modified()  # what is loaded was compiled with other flags
+            wp.get_module(name).mark_modified()  # loaded modules were compiled with other flags
 
 
 def environment(file: DatasetFile, device: str | None) -> dict[str, str]:
-    """Versions, device and compiler flags as plain values; frames are only promised to be the same where these are."""
+    """Versions, device and compiler flags as plain values; frames are reproducible only where these are the same."""
     packages = (
         *_PACKAGES,
         *_FORMAT_PACKAGES[file.output.format],
@@ -55,14 +55,14 @@ def environment(file: DatasetFile, device: str | None) -> dict[str, str]:
     }
 
 
-@cache  # each takes some milliseconds
+@cache  # each call takes some milliseconds
 def _version(package: str) -> str:
     return version(package)
 
 
 @cache
 def _cpu_name() -> str:
-    """Its name, which virtual machines share, and the vector instructions that it offers."""
+    """The CPU's name, which virtual machines share, and its vector instructions."""
     try:
         lines = [line.partition(":") for line in Path("/proc/cpuinfo").read_text().splitlines()]
     except OSError:

@@ -1,4 +1,4 @@
-"""One episode, from its seed to its shard: what a worker of any engine does."""
+"""The work of any engine's worker: one episode, from its seed to its shard."""
 
 import copy
 import platform
@@ -24,7 +24,7 @@ from .randomise import draw_poses, draw_rig, place_bodies
 
 @dataclass(frozen=True)
 class Job:
-    """What all episodes of a data set have in common. made_with: what `environment` says where the job began."""
+    """Data shared by all episodes of a data set. made_with: `environment` of the machine where the job began."""
 
     config: DatasetConfig
     folder: Path
@@ -34,9 +34,9 @@ class Job:
 
 @dataclass(frozen=True)
 class Result:
-    """What became of an episode.
+    """The outcome of an episode.
 
-    failed: why there is no shard, None where there is. stops: whether others would fail like it.
+    failed: the reason why there is no shard; None if there is one. stops: whether others would fail likewise.
     """
 
     unit: Unit
@@ -48,7 +48,7 @@ class Result:
 
 
 def make_episode(job: Job, unit: Unit) -> Result:
-    """Run one episode and write its shard; whatever goes wrong is told in the result."""
+    """Run one episode and write its shard; any failure is reported in the result."""
     try:
         prepare_warp(job.config.file.portable)
         _require_same_environment(job)
@@ -64,7 +64,7 @@ def make_episode(job: Job, unit: Unit) -> Result:
 
 
 def reason_of(error: Exception) -> str:
-    """Why an episode fails."""
+    """The reason why an episode fails, as text."""
     return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
 
@@ -89,7 +89,7 @@ def _made(job: Job, unit: Unit) -> Result:
 
 @dataclass(frozen=True)
 class Episode:
-    """An episode about to begin. step: takes `data` one timestep further. about: its provenance, as plain values."""
+    """An episode about to begin. step: advances `data` by one timestep. about: its provenance, as plain values."""
 
     rig: Rig
     data: mujoco.MjData
@@ -100,9 +100,9 @@ class Episode:
 
 
 def open_episode(config: DatasetConfig, unit: Unit, device: str | None) -> Episode:
-    """The model, the rig and the first state of an episode, with all that is drawn for it.
+    """The model, rig and initial state of an episode, with all of its random draws.
 
-    Raises InputError where the scene does not compile or does not fit the rig.
+    Raises InputError if the scene does not compile or does not fit the rig.
     """
     file = config.file
     model = _compile(config, unit)
@@ -148,7 +148,7 @@ def _compile(config: DatasetConfig, unit: Unit) -> mujoco.MjModel:
     model = function(unit.seed)
     if not isinstance(model, mujoco.MjModel):
         raise function.wrong(f"got {type(model).__name__}, expected an MjModel")
-    return copy.copy(model)  # bodies are moved in it, and the function may return it again
+    return copy.copy(model)  # a copy, because bodies are moved in it and the function may return it again
 
 
 def _require_same_environment(job: Job) -> None:

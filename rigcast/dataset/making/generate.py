@@ -1,4 +1,4 @@
-"""Making a data set: what is missing, by an engine, into a folder; whatever ends it, what is finished stays."""
+"""Generation of the missing episodes of a data set by an engine; finished episodes survive any interruption."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -23,7 +23,7 @@ Report = Callable[[Result], None]
 
 @dataclass
 class Done:
-    """What one call has made: episodes, frames and bytes, wall-clock seconds, and those of all workers by purpose."""
+    """Totals of one call: episodes, frames and bytes, wall-clock seconds, and the workers' seconds by purpose."""
 
     episodes: int = 0
     frames: int = 0
@@ -41,7 +41,7 @@ class Done:
 
 
 def missing_units(config: DatasetConfig, folder: Path, part: tuple[int, int] = (1, 1)) -> list[Unit]:
-    """The episodes of part i of n that have no shard yet."""
+    """The episodes in part (i, n) that have no shard yet."""
     i, n = part
     return [unit for unit in config.units()[i - 1 :: n] if not is_finished(folder, unit)]
 
@@ -57,7 +57,7 @@ def make_dataset(
 ) -> Done:
     """Make every episode that has no shard in `folder` yet, and write the manifest.
 
-    part: (i, n), only every n-th episode from the i-th on, for jobs that share a folder. report: called with every
+    part: (i, n), only every n-th episode from the i-th on, for jobs that share a folder. report: called with each
     result as it comes.
 
     Raises:
@@ -68,7 +68,7 @@ def make_dataset(
     made_with = environment(config.file, device)
     begin(config, folder, made_with)
     units = missing_units(config, folder, part)
-    sweep(folder, [unit.name for unit in units])  # a full disk has room again
+    sweep(folder, [unit.name for unit in units])  # frees space on a full disk
     done, began = Done(), perf_counter()
     results = engine.run(partial(make_episode, Job(config, folder, device, made_with)), units)
     try:
@@ -81,7 +81,7 @@ def make_dataset(
     except BaseException:
         results.close()
         sweep(folder, [unit.name for unit in units])
-        with suppress(InputError):  # on a full disk the manifest stays as it was, and the next call renews it
+        with suppress(InputError):  # on a full disk the manifest stays as it was; the next call updates it
             write_manifest(config, folder, made_with)
         raise
     sweep(folder, [unit.name for unit in units])

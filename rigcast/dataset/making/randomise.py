@@ -1,4 +1,4 @@
-"""What is drawn for an episode: numbers of the rig, and where bodies stand. Each follows from the seed and a name."""
+"""Random draws for an episode: numbers of the rig and poses of bodies. Each depends on the seed and a name only."""
 
 from collections.abc import Mapping
 
@@ -12,12 +12,12 @@ from rigcast.sensors.rig.timing.schedule import uniform
 
 
 def draw_rig(randomise: Randomise, seed: int) -> dict[str, float]:
-    """Values for the rig by their keys, each even between its ends."""
+    """Values for the rig by key, each uniform within its range."""
     return {key: low + (high - low) * uniform((seed, f"rig {key}"), 0, 0) for key, (low, high) in randomise.rig.items()}
 
 
 def draw_poses(randomise: Randomise, seed: int) -> dict[str, list[float]]:
-    """By the name of a body, how it is moved: x, y, z [m] and angles about fixed x, y, z [deg]."""
+    """Displacements by body name: x, y, z [m] and angles about fixed x, y, z [deg]."""
     return {name: _offset(name, limits, seed) for name, limits in randomise.poses.items()}
 
 
@@ -34,12 +34,12 @@ def place_bodies(model: mujoco.MjModel, data: mujoco.MjData, offsets: Mapping[st
         pos, quat = _pose_of(model, data, body)
         pos += offset[:3]
         turn = np.zeros(4)
-        mujoco.mju_euler2Quat(turn, np.deg2rad(offset[3:]), "XYZ")  # capitals: about fixed axes
+        mujoco.mju_euler2Quat(turn, np.deg2rad(offset[3:]), "XYZ")  # capital letters: about fixed axes
         mujoco.mju_mulQuat(quat, turn, quat.copy())
 
 
 def of_free_bodies(model: mujoco.MjModel, offsets: Mapping[str, list[float]]) -> dict[str, list[float]]:
-    """Those of bodies with a free joint, whose poses are in `qpos`."""
+    """The displacements of bodies with a free joint, whose poses are in `qpos`."""
     return {name: offset for name, offset in offsets.items() if _is_free(model, model.body(name).id)}
 
 

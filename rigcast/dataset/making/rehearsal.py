@@ -1,4 +1,4 @@
-"""What is tried before any episode is made: a fault that all of them would have is told once."""
+"""A trial before any episode is made, so that a fault common to all of them is reported once."""
 
 from pathlib import Path
 
@@ -12,14 +12,14 @@ from rigcast.sensors.errors import InputError
 from .environment import prepare_warp
 from .episode import open_episode, reason_of
 
-_TRIED = 2  # episodes of a scene: one may fail for its seed
+_TRIED = 2  # episodes of a scene: a single one may fail because of its seed
 
 
 def rehearse(config: DatasetConfig, folder: Path, device: str | None) -> None:
     """Call every function once and cast once, so that workers find the kernels compiled; nothing is written.
 
-    Raises InputError for a function with which the first two episodes of a scene fail, where none of that scene is
-    there yet, for a device that is not there, and for kernels that cannot be written. Whatever else is wrong with a
+    Raises InputError for a function with which the first two episodes of a scene fail, if none of that scene is
+    there yet, for a device that does not exist, and for kernels that cannot be written. Any other fault of a
     scene fails its episodes.
     """
     prepare_warp(config.file.portable)
@@ -52,7 +52,7 @@ def _has_begun(config: DatasetConfig, scene: SceneSource, folder: Path) -> bool:
 
 
 def _errors(config: DatasetConfig, scene: SceneSource, device: str | None) -> list[Exception]:
-    """Why the first episodes of a scene fail at their first step; empty where one does not."""
+    """The errors of a scene's first episodes at their first step; empty if one of them succeeds."""
     errors = list[Exception]()
     for number in range(min(_TRIED, config.file.episodes.count)):
         try:
@@ -61,7 +61,7 @@ def _errors(config: DatasetConfig, scene: SceneSource, device: str | None) -> li
             episode.rig.sense(episode.data)
         except OSError:  # functions and files have errors of their own
             raise
-        except Exception as error:  # as one that fails an episode
+        except Exception as error:  # reported as for an episode that fails
             errors.append(error)
         else:
             return []

@@ -1,4 +1,4 @@
-"""The arrays of a shard, each read when it is asked for."""
+"""The arrays of a shard, each read on access."""
 
 import weakref
 import zipfile
@@ -20,10 +20,10 @@ class Archive(Protocol):
     """The arrays of one shard."""
 
     def read(self, sensor: str, number: int, name: str) -> NDArray[Any]:
-        """One array. Raises KeyError where the frame has none of that name."""
+        """One array. Raises KeyError if the frame has none of this name."""
 
     def names(self, sensor: str, number: int) -> Iterable[str]:
-        """Those that a frame has, in the order of the alphabet."""
+        """The names of a frame's arrays, in alphabetical order."""
 
 
 class _NpzArchive:
@@ -41,7 +41,7 @@ class _NpzArchive:
 
 
 class _ZarrParts(Mapping[str, Any]):
-    """The parts of a Zarr store that is packed in one file, as buffers of this kind, read when they are asked for."""
+    """The parts of a Zarr store packed in one file, as buffers of this type, read on access."""
 
     def __init__(self, file: BufferedReader, buffer: Any) -> None:
         weakref.finalize(self, file.close)
@@ -77,7 +77,7 @@ class _ZarrArchive:
 
 
 def archive_of(store: Store, entry: Mapping[str, Any]) -> Archive:
-    """Raises InputError for a file that was damaged, or a library that is not installed; OSError as the store does."""
+    """The archive of a shard. Raises InputError for a damaged file or a missing library; OSError as the store does."""
     kinds: dict[str, Callable[[Store, str], Archive]] = {"npz": _NpzArchive, "zarr": _ZarrArchive}
     (form,) = [name for name, file in FRAMES_NAME.items() if file in entry["files"]]
     name = f"{shard_name(entry)}/{FRAMES_NAME[form]}"

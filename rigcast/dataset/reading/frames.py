@@ -1,4 +1,4 @@
-"""Reading data sets: frames by their number, each array when it is asked for."""
+"""Reading of data sets: frames by number, arrays on access."""
 
 import hashlib
 import os
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class _Place(NamedTuple):
-    """Where a frame is: its shard, its sensor, its number among that sensor's."""
+    """The place of a frame: shard, sensor, and number among that sensor's frames."""
 
     shard: int
     sensor: str
@@ -128,14 +128,14 @@ class Dataset(Sequence[StoredFrame]):
         return {**self.__dict__, "_open": None}
 
     def _archive(self, shard: int) -> Archive:
-        """The shard, kept open until a frame of another is asked for; a forked process opens it anew."""
+        """The shard's archive, kept open until another shard is accessed; a forked process opens it anew."""
         if self._open is None or self._open[:2] != (os.getpid(), shard):
             self._open = (os.getpid(), shard, archive_of(self._store, self._shards[shard]))
         return self._open[2]
 
     def _scene_faults(self, scene: str) -> list[str]:
         if self.manifest["scenes"][scene]["file"] is None:
-            return []  # a function makes another model for each episode
+            return []  # a function makes a different model for each episode
         digests = {entry["scene_sha256"] for entry in self._shards if entry["scene"] == scene}
         return [f"{scene}: its model changed while the data set was made"] if len(digests) > 1 else []
 

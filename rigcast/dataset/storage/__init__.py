@@ -1,1 +1,1 @@
-"""Where a data set lies: its shards, its manifest, in a folder or at a URL."""
+"""Storage of a data set: shards and manifest, in a folder or at a URL."""

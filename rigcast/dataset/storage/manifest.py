@@ -1,4 +1,4 @@
-"""dataset.json: what a data set holds, how it was made, and what is missing.
+"""dataset.json: the contents of a data set, its provenance, and what is missing.
 
 `config`, `scenes`, `sources` (SHA-256 of the files that it follows from) and `made_with` (versions, device, compiler
 flags) are the data set's; `shards` has the entry of every finished episode: `scene`, `episode`, `seed`,
@@ -6,7 +6,7 @@ flags) are the data set's; `shards` has the entry of every finished episode: `sc
 and statistics, and `files` with sizes and checksums. `failed` has the other episodes that were tried, with reasons;
 `missing` is how many have neither. `statistics` by sensor: frames, rays, hits and [least, mean, most] range [m].
 
-The manifest is made from what is in the folder, so it can be made again at any time, by any of the jobs that share it.
+The manifest is derived from the folder's contents, so any of the jobs that share it can write it again at any time.
 """
 
 import json
@@ -29,19 +29,19 @@ from .stores import FolderStore, Store
 MANIFEST_NAME = "dataset.json"
 FORMAT = "rigcast dataset 1"
 _FAILED_NAME = "failed"
-_ABANDONED = 3600.0  # seconds after which a manifest that is half written belongs to a job that was killed
+_ABANDONED = 3600.0  # seconds after which a half-written manifest is taken to be from a killed job
 
 
 def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> None:
-    """Make the folder ready, or see that what it holds is of this very data set.
+    """Prepare the folder, or check that its contents are of the same data set.
 
-    One of which every episode failed may be followed by another: nothing of it is there.
+    A data set of which every episode failed may be replaced by another, because it left nothing.
 
     Raises InputError for a folder that cannot be written, or that holds another data set.
     """
     make_writable(folder)
     for part in folder.glob(f".{MANIFEST_NAME}.*.part"):
-        with suppress(OSError):  # others sweep too
+        with suppress(OSError):  # other jobs sweep, too
             if time.time() - part.stat().st_mtime > _ABANDONED:
                 part.unlink()
     path = folder / MANIFEST_NAME
@@ -55,12 +55,12 @@ def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> Non
 
 
 def is_finished(folder: Path, unit: Unit) -> bool:
-    """Whether the shard of an episode is there."""
+    """Whether the shard of an episode exists."""
     return (folder / unit.name / ENTRY_NAME).is_file()
 
 
 def note_failure(folder: Path, unit: Unit, reason: str | None) -> None:
-    """Remember why an episode has no shard; None: it has one."""
+    """Record the reason why an episode has no shard; None if it has one."""
     path = _failure(folder, unit)
     if reason is None:
         path.unlink(missing_ok=True)
@@ -84,7 +84,7 @@ def write_manifest(config: DatasetConfig, folder: Path, made_with: dict[str, str
 
 
 def read_manifest(store: Store) -> dict[str, Any]:
-    """The manifest of a data set. Raises InputError where there is none."""
+    """The manifest of a data set. Raises InputError if there is none."""
     where = store.where(MANIFEST_NAME)
     try:
         with store.open(MANIFEST_NAME) as file:
@@ -98,12 +98,12 @@ def read_manifest(store: Store) -> dict[str, Any]:
 
 
 def shard_name(entry: Mapping[str, Any]) -> str:
-    """The folder, within that of the data set, of the shard that an entry is about."""
+    """The folder of an entry's shard, within that of the data set."""
     return Unit(entry["scene"], entry["episode"], entry["seed"]).name
 
 
 def _is_complete(config: DatasetConfig, folder: Path) -> bool:
-    """Whether every episode has a shard or a reason why not."""
+    """Whether every episode has a shard or a recorded failure."""
     return all(is_finished(folder, unit) or _failure(folder, unit).is_file() for unit in config.units())
 
 
@@ -146,7 +146,7 @@ def _about(unit: Unit) -> dict[str, Any]:
 
 
 def _require_same(path: Path, stored: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """More scenes and episodes may come; whatever the frames that are there follow from must be as it was."""
+    """Raise InputError if anything that existing frames depend on has changed; new scenes and episodes are allowed."""
     differences = [
         f"{part}.{key}: got {given[part][key]!r:.200}, there it was {was!r:.200}"
         for part in ("config", "scenes", "sources", "made_with")

@@ -1,10 +1,10 @@
-"""A shard: the folder with all frames of one episode, which appears when it is whole.
+"""A shard: the folder with all frames of one episode, which appears only when it is complete.
 
     DIR/<scene>/<episode>/frames.npz or frames.zarr.zip    the frames
-    DIR/<scene>/<episode>/ids.json                         what ids stand for, see IdTable
+    DIR/<scene>/<episode>/ids.json                         the meaning of ids, see IdTable
     DIR/<scene>/<episode>/exr/<sensor>/000000.exr          depth cameras, on request
     DIR/<scene>/<episode>/<sensor>.png                     a preview, in the first episode of a scene
-    DIR/<scene>/<episode>/entry.json                       what the manifest says about it
+    DIR/<scene>/<episode>/entry.json                       its entry in the manifest
 
 frames.npz has the arrays `<sensor>/<number>/<field>`, with the number in six digits; frames.zarr.zip is the store that
 `rigcast run --format zarr` writes, in one file. Fields are those that the data set chooses, time and pose, and of a
@@ -43,7 +43,7 @@ ENTRY_NAME = "entry.json"
 UNFINISHED_NAME = "unfinished"
 FRAMES_NAME = {"npz": "frames.npz", "zarr": "frames.zarr.zip"}
 
-_ROOM = 2**24  # bytes kept free for what completes a shard
+_ROOM = 2**24  # bytes kept free for completing a shard
 _PER_RAY = 256  # bytes of all fields of a ray, rounded up, with the copy that packing a store takes
 
 
@@ -56,7 +56,7 @@ class _Frames(Protocol):
 
 
 class Shard:
-    """A shard that is being written, in a folder beside those that are whole."""
+    """A shard being written, in a folder beside the complete ones."""
 
     def __init__(self, folder: Path, rig: Rig, classes: Classes, output: Output, *, pictured: bool) -> None:
         self._folder, self._output, self._pictured = folder, output, pictured
@@ -104,7 +104,7 @@ class Shard:
 def appearing(folder: Path, name: str) -> Iterator[Path]:
     """Yield an empty folder that becomes `folder / name` when the body has succeeded, and vanishes when it has not.
 
-    Where another worker has made the same in the meantime, that one stays: it is the same. Raises InputError where
+    If another worker has made the same folder meanwhile, that one stays; it is the same. Raises InputError if
     somebody has removed the folder, as `sweep` does that of another job.
     """
     place = folder / name
@@ -125,21 +125,21 @@ def appearing(folder: Path, name: str) -> Iterator[Path]:
         raise InputError(f"{temporary.parent} was removed while the episode was written to it; {job}") from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        with suppress(OSError):  # others are at work
+        with suppress(OSError):  # other workers still use it
             temporary.parent.rmdir()
 
 
 def without_entry(folder: Path, names: Sequence[str]) -> list[Path]:
-    """The folders of these shards that lack their entry: a shard appears with it, but may be copied in part.
+    """The folders of these shards without an entry: a shard appears with its entry, but may be copied in part.
 
-    A machine that loses its power may leave some too.
+    A power failure may leave such folders, too.
     """
     places = [folder / name for name in names]
     return [place for place in places if place.is_dir() and not (place / ENTRY_NAME).is_file()]
 
 
 def sweep(folder: Path, names: Sequence[str]) -> None:
-    """Remove what workers that were killed have left of these shards, and shards without an entry."""
+    """Remove what killed workers have left of these shards, and shards without an entry."""
     for place in without_entry(folder, names):
         shutil.rmtree(place, ignore_errors=True)
     mine = {name.replace("/", "-") for name in names}
@@ -185,7 +185,7 @@ class _NpzFrames:
 
 
 class _ZarrFrames(ZarrStore):
-    """A Zarr store in one file: chunks as they come, then what describes them, which is in a folder until then."""
+    """A Zarr store in one file: chunks as they come, then the metadata, which is in a folder until then."""
 
     def __init__(self, folder: Path, rig: Rig, ids: IdTable, fields: Mapping[str, Sequence[str]]) -> None:
         self._store = folder / "frames.zarr"
@@ -208,12 +208,12 @@ class _ZarrFrames(ZarrStore):
 
 
 def _part(file: zipfile.ZipFile, name: str) -> IO[bytes]:
-    """A part of an archive to write to, uncompressed; ZipInfo has a fixed date."""
+    """An uncompressed part of an archive to write to; ZipInfo has a fixed date."""
     return file.open(zipfile.ZipInfo(name), "w", force_zip64=True)
 
 
 def _sealed(path: Path) -> dict[str, Any]:
-    """Size and checksum of a file that is on the disk, not only on its way there."""
+    """Size and checksum of a file, after it has been flushed to disk."""
     with path.open("rb") as file:
         checksum = hashlib.file_digest(file, "sha256").hexdigest()
         os.fsync(file.fileno())

@@ -1,4 +1,4 @@
-"""Statistics of frames, the same whatever the order in which they are added up."""
+"""Statistics of frames that do not depend on the order of summation."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ _MICRONS = 1e6
 
 @dataclass
 class SensorStatistics:
-    """Of one sensor in one episode: the times of its frames [s], its rays, and their ranges where finite."""
+    """Statistics of one sensor in one episode: times of frames [s], numbers of rays and hits, finite ranges [m]."""
 
     type: str
     times: list[float] = field(default_factory=list)
@@ -22,7 +22,7 @@ class SensorStatistics:
     hits: int = 0
     least: float = np.inf
     most: float = -np.inf
-    _sum: int = 0  # of ranges in whole micrometres, which add up the same in any order
+    _sum: int = 0  # sum of ranges in whole micrometres, exact in any order
 
     def add(self, frame: Frame) -> None:
         ranges = frame.range.numpy()
@@ -37,14 +37,14 @@ class SensorStatistics:
             self._sum += int(np.rint(finite.astype(np.float64) * _MICRONS).astype(np.int64).sum())
 
     def entry(self) -> dict[str, Any]:
-        """As plain values; of ranges without any hit there is nothing to say."""
+        """The statistics as plain values; without hits there is no range."""
         ranges = [self.least, self._sum / _MICRONS / self.hits, self.most] if self.hits else None
         counts = {"frames": len(self.times), "rays": self.rays, "hits": self.hits}
         return {"type": self.type, **counts, "range": ranges, "intrinsics": self.intrinsics, "times": self.times}
 
 
 def combined(entries: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """By sensor, the statistics of all episodes: range is [least, mean, most] [m], None without any hit."""
+    """The statistics of all episodes by sensor; range is [least, mean, most] [m], None without hits."""
     total: dict[str, dict[str, Any]] = {}
     for entry in entries:
         for name, one in entry["sensors"].items():

@@ -1,4 +1,4 @@
-"""Where a data set is read: in a folder, or at a URL that fsspec knows, such as one of an object store."""
+"""Stores of data sets: a folder, or a URL that fsspec supports, such as one of an object store."""
 
 from dataclasses import dataclass
 from io import BufferedReader
@@ -10,13 +10,13 @@ from rigcast.sensors.extras import load_extra
 
 
 class Store(Protocol):
-    """The files of a data set, by their names in it, such as room/000000/frames.npz."""
+    """The files of a data set by their relative names, such as room/000000/frames.npz."""
 
     def where(self, name: str) -> str:
-        """What a message calls a file."""
+        """The name of a file in messages."""
 
     def open(self, name: str) -> BufferedReader:
-        """A file to read and to seek in, of which no more comes than is read. Raises OSError where it cannot be."""
+        """Open a file for reading and seeking; only the parts read are fetched. Raises OSError on failure."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class FolderStore:
 
 @dataclass(frozen=True)
 class UrlStore:
-    """fsspec keeps connections, in each process its own."""
+    """A store at a URL. fsspec keeps connections per process."""
 
     url: str
 
@@ -43,7 +43,7 @@ class UrlStore:
         fsspec: Any = load_extra(f"{self.url}: a data set at a URL", "fsspec", "remote")
         try:
             files, path = fsspec.core.url_to_fs(self.where(name))
-        except (ImportError, ValueError) as error:  # the library for such URLs is missing, or there is none
+        except (ImportError, ValueError) as error:  # the library for such URLs is not installed, or none exists
             raise InputError(f"{self.url}: {error}") from None
         return files.open(path, "rb")
 

@@ -53,7 +53,7 @@ def _part(frame: CameraFrame, ids: IdTable, compression: str, window: tuple[Any,
     header = {
         "compression": getattr(OpenEXR, f"{'NO' if compression == 'none' else compression.upper()}_COMPRESSION"),
         "type": OpenEXR.scanlineimage,
-        "displayWindow": window,  # parts of a file must have the same
+        "displayWindow": window,  # all parts of a file must have the same one
         "sensor": frame.sensor,
         "time": np.array([frame.time], dtype=np.float64),
         "pose": np.ascontiguousarray(frame.pose, dtype=np.float64),
@@ -75,7 +75,7 @@ def _distortion(frame: CameraFrame) -> dict[str, Any]:
 
 
 def _channels(frame: CameraFrame) -> dict[str, NDArray[Any]]:
-    """OpenEXR writes strided arrays wrong without a word, hence the copies of the normal's components."""
+    """The channels of a frame. Normals are copied by component, as OpenEXR silently writes strided arrays wrong."""
     fields = fields_of(frame)
     channels = {"Z": fields["depth"], "range": fields["range"]}
     channels |= {f"normal.{axis}": np.ascontiguousarray(fields["normal"][..., k]) for k, axis in enumerate("XYZ")}

@@ -51,7 +51,7 @@ def _las_data(laspy: Any, points: Fields, ids: IdTable) -> "laspy.LasData":
 
 
 def _with_returns(rays: Fields) -> Fields:
-    """The rays with LAS' `return_number` and `number_of_returns`: which of the finite ones of its pulse each is."""
+    """The rays with LAS' `return_number` and `number_of_returns`, which count the finite returns of each pulse."""
     most = 1 + int(rays["return_number"].max(initial=0)) if "return_number" in rays else 1
     hit = np.isfinite(rays["range"]).reshape(-1, most)
     number = hit.cumsum(axis=1, dtype=np.uint8)
@@ -73,7 +73,7 @@ def _dimensions(points: Fields, ids: IdTable) -> Fields:
 
 
 def _scale(points: NDArray[np.float32]) -> float:
-    """The step in which coordinates fit into int32 [m]."""
+    """The smallest step [m] with which coordinates fit into int32."""
     farthest = float(np.abs(points).max(initial=0.0))
     scale = 1e-6
     while farthest / scale >= 2**31 - 1:

@@ -1,4 +1,4 @@
-"""A depth camera's z-depth as a 16-bit greyscale PNG, as drivers give it: whole steps, 0 where there is none.
+"""A depth camera's z-depth as a 16-bit greyscale PNG, as from drivers: whole steps, 0 for no depth.
 
 A step is the camera's `depth_scale`. 0 is a miss of any kind, and what is too far for 16 bits. Text chunks: `sensor`,
 `depth_scale` [m], `time` [s], `pose` (16 numbers, row by row), `intrinsics` (9).

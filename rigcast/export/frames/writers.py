@@ -1,4 +1,4 @@
-"""How one frame becomes files, by format."""
+"""Writers of single frames, by format."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -18,7 +18,7 @@ FileWriter = Callable[[Path, Any], None]
 
 
 def file_writers(ids: IdTable, options: Export) -> Mapping[str, tuple[FileWriter, ...]]:
-    """For each format of single frames what writes its files, in the order of `Format.suffixes`."""
+    """For each format of single frames, the writers of its files, in the order of `Format.suffixes`."""
     return {
         "exr": (lambda path, frame: write_exr(path, frame, ids, options.exr_compression),),
         "png": (write_png,),

@@ -25,7 +25,7 @@ class LazyFields:
         self.asked: set[str] = set()
         self.for_cast, self.written = _NONE, _NONE
         self._held = held
-        # as they are worked out, and as a frame shows them:
+        # as computed, and as a frame shows them:
         self._worked_out: dict[str, wp.array] = {}
         self._shown: dict[str, wp.array] = {}
         # those asked of the present reading, and of the one before:

@@ -70,7 +70,7 @@ class Rows:
 class _ListOfData:
     """Several MjData."""
 
-    unset = "has not been worked out, expected mj_forward or mj_kinematics first"
+    unset = "has not been computed, expected mj_forward or mj_kinematics first"
 
     def __init__(self, datas: Sequence[Any]) -> None:
         self._datas = tuple(datas)
@@ -134,7 +134,7 @@ class _MujocoBatch:
     """A `mujoco.batch.Batch`. Fields are zero until it has run once after they were asked for."""
 
     unset = (
-        "has not been worked out since it was first asked for, expected batch.forward() or batch.step() now, before "
+        "has not been computed since it was first asked for, expected batch.forward() or batch.step() now, before "
         "the next reading"
     )
 

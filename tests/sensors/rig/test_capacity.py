@@ -138,8 +138,8 @@ def test_more_worlds_than_memory_holds_are_refused_before_anything_is_allocated(
     monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", lambda _: 50_000)
     before = allocated()
     expected = (
-        r"3 worlds need [\d.]+ kB, [\d.]+ kB each \(lidar 2\.11 kB, flight [\d.]+ kB\) and [\d.]+ kB to work them out "
-        r"in, expected at most 0: 50 kB are free on cpu"
+        r"3 worlds need [\d.]+ kB, [\d.]+ kB each \(lidar 2\.11 kB, flight [\d.]+ kB\) and [\d.]+ kB to compute them, "
+        r"expected at most 0: 50 kB are free on cpu"
     )
     with pytest.raises(InputError, match=expected):
         rig.sense(datas)
@@ -184,7 +184,7 @@ def test_worlds_that_fit_in_parts_are_not_refused(monkeypatch: pytest.MonkeyPatc
     rig, datas = rig_of(robot, "lidar"), states(robot, 1) * 20
     monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", lambda _: 50_000)
     with pytest.raises(
-        InputError, match=r"20 worlds need [\d.]+ kB, 2\.11 kB each \(lidar 2\.11 kB\) and [\d.]+ kB to work"
+        InputError, match=r"20 worlds need [\d.]+ kB, 2\.11 kB each \(lidar 2\.11 kB\) and [\d.]+ kB to compute"
     ):
         rig.sense(datas)
     monkeypatch.setattr("rigcast.sensors.rig.of_worlds.BYTES_AT_ONCE", 7_000)

@@ -80,7 +80,7 @@ def test_bodies_to_be_moved_are_looked_for_in_every_file_that_can_be_read(path: 
         (
             "body: cart, pos: [0.3, 0, 0]",
             "site: eye",
-            "no site 'eye' there, on which 'front' of the rig is mounted; nor",
+            "no site 'eye' there, on which 'front' of the rig is mounted; and none",
         ),
         (
             "body: cart, pos: [0.3, 0, 0]",

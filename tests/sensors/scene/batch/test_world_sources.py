@@ -94,7 +94,7 @@ def test_a_batch_of_mujoco_reads_as_a_list_of_data_does(robot: mujoco.MjModel, d
     module = pytest.importorskip("mujoco.batch", reason="from MuJoCo 4.0 on")
     batch, rig = module.Batch(robot, COUNT), rig_of(robot)
     batch.qpos, batch.time = np.array([d.qpos for d in datas]), np.array([d.time for d in datas])
-    with pytest.raises(InputError, match=r"xmat of world 0 has not been worked out .* batch\.forward\(\)"):
+    with pytest.raises(InputError, match=r"xmat of world 0 has not been computed .* batch\.forward\(\)"):
         rig.sense(batch)
     for name in ("xmat", "site_xmat", "cam_xmat"):
         batch.bind(name)

@@ -133,7 +133,7 @@ def test_a_world_that_was_never_worked_out_is_told(
     rig, batch = rig_of(robot, "lidar"), [*datas[:4], mujoco.MjData(robot)]
     make_room(monkeypatch, rig, batch, 2)
     for _ in range(2):
-        with pytest.raises(InputError, match="geom_xmat of world 4 has not been worked out"):
+        with pytest.raises(InputError, match="geom_xmat of world 4 has not been computed"):
             rig.sense(batch)
     assert len(rig._mounted["lidar"].pool._last) == 1
     assert_same_frames(rig.sense(datas), rig_of(robot, "lidar").sense(datas), "after those that were refused")

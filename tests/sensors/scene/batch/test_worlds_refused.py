@@ -103,7 +103,7 @@ def test_data_of_another_model_is_refused_by_its_place(robot: mujoco.MjModel, da
 
 def test_a_world_that_was_never_worked_out_is_told(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
     new = mujoco.MjData(robot)
-    with pytest.raises(InputError, match="geom_xmat of world 2 has not been worked out, expected mj_forward or"):
+    with pytest.raises(InputError, match="geom_xmat of world 2 has not been computed, expected mj_forward or"):
         rig_of(robot, "lidar").sense([*datas[:2], new])
     frame = rig_of(robot, "lidar").sense(Worlds([*datas[:2], new], active=[True, True, False]))["lidar"]
     expected = rig_of(robot, "lidar").sense(datas[:2])["lidar"]

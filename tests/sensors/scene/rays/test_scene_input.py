@@ -105,9 +105,7 @@ def test_data_without_poses_is_refused(way: str) -> None:
     if way == "reset":
         mujoco.mj_forward(model, data)
         mujoco.mj_resetData(model, data)
-    with pytest.raises(
-        InputError, match=r"Scene\.update: data: poses have not been worked out, expected mj_forward or"
-    ):
+    with pytest.raises(InputError, match=r"Scene\.update: data: poses have not been computed, expected mj_forward or"):
         scene.update(data)
     mujoco.mj_kinematics(model, data)
     scene.update(data)
