@@ -183,11 +183,12 @@ def _require_answer(address: str) -> None:
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not port.isdecimal():
         return
+    if not 1 <= int(port) <= 65535:
+        raise InputError(f"--address: got {address!r}, expected a port from 1 to 65535")
     try:
         socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
-    except (OSError, OverflowError) as error:  # OverflowError: a port number out of range
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"--address: no Ray cluster at {address!r} to join: {reason}") from None
+    except OSError as error:
+        raise InputError(f"--address: no Ray cluster at {address!r} to join: {error.strerror or error}") from None
 
 
 def _with_one_thread(make: Make, unit: Unit) -> Result:

@@ -158,7 +158,6 @@ def test_ray_starts_one_of_its_own_or_says_why_it_joins_none(monkeypatch: pytest
         ("127.0.0.1:1", "Connection refused"),
         ("[::1]:1", ""),
         ("ray://127.0.0.1:1", "Connection refused"),
-        ("127.0.0.1:99999999999999999999", "too large"),
     ],
 )
 def test_where_nobody_answers_ray_is_not_asked(monkeypatch: pytest.MonkeyPatch, address: str, message: str) -> None:
@@ -170,6 +169,14 @@ def test_where_nobody_answers_ray_is_not_asked(monkeypatch: pytest.MonkeyPatch, 
     assert str(caught.value).startswith(f"--address: no Ray cluster at {address!r} to join: ")
     assert message in str(caught.value)
     assert not hasattr(ray, "how")
+
+
+@pytest.mark.parametrize("port", ["0", "65536", "99999999999999999999"])
+def test_a_port_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch, port: str) -> None:
+    """Sockets take a port modulo 65536."""
+    monkeypatch.setattr(engines, "load_extra", lambda *_names: FakeRay())
+    with pytest.raises(InputError, match=f"^--address: got 'head:{port}', expected a port from 1 to 65535$"):
+        Ray(f"head:{port}")
 
 
 @pytest.mark.parametrize(
