@@ -1,7 +1,7 @@
 """`triage_closed_form` for CUDA, with the sphere, from which round forms are made, called instead of inlined.
 
 Inlined, its code would be there six times, and threads stall on instructions that are not in the cache. On the CPU
-inlining is faster.
+it is inlined.
 """
 
 from types import FunctionType
