@@ -87,7 +87,7 @@ def visit_plot_of_packet(sought: Sought, k: int, lanes: int, reach: float) -> fl
 
 
 @wp.func
-def visit_leaf_of_field(sought: Sought, index: int, lanes: int, reach: float) -> float:
+def visit_leaf_of_hfield(sought: Sought, index: int, lanes: int, reach: float) -> float:
     """Test a packet against a plot, or against a block of the triangles of the field's sides and bottom."""
     if index >= FIRST_PLOT:
         return visit_plot_of_packet(sought, index - FIRST_PLOT, lanes, reach)
@@ -95,7 +95,7 @@ def visit_leaf_of_field(sought: Sought, index: int, lanes: int, reach: float) ->
 
 
 @wp.func
-def prefetch_child_of_field(sought: Sought, child: int) -> None:
+def prefetch_child_of_hfield(sought: Sought, child: int) -> None:
     if child >= 0:
         prefetch_node(sought.nodes, child)
     elif -1 - child >= FIRST_PLOT:
@@ -105,11 +105,13 @@ def prefetch_child_of_field(sought: Sought, child: int) -> None:
         prefetch_block(sought.blocks, -1 - child)
 
 
-cast_packet_through_field = packet_traversal("cast_packet_through_field", visit_leaf_of_field, prefetch_child_of_field)
+cast_packet_through_hfield = packet_traversal(
+    "cast_packet_through_hfield", visit_leaf_of_hfield, prefetch_child_of_hfield
+)
 
 
 @wp.func
-def cast_tile_through_field(g: Geometry, rays: wp.array[TileRays], shape: int, reach: vec8) -> vec8:
+def cast_tile_through_hfield(g: Geometry, rays: wp.array[TileRays], shape: int, reach: vec8) -> vec8:
     """Cast a tile against one visible field; return the new reach of each packet [m]."""
     pose = pose_of(rays[0].geometry, shape, rays[0].scope)
     if not is_somewhere(pose) or is_doubled(rays[0].geometry, shape, rays[0].scope):
@@ -124,16 +126,16 @@ def cast_tile_through_field(g: Geometry, rays: wp.array[TileRays], shape: int, r
         k = lowest_bit(packets)
         packets = packets & (packets - 1)
         sought = packet_among_triangles(g, rays, view, k, shape, rays[0].cull)
-        reach[k] = cast_packet_through_field(sought, g.root[at], reach[k])
+        reach[k] = cast_packet_through_hfield(sought, g.root[at], reach[k])
     return reach
 
 
 @noinline
-def cast_tile_through_fields(rays: wp.array[TileRays], reach: vec8) -> None:
+def cast_tile_through_hfields(rays: wp.array[TileRays], reach: vec8) -> None:
     """Cast a tile against all visible fields kept in plots. reach: of each packet [m]."""
     g = rays[0].geometry[0]
     scope = rays[0].scope
-    for k in range(g.fields.shape[0]):
-        shape = g.fields[k]
-        if is_in_plots(g.fields, g.columns, scope.first_shape + shape) and g.visible[scope.first_visible + shape]:
-            reach = cast_tile_through_field(g, rays, shape, reach)
+    for k in range(g.hfields.shape[0]):
+        shape = g.hfields[k]
+        if is_in_plots(g.hfields, g.columns, scope.first_shape + shape) and g.visible[scope.first_visible + shape]:
+            reach = cast_tile_through_hfield(g, rays, shape, reach)

@@ -26,7 +26,7 @@ from rigcast.kernels.trees.traverse import Entered, traversal
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
 from .beginning import begin_packets
-from .plots import cast_tile_through_fields
+from .plots import cast_tile_through_hfields
 from .triangles import cast_packet_through_triangles
 
 
@@ -78,7 +78,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     at = scope.first_shape + shape
     if not g.visible[scope.first_visible + shape] or (kind == SHEET and rays[0].cull == CULL_FRONT):
         return reach
-    if is_in_plots(g.fields, g.columns, at) or is_doubled(rays[0].geometry, shape, scope):
+    if is_in_plots(g.hfields, g.columns, at) or is_doubled(rays[0].geometry, shape, scope):
         return reach
     pose = pose_of(rays[0].geometry, shape, scope)
     to_local = wp.transpose(pose.rotation)
@@ -152,5 +152,5 @@ def cast_tile(g: Geometry, rays: wp.array[TileRays]) -> None:
         view, least_of_tile(p_low), most_of_tile(p_high), least_of_tile(q_low), most_of_tile(q_high)
     )
     reach = cast_tile_through_shapes(g, g.top, span * g.top_count, sought, reach)
-    if g.fields.shape[0] > 0:
-        cast_tile_through_fields(rays, reach)
+    if g.hfields.shape[0] > 0:
+        cast_tile_through_hfields(rays, reach)
