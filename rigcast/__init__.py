@@ -5,8 +5,8 @@
     for frame in rig.step(data): ...        after each mj_step, the frames that fell due
     frame.range.numpy()                     or torch.from_dlpack(frame.range)
 
-`Lidar`, `DepthCamera` and `HeightScan` say what a sensor is, `Mount` where, `Filter` what it may hit; `Frame` has what
-it sees. Below a rig is a `Scene`, which takes any rays. What is given wrongly raises `InputError`.
+`Lidar`, `DepthCamera` and `HeightScan` say what a sensor is, `Mount` where it is, `Filter` what its rays may hit;
+`Frame` has its readings. Below a rig is a `Scene`, which casts any rays. Invalid input raises `InputError`.
 """
 
 from importlib import import_module

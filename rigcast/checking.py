@@ -130,15 +130,23 @@ def check(
     duration: float = 1.0,
     seed: int = 0,
 ) -> Report:
-    """Cast a rig's rays in states from `data` on, which is stepped, and judge each by mj_ray, as `rigcast check` does.
+    """Cast a rig's rays in several states of a simulation and judge each by mj_ray, as `rigcast check` does.
 
-    rays: about how many in all, shared evenly among sensors and states and drawn at random from each reading;
-    a sensor that has fewer is checked whole. states: how many, evenly over `duration` [s].
+    Args:
+        rig: its sensors' nominal rays are cast, without range limits and measurement effects.
+        data: the first state. It is stepped: afterwards it is in the last state.
+        rays: about how many in all, shared evenly among sensors and states and drawn at random from each reading; a
+            sensor that has fewer is checked whole.
+        states: how many, evenly over `duration`.
+        duration: simulated time from the first to the last state [s].
+        seed: of the random choice of rays.
 
     Geoms are judged by mj_ray, SDF geoms and props by mj_ray on their meshes, flexes and skins by mj_rayFlex and
-    mju_raySkin; MuJoCo before 4 cannot answer for these last two, and rays that end on them are passed over.
+    mju_raySkin; MuJoCo before 4 cannot answer for flexes and skins, and rays that end on them are not judged.
 
-    Raises InputError for numbers that are not such, before anything is cast, and for data as `Rig.sense` does.
+    Raises:
+        InputError: an argument of another type or out of range, before anything is cast, or data that `Rig.sense`
+            refuses.
 
     >>> report = rigcast.check(rig, data)
     >>> assert report.wrong == 0, report.wrong_rays

@@ -24,16 +24,17 @@ class RigObservation(gymnasium.ObservationWrapper[Any, Any, Any]):
 
     The observation becomes a dict. It has the keys of the environment's own observation if that is a dict, else "state"
     for it, and for every sensor a float32 Box of its readings' shape, from 0 to its `max_range` [m]. Policies cannot
-    take infinities: nothing in range and invalid read as `max_range`, too near reads as 0. Sensors are read when the
-    observation is made, whatever their rates. `reset(seed=...)` also resets the rig to that seed.
+    take infinities: where nothing is in range, or the reading is invalid, there is `max_range`, and 0 where something
+    is too near. Sensors are read when the observation is made, whatever their rates. `reset(seed=...)` also resets the
+    rig to that seed.
 
     Args:
         env: has a MuJoCo `data` of the rig's model in `env.unwrapped`, like gymnasium's own MuJoCo environments.
         rig: every sensor needs a finite `max_range`, and a name that is not a key of the observation.
 
     Raises:
-        InputError: a sensor without a finite `max_range`, or a name that is taken; later, an environment without
-            `data`, or with that of another model.
+        InputError: a sensor without a finite `max_range`, or a name that is taken; at `reset` and `step`, an
+            environment without `data`, or with that of another model.
 
     >>> env = RigObservation(gymnasium.make("Ant-v5"), rig)
     >>> observation, info = env.reset(seed=0)

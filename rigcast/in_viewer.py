@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
+from numbers import Real
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcast.sensors.errors import InputError
+from rigcast.sensors.errors import InputError, require_type, require_whole
 from rigcast.sensors.preview.colour import Scale
 from rigcast.sensors.rig.frame import Frame, as_frames
 
@@ -16,12 +17,12 @@ from rigcast.sensors.rig.frame import Frame, as_frames
 def overlay(viewer: Any, frames: Frame | Iterable[Frame], *, size: float = 0.01, most: int = 5000) -> int:
     """Draw the points of one or several frames in a MuJoCo viewer, coloured by range; near is warm.
 
-    It replaces what it drew before, so you can call it after every `rig.step`; without frames it clears the points.
-    Frames must be of one world. Call `viewer.sync()` to see the result.
+    In a viewer it replaces all of `viewer.user_scn`, so you can call it after every `rig.step`; without frames it
+    clears the points. Call `viewer.sync()` to see the result. To an `MjvScene` it adds the points.
 
     Args:
-        viewer: of `mujoco.viewer.launch_passive`, or your own `MjvScene`, whose geoms are kept.
-        frames: one Frame or several.
+        viewer: of `mujoco.viewer.launch_passive`, or your own `MjvScene`.
+        frames: one Frame or several, each of one world.
         size: half the edge of the box drawn for a point [m].
         most: largest number of points; of more, only every second, third, ... is drawn, as MuJoCo draws them one by
             one.
@@ -30,12 +31,15 @@ def overlay(viewer: Any, frames: Frame | Iterable[Frame], *, size: float = 0.01,
         How many points were drawn, at most as many as the scene has room for.
 
     Raises:
-        InputError: no viewer, no frames, frames of many worlds, or a size that is not positive.
+        InputError: something that is not a viewer or not a Frame, frames of many worlds, a size that is not positive,
+            or a `most` that is not a whole number from 0 on.
 
     >>> with mujoco.viewer.launch_passive(model, data) as viewer:
     ...     rigcast.overlay(viewer, rig.sense(data).values())
     ...     viewer.sync()
     """
+    require_type("overlay: size", size, Real)
+    require_whole("overlay: most", most, 0)
     if not 0 < size < np.inf:
         raise InputError(f"overlay: size: got {size}, expected a positive number of metres")
     listed = as_frames("overlay: frames", [frames] if isinstance(frames, Frame) else frames)

@@ -100,7 +100,7 @@ def _part(shard: str | None) -> tuple[int, int]:
 def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
     if name == "in-process":
         if workers is not None:
-            raise InputError(f"--workers: got {workers} with --engine in-process, expected processes or ray")
+            raise InputError(f"--workers: got {workers} with --engine in-process, expected --engine processes or ray")
         return InProcess()
     return Processes(workers) if name == "processes" else Ray(address, workers)
 

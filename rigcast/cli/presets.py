@@ -33,7 +33,7 @@ def presets(
     console = console_beside(json_file)
     if name is None:
         if picture is not None:
-            raise InputError("--picture: needs the name of a preset")
+            raise InputError("--picture: got no preset, expected the name of one to draw")
         console.print(_list())
     else:
         require_png("--picture", picture)

@@ -10,7 +10,7 @@ PointLayout = Literal["auto", "full", "velodyne", "ouster", "livox", "hesai"]
 
 
 class Export(Spec):
-    """How frames are written; which formats, `--format` says.
+    """How frames are written. The formats themselves are those of a Recorder, or of `--format`.
 
     >>> Export(exr_compression="piz", point_layout="ouster")
     """
@@ -28,7 +28,8 @@ class Export(Spec):
         description="ROS depth images: metres in 32FC1, or whole millimetres in 16UC1 with 0 for a miss",
     )
     depth_points: bool = Field(
-        default=False, description="ROS: whether depth cameras give a PointCloud2 of all pixels besides their images"
+        default=False,
+        description="ROS: whether depth cameras give a PointCloud2 of all pixels in addition to their images",
     )
     world_frame: str = Field(default="map", min_length=1, description="ROS name of MuJoCo's world frame")
     transform_rate_hz: float = Field(

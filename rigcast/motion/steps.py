@@ -46,7 +46,8 @@ def control_of(function: UserFunction, model: mujoco.MjModel, seed: int) -> Cont
     def controlled(data: mujoco.MjData) -> None:
         value = returned(data)
         if value is not None:
-            raise returned.wrong(f"got {type(value).__name__} from the function of the MjData, which writes data.ctrl")
+            got = type(value).__name__
+            raise returned.wrong(f"got {got} from the function of the MjData, expected None: it writes data.ctrl")
 
     return controlled
 

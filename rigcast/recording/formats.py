@@ -19,7 +19,7 @@ class Format:
 
     holds: what one file of it holds, a frame, the frames of all cameras at one time, or a whole run.
     suffixes: of the files of a frame; of a run, its folder. needs: the module that writes it and the extra
-    that brings it, where that does not come with rigcast. most_classes: more have no numbers in it.
+    that brings it, where that does not come with rigcast. most_classes: the most that it has numbers for.
     """
 
     holds: Kind = "frame"
@@ -54,8 +54,8 @@ def choose_formats(sensors: Sequence[SensorSpec], formats: Sequence[str] | None)
         formats: any of FORMATS; None is exr for depth cameras and ply for the others.
 
     Raises:
-        InputError: no format, unknown formats, ones whose library is not installed, or sensors that none of them
-            fits; all that are, at once.
+        InputError: no format, or all unknown formats and those whose library is not installed, or all sensors that none
+            of them fits.
     """
     if formats is None:
         return {spec.name: ("exr",) if _is_image(spec) else ("ply",) for spec in sensors}
@@ -96,6 +96,6 @@ def _missing(name: str) -> str:
 
 def _unfit(spec: SensorSpec, wanted: Sequence[str]) -> str:
     return (
-        f"sensor {spec.name!r} is a {spec.type}, and got format {', '.join(wanted)} only, for depth cameras; "
+        f"sensor {spec.name!r} is a {spec.type}, but format {', '.join(wanted)} is for depth cameras only; "
         f"expected ply, npz or another as well"
     )

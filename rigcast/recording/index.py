@@ -51,7 +51,7 @@ class FrameIndex:
         return self._count
 
     def add(self, frame: Frame, number: int, files: Mapping[str, str]) -> None:
-        """Append a frame; `files` maps format to path relative to the run's folder. Raises OSError."""
+        """Append a frame; `files` maps format to path relative to the run's folder. Raises OSError on failure."""
         pose = np.asarray(frame.pose, dtype=np.float64).ravel().tolist()
         row = {"sensor": frame.sensor, "frame": number, "time": float(frame.time), "pose": pose, "files": files}
         self._journal.write(json.dumps(row) + "\n")

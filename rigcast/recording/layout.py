@@ -32,7 +32,7 @@ def refuse_names(sensors: Iterable[str]) -> None:
     """Raise InputError for a sensor with the name of another part of the folder."""
     for name in sensors:
         if name in (CAMERAS_NAME, UNFINISHED_NAME, *_RUN_NAMES):
-            raise InputError(f"sensor {name!r}: the name of another part of the output folder, expected another")
+            raise InputError(f"sensor {name!r}: the name of another part of the output folder, expected another name")
 
 
 def clear_earlier_run(folder: Path, sensors: Iterable[str]) -> None:

@@ -61,15 +61,17 @@ class Recorder:
     Args:
         folder: where to write; created if missing.
         model: the rig's.
-        sensors: of the rig whose frames will come.
-        formats: any of FORMATS; None is exr for cameras, ply for the others.
-        classes: as in a rig's `classes:`.
-        props: of the rig.
+        sensors: those of the rig whose frames will be written.
+        formats: any of exr, exr_multipart and png, for cameras only, and ply, pcd, las, laz, kitti, nuscenes, npz,
+            zarr, mcap and sqlite3; None is exr for cameras, ply for the others.
+        classes: names of geoms, bodies, flexes, skins and props by class, as in a rig's `classes:`.
+        props: those of the rig.
         options: as in a rig's `export:`.
 
     Raises:
         InputError: a format that does not exist, is not installed or does not fit a sensor; classes that do not fit
-            the model; a folder that cannot be written.
+            the model or are too many for a format; a sensor with a name that the folder or ROS does not allow; a folder
+            that cannot be written.
 
     >>> with Recorder("out", model, rig.sensors, ["npz", "mcap"]) as recorder:
     ...     mujoco.mj_step(model, data)
@@ -125,7 +127,7 @@ class Recorder:
         return len(self._index)
 
     def write(self, frame: Frame) -> None:
-        """Write one frame, as `step` does; a bag gets neither clock nor transforms of bodies with it."""
+        """Write one frame, as `step` does, but without the clock and the transforms of bodies in bags."""
         self._record(None, [frame])
 
     def step(self, data: mujoco.MjData, frames: Iterable[Frame]) -> None:
@@ -135,7 +137,8 @@ class Recorder:
         the motion of bodies between frames. Ctrl-C waits until the frames are written.
 
         Raises:
-            InputError: no frames of these sensors; or a file cannot be written, and what was saved before.
+            InputError: frames that are not of these sensors or of many worlds; after `finish`; or a file cannot be
+                written. The message says what was saved before.
         """
         self._record(data, frames)
 
@@ -143,6 +146,9 @@ class Recorder:
         """Complete all recordings, write frames.npz and a preview of the latest frame of every sensor that had one.
 
         After that no frame is accepted, and another call does nothing.
+
+        Raises:
+            InputError: a file cannot be written. The message says what was saved before.
         """
         if self._index.closed:
             return
@@ -167,7 +173,7 @@ class Recorder:
 
     def _record(self, data: mujoco.MjData | None, frames: Iterable[Frame]) -> None:
         if self._index.closed:
-            raise InputError(f"Recorder: finished, expected a new one for more frames; {self._saved()}")
+            raise InputError(f"Recorder: already finished, expected a new one for more frames; {self._saved()}")
         frames = as_frames("Recorder: frames", frames, self.outputs)
         with self._saying_what_is_saved(), uninterrupted():
             self._require_disk_space(frames)

@@ -112,13 +112,14 @@ def load_rig(
 
     Args:
         path: the rig file.
-        model: an MjModel, or the path of one, instead of the file's own `model:`.
-        device: "cpu", "cuda:0", ...; None picks CUDA if present.
-        seed: instead of the file's.
-        overrides: values that override the file's, each as for `--set`.
+        model: an MjModel, or the path of an MJCF, URDF or MJB file, instead of the file's own `model:`.
+        device: "cpu", "cuda:0", ...; None takes CUDA if it is present, else "cpu".
+        seed: instead of the file's, 0 to 2^63 - 1.
+        overrides: values that replace the file's, each `KEY=VALUE` as for `--set`.
 
     Raises:
-        InputError: all mistakes in the file and its model, each with its position in the file.
+        InputError: all mistakes in the file, in those that it extends and in its model, each with its file, line and
+            column; or a device that does not exist, or geometry that rays cannot hit.
 
     >>> rig = load_rig("rig.yaml", overrides=["sensors.top.rate_hz=5"])
     >>> frames = rig.sense(data)

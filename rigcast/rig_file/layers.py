@@ -30,10 +30,10 @@ def read_layers(path: Path, overrides: Sequence[str] = ()) -> YamlFile:
 
     `extends: base.yaml`, or a list of files, later ones on top, lays the file over others: mappings are merged key
     by key, sensors and props name by name, anything else is replaced. `repeat: {side: [left, right]}` in a sensor
-    makes one of it for each of these values, in place of `$side` wherever it stands in the sensor.
+    gives a copy of it for each of these values, put in place of `$side` wherever that stands in the sensor.
 
-    Raises InputError for a model or a device in place of a rig, whatever cannot be read, files that extend themselves,
-    placeholders without values, and overrides of what is not there; all of the latter three at once.
+    Raises InputError for a model or a device in place of a rig, and for a file that cannot be read; also, all of them
+    at once, for files that extend themselves, placeholders without values, and overrides of what is not there.
     """
     if isinstance(overrides, str) or not isinstance(overrides, Sequence):
         raise InputError(f"overrides: got {overrides!r:.80}, expected a list such as ['sensors.top.rate_hz=5']")
@@ -58,7 +58,7 @@ def refuse_other_names(path: Path) -> None:
     device = path.stem.lower()
     if device in preset_names() and not path.exists():
         how = f"`rigcast presets {device}` shows it, and a sensor of a rig names it: `preset: {device}`"
-        raise InputError(f"{path}: a device, expected a rig file; {how}")
+        raise InputError(f"{path}: the name of a device, expected a rig file; {how}")
 
 
 class _Layers:
@@ -84,7 +84,7 @@ class _Layers:
         base = path.parent / item.value
         self._files += 1
         if base.resolve() in [link.resolve() for link in chain]:
-            self._note(item, f"extends: {' -> '.join(map(str, (*chain, base)))} goes round in a circle")
+            self._note(item, f"extends: {' -> '.join(map(str, (*chain, base)))} is a circle")
         elif not base.is_file():
             device = f"; a sensor has a device as `preset: {item.value}`" if item.value in preset_names() else ""
             self._note(item, f"extends: {base} is not a file{device}")

@@ -1,4 +1,4 @@
-"""`--set sensors.top.rate_hz=5`: one value of a rig that replaces its file's."""
+"""Overrides such as `--set sensors.top.rate_hz=5`: values that replace those of a rig's file."""
 
 import re
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ def read_assignments(overrides: Sequence[str]) -> tuple[dict[str, str], list[Ass
         raise InputError("\n".join(f"{SOURCE}: got {line!r}, {expected}" for line in wrong))
     late = [line for line, (key, _, _) in zip(lines, parts, strict=True) if re.match(r"extends\b", key)]
     if late:
-        told = "values are set when files lie on each other already, expected a file that extends others"
+        told = "values are set after files have been merged, expected `extends` in the file itself"
         raise InputError("\n".join(f"{SOURCE}: got {line!r}: {told}" for line in late))
     text = "\n".join(lines)
     assignments = []

@@ -20,7 +20,7 @@ Storage = Literal["mcap", "sqlite3"]
 
 
 class Bag:
-    """A bag being written; messages that were settled survive a crash.
+    """A bag being written; messages that were settled survive a crash of this process.
 
     A bag that was not closed lacks metadata.yaml, and an MCAP its index: `ros2 bag reindex` and `mcap recover` add
     them.

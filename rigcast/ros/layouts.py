@@ -62,7 +62,7 @@ class Points(NamedTuple):
 
 
 def choose_layout(layout: PointLayout, preset: str | None) -> str:
-    """The layout of a sensor: for "auto" that of its preset's maker, the preset's first word, else "full"."""
+    """The layout of a sensor: for "auto" that of the maker named by the preset's first word, or "full"."""
     if layout != "auto":
         return layout
     maker = "" if preset is None else preset.partition("_")[0]

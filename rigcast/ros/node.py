@@ -21,20 +21,20 @@ from .stream import Message, MessageStream, Topic
 class RosNode:
     """A node that publishes the messages that a bag would hold, on the same topics.
 
-    It starts rclpy if it is not running, and then stops it too. Subscribers follow the simulation's clock with
+    If rclpy is not running it is started, and stopped by `close`. Subscribers follow the simulation's clock with
     `use_sim_time`. Leaving a `with` block calls `close`.
 
     Args:
         model: the rig's.
-        sensors: of the rig whose frames will come.
-        classes: as in a rig's `classes:`.
-        props: of the rig.
+        sensors: those of the rig whose frames will be published.
+        classes: names of geoms, bodies, flexes, skins and props by class, as in a rig's `classes:`.
+        props: those of the rig.
         options: as in a rig's `export:`.
         name: of the node.
 
     Raises:
-        InputError: rclpy, its message packages or rosbags, which serializes them, are not installed; names that ROS
-            does not allow.
+        InputError: rclpy, or rosbags, which serializes messages, is not installed; names of sensors that ROS does not
+            allow; classes that do not fit the model.
 
     >>> with RosNode(model, rig.sensors) as node:
     ...     mujoco.mj_step(model, data)
@@ -63,7 +63,10 @@ class RosNode:
         self._opened = False
 
     def step(self, data: mujoco.MjData, frames: Iterable[Frame]) -> None:
-        """Publish clock, transforms and the frames of one step; call it after every step, with or without frames."""
+        """Publish clock, transforms and the frames of one step; call it after every step, with or without frames.
+
+        Raises InputError for frames of other sensors or of many worlds.
+        """
         if not self._opened:
             self._publish(self._stream.opening(data.time))
             self._opened = True
@@ -96,11 +99,11 @@ class RosNode:
 
 
 def require_ros() -> None:
-    """Raise InputError where rclpy or rosbags cannot be imported."""
+    """Raise InputError where rclpy or rosbags is not installed."""
     if find_spec("rclpy") is None:
         raise InputError(
             "publishing needs rclpy, which comes with ROS 2 and not from PyPI: source the setup.bash of a ROS 2 "
-            "installation, for the Python that it is made for; a bag can be written without ROS: --format mcap"
+            "installation and use the Python that it was made for; a bag can be written without ROS: --format mcap"
         )
     if find_spec("rosbags") is None:
         raise InputError("publishing needs rosbags, which is not installed; pip install 'rigcast[ros]' brings it")

@@ -1,6 +1,6 @@
 """The messages of a rig, in the order in which a robot's drivers would send them.
 
-    /tf_static /rigcast/ids        once, kept for who subscribes later
+    /tf_static /rigcast/ids        once, kept for later subscribers
     /clock /tf                     as the simulation goes
     /<sensor>/points               PointCloud2 of lidars and height scans
     /<sensor>/scan                 LaserScan of scanners in one plane
@@ -33,7 +33,7 @@ from .transforms import TransformTree
 
 
 class Topic(NamedTuple):
-    """A topic; `latched` ones keep their last message for who subscribes later (transient local)."""
+    """A topic; `latched` ones keep their last message for later subscribers (transient local)."""
 
     name: str
     kind: str
@@ -59,8 +59,8 @@ _COMMON = (
 class MessageStream:
     """Turns steps of a simulation into messages.
 
-    topics: all that `opening`, `step` and `frame` may give.
-    Raises InputError for a sensor whose name ROS does not take, or whose frame is called like a body.
+    topics: all that messages of `opening`, `step` and `frame` may have.
+    Raises InputError for a sensor whose name ROS does not allow, or whose frame has the name of a body.
     """
 
     def __init__(self, model: mujoco.MjModel, sensors: Sequence[SensorSpec], ids: IdTable, options: Export) -> None:

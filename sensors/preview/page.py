@@ -1,4 +1,4 @@
-"""A page to draw a preview on: text, pictures, colour bars in metres, and a legend of rays without range."""
+"""A page to draw a preview on: text, pictures, colour bars in metres, and a legend of rays without a range."""
 
 from functools import cache
 

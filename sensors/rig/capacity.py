@@ -1,4 +1,4 @@
-"""Checks that readings have room, before anything is allocated or overwritten."""
+"""Checks that readings fit into memory and `out`, before anything is allocated or overwritten."""
 
 import math
 import os

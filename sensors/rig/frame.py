@@ -53,7 +53,7 @@ class Frame:
     `frame.range.numpy().copy()`.
 
     For a batch of worlds every per-ray field has a first axis for the world, and time (nworld,) and pose (nworld, 4, 4)
-    are Warp arrays of float64; `world(k)` is the frame of one world. Frames of worlds that are not active are NaN. With
+    are Warp arrays of float64; `world(k)` is the frame of one world. Rays of worlds that are not active read NaN. With
     two returns in a batch, vectors are arrays of vec3 and vec3d, because Warp arrays have at most four axes; `numpy()`
     and DLPack show the fifth.
 
@@ -106,7 +106,7 @@ class Frame:
 
     @cached_property
     def prop_id(self) -> DeviceArray | None:
-        """(...) int32: the place of the prop in the list of props, -1 where none was hit; None without props."""
+        """(...) int32: the index of the prop in the list of props, -1 where none was hit; None without props."""
         return self._ids("prop")
 
     @cached_property
@@ -153,7 +153,7 @@ class Frame:
         def depth_scale(self) -> float: ...
 
     def world(self, k: int) -> Self:
-        """The frame of world k, which shares memory with this one."""
+        """The frame of world k, which shares memory with this one. Raises InputError for a frame of one world."""
         if not isinstance(self.time, wp.array):
             raise InputError(f"Frame.world: sensor {self.sensor!r}: got a frame of one world, expected one of many")
         count = self.time.size
@@ -200,7 +200,8 @@ class Frame:
     def picture(self) -> "Image.Image":
         """The reading as a picture, 1200 pixels wide, with scales in metres; notebooks show it by themselves.
 
-        A camera: z-depth, normals, geoms. A lidar: range image above a top-down view. Others: their grid.
+        A camera: z-depth, normals, geoms. A lidar: range image above a top-down view. A height scan: the heights of its
+        grid. Raises InputError for a frame of many worlds.
         """
         self.require_one_world()
         return self._drawn()
@@ -208,7 +209,7 @@ class Frame:
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw depth, range image or points into matplotlib's `ax` (None: the current one); what has no range is grey.
 
-        Raises InputError where matplotlib is not installed.
+        Raises InputError where matplotlib is not installed, and for a frame of many worlds.
 
         >>> frame.plot().figure.savefig("frame.pdf")
         """
@@ -268,9 +269,9 @@ class LidarFrame(Frame):
 
     @cached_property
     def intensity(self) -> DeviceArray:
-        """(beams, columns) float32: reflectivity of a surface facing the sensor that would return the same power.
+        """(...) float32: reflectivity of a surface facing the sensor that would return the same power.
 
-        reflectivity cos(incidence) of a plain surface in clear air; 0 where the range is not finite.
+        Of an opaque surface in clear air it is reflectivity cos(incidence). 0 where the range is not finite.
         """
         return self._values("intensity", self._intensity)
 
@@ -317,8 +318,8 @@ class CameraFrame(Frame):
     def intensity(self) -> DeviceArray:
         """(height, width) float32: infrared light that comes back, reflectivity |cos incidence| / range^2.
 
-        1 is a white surface that faces the camera at 1 m, 0 where nothing is. An error of the depth does not show in
-        it: where `stereo` or `time_of_flight` give no reading it is that of what is there.
+        1 is a white surface that faces the camera at 1 m, 0 where nothing was hit. Errors of the depth do not affect
+        it: where `stereo` or `time_of_flight` gives no reading, it is that of the surface that is there.
         """
         return self._values("intensity", self._intensity)
 

@@ -44,7 +44,7 @@ class Rig:
 
     Args:
         model: the model that carries the sensors.
-        sensors: `Lidar`, `DepthCamera` and `HeightScan`, with different names.
+        sensors: any of `Lidar`, `DepthCamera` and `HeightScan`, with different names.
         device: a Warp device; None takes CUDA if it is present, else "cpu".
         seed: of all random numbers of the rig, 0 to 2^63 - 1.
         props: meshes that are not in the model, as for `Scene`.
@@ -216,7 +216,7 @@ class Rig:
 
         Calls that skip steps see one state where several readings fell due. Of a sensor that stands still, those due
         within the last timestep are read; if there are none but earlier ones, one is, and its `time` is `data.time`.
-        A RuntimeWarning says once for each sensor if that is fewer than fell due.
+        A RuntimeWarning says so, once for each sensor, if that is fewer than fell due.
 
         Raises:
             InputError: data as `sense` refuses it, or another MjData than before without `reset` between, unless the
@@ -287,14 +287,22 @@ class Rig:
         self._undelivered.append(_Delivery(max(frame.time + mounted.spec.latency, taken), rounding, frame))
 
     def rays(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, WorldRays]:
-        """The rays that each of these sensors would cast now, in the world."""
+        """The rays that each of these sensors would cast at `data.time`, in the world: origins [m] and unit directions.
+
+        Both are (*shape, 3) float64, with one ray for all of its returns; angular noise and sub-rays are left out, and
+        all rays are fired at once. Pixels that a lens leaves dark have NaN directions. Raises InputError as `sense`
+        does.
+        """
         with self._in_use:
             mounted = self._select(names)
             self._look(data)
             return {m.spec.name: m.at(data.time).world_rays(self._kinematics.data) for m in mounted}
 
     def cast(self, data: mujoco.MjData, names: Sequence[str] | None = None) -> dict[str, Hits]:
-        """Hits of the rays of each of these sensors now, without range limits: distances and world normals."""
+        """The first hits of the `rays` of each of these sensors, as `Scene.cast` gives them.
+
+        Sensors' filters apply; range limits and measurement effects do not. Raises InputError as `sense` does.
+        """
         with self._in_use:
             mounted = self._select(names)
             self._look(data)

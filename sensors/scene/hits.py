@@ -42,7 +42,7 @@ class Hits:
 
     @cached_property
     def distance(self) -> DeviceArray:
-        """(...) float32 [m], +inf on a miss, NaN for a ray on the device that is not finite."""
+        """(...) float32 [m], whatever the direction's length; +inf on a miss, NaN for a ray that could not be cast."""
         return self._shaped(self._arrays.distance)
 
     @cached_property

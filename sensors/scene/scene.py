@@ -46,6 +46,10 @@ class Scene(Stage):
         on_unsupported: what to do about geometry that rays cannot hit (SDF geoms without a mesh): "error"
             raises InputError, "warn" warns and leaves it out.
 
+    Raises:
+        InputError: a device that does not exist, a prop or mesh that cannot be read, a mount or surface that names what
+            the model does not have, a size that is not finite, or geometry that rays cannot hit.
+
     >>> scene = rigcast.Scene(model)
     >>> scene.update(data)
     >>> scene.cast((0, 0, 1), (1, 0, 0)).numpy().distance
@@ -72,7 +76,8 @@ class Scene(Stage):
     def update(self, data: mujoco.MjData | Batch) -> None:
         """Take the poses as they are in `data` (`geom_xpos`, `geom_xmat`), as `mj_ray` does.
 
-        `data` may be a batch of worlds, anything that `Worlds` takes; these are then cast against together.
+        `data` may be a batch of worlds, a `Worlds` or anything that `Worlds` takes; these are then cast against
+        together. Their `filters`, `mounts` and `active` are for the sensors of a rig and change nothing here.
 
         After `mj_step` poses lag `qpos` by one step. To see the world at `data.time`, run `mj_kinematics` first, and
         for flexes (`flexvert_xpos`) also `mj_comPos` and `mj_flex`.
@@ -138,10 +143,12 @@ class Scene(Stage):
                 new arrays.
 
         Arrays on the host keep float64 and are checked (on the CPU by the cast itself, after it has written to `out`).
-        Warp arrays (vec3 or vec3d, on the scene's device) are not checked: a ray that is not finite gives NaN.
+        Warp arrays (vec3 or vec3d, on the scene's device) are not checked: a ray that is not finite, has no direction
+        or begins beyond 1e18 m gives NaN.
 
         Raises:
-            InputError: a shape that does not fit, or a ray that is not finite or has no direction, with its index.
+            InputError: no `update` before, a shape, device or dtype that does not fit, or a ray that is not finite, has
+                no direction or begins beyond 1e18 m, with its index.
         """
         with self._in_use:
             require_type("Scene.cast: out", out, Hits, NoneType)

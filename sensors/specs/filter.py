@@ -42,8 +42,8 @@ class Filter(Spec):
         if groups is None or len(set(groups)) == len(groups):
             return groups
         flags = len(groups) == 6 and set(groups) <= {0, 1}
-        meant = f"; of six flags, as mj_ray takes, {[i for i in range(6) if groups[i]]}" if flags else ""
-        raise ValueError(f"must have each group once, got {list(groups)}{meant}")
+        meant = f"; six flags, as for mj_ray, would be {[i for i in range(6) if groups[i]]}" if flags else ""
+        raise ValueError(f"must have each group at most once, got {list(groups)}{meant}")
 
     @model_validator(mode="after")
     def _subtree_of_something(self) -> "Filter":

@@ -21,10 +21,11 @@ def from_model(model: mujoco.MjModel, resolution: Integers = (640, 480)) -> list
     """The cameras and `<rangefinder>`s of a model, as sensors for a `Rig` on it; change them with `model_copy`.
 
     A camera becomes a depth camera with its optics and its own resolution, or else `resolution` (width, height).
-    Orthographic cameras are left out. A rangefinder on a site becomes a lidar of one ray along the site's z axis, shape
-    (1, 1); one on a camera becomes that camera. Neither sees the body it is on. Like MuJoCo's, they read at every step.
-    A `cutoff` becomes `max_range`, beyond which they read +inf; MuJoCo reads the cutoff itself there, and -1 if nothing
-    is hit. Sampling intervals, delays and noise are not taken over.
+    Orthographic cameras are left out, and cameras without a name, on which nothing can be mounted. A rangefinder on a
+    site becomes a lidar of one ray along the site's z axis, shape (1, 1); one on a camera becomes that camera. As in
+    MuJoCo, rangefinders do not see the body they are on, which for one fixed to the world is the ground too, and all
+    sensors read at every step. A `cutoff` becomes `max_range`, beyond which they read +inf; MuJoCo reads the cutoff
+    itself there, and -1 if nothing is hit. Sampling intervals, delays and noise are not taken over.
 
     Sensors keep their names in the model, with `_` for characters that a sensor's name may not have, and a number where
     two names would be the same.
@@ -37,7 +38,8 @@ def from_model(model: mujoco.MjModel, resolution: Integers = (640, 480)) -> list
     taken: set[str] = set()
     finders = list(_rangefinders(model, taken, resolution))
     watched = {finder.mount.camera for finder in finders}
-    cameras = [i for i in range(model.ncam) if _is_perspective(model, i) and model.camera(i).name not in watched]
+    names = [model.camera(i).name for i in range(model.ncam)]
+    cameras = [i for i, name in enumerate(names) if name and name not in watched and _is_perspective(model, i)]
     return [*(_camera(model, i, usable_name(model.camera(i).name, taken), resolution) for i in cameras), *finders]
 
 

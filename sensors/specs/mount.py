@@ -51,7 +51,7 @@ class Mount(Spec):
     @classmethod
     def _not_zero(cls, quat: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if quat is not None and not 1e-9 < np.linalg.norm(quat) < np.inf:
-            raise ValueError(f"must have a length (w, x, y, z), got {list(quat)}")
+            raise ValueError(f"must be w, x, y, z of a length that is not 0, got {list(quat)}")
         return quat
 
     @model_validator(mode="after")

@@ -22,17 +22,17 @@ _SUFFIXES = (".yaml", ".yml")
 
 
 class PresetFile(Spec):
-    """The contents of a preset's file."""
+    """The contents of a preset file."""
 
     type: str | None = Field(default=None, description="the kind of sensor it is for; null: that of what it extends")
     extends: str | None = Field(default=None, description="a preset whose figures hold where none is given here")
     description: str = Field(description="the device, in one line")
     source: str = Field(description="where the figures were read")
     assumed: dict[str, str] = Field(
-        default_factory=dict, description="the figures that are not the maker's, or not found in a source, and why"
+        default_factory=dict, description="the figures that are not the maker's, or that no source gives, and why"
     )
     figures: dict[str, Any] = Field(
-        default_factory=dict, description="figures of the device that are no keys of a sensor, with their units"
+        default_factory=dict, description="figures of the device for which a sensor has no key, with their units"
     )
     sensor: dict[str, Any] = Field(default_factory=dict, description="values of a sensor's keys")
 
@@ -104,7 +104,7 @@ def _load_own(name: str) -> Preset:
     names = preset_names()
     if name not in names:
         raise InputError(
-            f"unknown preset {name!r}, expected a file .yaml or one of {listing(names)}{did_you_mean(name, names)}"
+            f"unknown preset {name!r}, expected a .yaml file or one of {listing(names)}{did_you_mean(name, names)}"
         )
     text = (files("rigcast.configs") / "presets" / f"{name}.yaml").read_text(encoding="utf-8")
     content = PresetFile(**YAML(typ="safe", pure=True).load(text))

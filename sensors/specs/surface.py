@@ -23,8 +23,9 @@ class Surface(Spec):
     """Reflectance of a geom, of everything with a material or on a body, or of a prop, at the sensors' wavelength.
 
     What no entry sets comes from the model: reflectivity is the luminance of the rgba (0.2126 r + 0.7152 g + 0.0722 b;
-    textures are ignored), transmission is 1 - alpha, mirror is the `reflectance` of the material. A prop has a
-    reflectivity of 0.5. Of several entries for one thing the last counts.
+    textures are ignored), transmission is 1 - alpha, mirror is the `reflectance` of the material. The rgba is that in
+    which MuJoCo draws it: the material's, unless the geom has its own. A prop has a reflectivity of 0.5, and neither
+    transmits nor mirrors. Of several entries for one thing the last counts.
     """
 
     geom: str | None = Field(default=None, description="name of a geom")

@@ -80,13 +80,13 @@ def _problem(error: MarkedYAMLError) -> str:
     """The parser's problem, and the beginning of what it was reading."""
     problem, context = error.problem or "", error.context or ""
     if problem.startswith("found character '\\t'"):
-        return "got a tab, expected spaces before what stands on a line"
+        return "got a tab, expected spaces as indentation"
     if problem.startswith("but "):
         return f"{context}, {problem}"
     start, end = error.context_mark, error.problem_mark
     begun = f", which begins at {start.line + 1}:{start.column + 1}" if start and end and start.line != end.line else ""
     if problem.startswith("expected <block end>") and "start>" in problem:
-        return f"not indented as what else stands in its mapping or list{begun}"
+        return f"not indented like the rest of its mapping or list{begun}"
     return " ".join(part for part in (problem, context) if part) + begun
 
 

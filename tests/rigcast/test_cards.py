@@ -50,7 +50,7 @@ def test_the_card_is_drawn(tmp_path: Path) -> None:
     with Image.open(tmp_path / "card.png") as card:
         assert card.size[0] == 1200
     code, output = call("presets", "--picture", str(tmp_path / "none.png"))
-    assert (code, output) == (2, "--picture: needs the name of a preset\n")
+    assert (code, output) == (2, "--picture: got no preset, expected the name of one to draw\n")
     code, output = call("presets", "livox_mid40", "--picture", "card.txt")
     assert (code, output) == (2, "--picture: got 'card.txt', expected a name that ends in .png\n")
 

@@ -138,7 +138,9 @@ def test_it_draws_as_many_as_there_is_room_for(
     assert expected[0] <= count == viewer.user_scn.ngeom <= expected[1]
 
 
-def test_a_scene_of_ones_own_keeps_its_geoms(model: mujoco.MjModel, frames: dict[str, rigcast.Frame]) -> None:
+def test_a_scene_of_ones_own_keeps_what_was_drawn_before(
+    model: mujoco.MjModel, frames: dict[str, rigcast.Frame]
+) -> None:
     scene = mujoco.MjvScene(model, 1000)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -148,6 +150,8 @@ def test_a_scene_of_ones_own_keeps_its_geoms(model: mujoco.MjModel, frames: dict
     assert rigcast.overlay(scene, frames["feet"]) == 25
     assert scene.ngeom == before + 25
     np.testing.assert_allclose(drawn(scene)[before:, 2], 0, atol=1e-6)
+    rigcast.overlay(scene, frames["feet"])
+    assert scene.ngeom == before + 50
 
 
 @pytest.mark.parametrize("viewer", [None, "viewer", object()])
@@ -167,6 +171,21 @@ def test_points_without_a_size_are_refused(
 ) -> None:
     with pytest.raises(rigcast.InputError, match=r"overlay: size: got .*, expected a positive number of metres"):
         rigcast.overlay(Viewer(model, 9), frames["top"], size=size)
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"size": "1 cm"}, "overlay: size: got str, expected Real"),
+        ({"most": -1}, "overlay: most: got -1, expected a whole number from 0 on"),
+        ({"most": 9.5}, "overlay: most: got 9.5, expected a whole number from 0 on"),
+    ],
+)
+def test_numbers_of_another_kind_are_refused(
+    model: mujoco.MjModel, frames: dict[str, rigcast.Frame], how: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(rigcast.InputError, match=message):
+        rigcast.overlay(Viewer(model, 9), frames["top"], **how)
 
 
 def test_frames_of_many_worlds_are_not_drawn_over_each_other(model: mujoco.MjModel) -> None:

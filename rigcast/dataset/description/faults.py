@@ -34,7 +34,7 @@ def faults_in(file: DatasetFile, folder: Path) -> list[Fault]:
 def _name_faults(file: DatasetFile) -> list[Fault]:
     counts = Counter(scene.name for scene in file.scenes)
     return [
-        Fault(("scenes", i, "name"), f"{scene.name!r} is the name of something else too, expected another")
+        Fault(("scenes", i, "name"), f"{scene.name!r} is the name of something else too, expected another name")
         for i, scene in enumerate(file.scenes)
         if counts[scene.name] > 1 or scene.name in _TAKEN
     ]

@@ -20,7 +20,8 @@ class SceneSource(Spec):
     file: str | None = Field(default=None, description="MJCF, URDF or MJB; a path relative to this file")
     python: FunctionName | None = Field(
         default=None,
-        description="module:function, called with the episode's seed, returns an MjModel; may be beside this file",
+        description="module:function, called with the episode's seed, returns an MjModel; the module may be beside "
+        "this file",
     )
 
     @model_validator(mode="after")
@@ -56,8 +57,8 @@ class UserController(Spec):
 
     type: Literal["python"]
     function: FunctionName = Field(
-        description="module:function, called with the MjModel and the episode's seed once, returns what is called with "
-        "the MjData before every step"
+        description="module:function, called once with the MjModel and the episode's seed, returns a function that is "
+        "called with the MjData before every step and writes its ctrl"
     )
 
 

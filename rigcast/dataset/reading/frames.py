@@ -109,7 +109,7 @@ class Dataset(Sequence[StoredFrame]):
         return faults + [fault for scene in self.manifest["scenes"] for fault in self._scene_faults(scene)]
 
     def torch(self, *fields: str) -> "TorchFrames":
-        """A `torch.utils.data.Dataset` of {field: tensor}; the frames should be of one sensor to be batched.
+        """A `torch.utils.data.Dataset` of {field: tensor}; to be batched, the frames must be of one sensor.
 
         Raises InputError where torch is not installed, or the first frame has no such field.
 
@@ -146,7 +146,7 @@ def open_dataset(path: str | Path, *, verify: bool = False) -> Dataset:
     Args:
         path: a folder, or a URL that fsspec knows, such as "s3://bucket/rooms". Only what you ask for is read, also
             from a URL: the manifest, then the shards' tables of contents and the arrays.
-        verify: compare every file with its checksum first, which reads all of them.
+        verify: first compare every file with its checksum, which reads all of them.
 
     Raises:
         InputError: there is no data set, with `verify` a file differs from what was written, or a URL needs a library

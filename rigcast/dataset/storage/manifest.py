@@ -33,7 +33,7 @@ _ABANDONED = 3600.0  # seconds after which a half-written manifest is taken to b
 
 
 def begin(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> None:
-    """Prepare the folder, or check that its contents are of the same data set.
+    """Prepare the folder, or check that its contents belong to the same data set.
 
     A data set of which every episode failed may be replaced by another, because it left nothing.
 
@@ -133,7 +133,7 @@ def _entries(paths: Iterator[Path]) -> Iterator[dict[str, Any]]:
             try:
                 yield json.loads(path.read_text(encoding="utf-8"))
             except ValueError as error:
-                mended = f"without {path.parent} the same command makes it anew"
+                mended = f"remove {path.parent}, and the same command makes it again"
                 raise InputError(f"{path}: not as it was written: {error}; {mended}") from None
 
 

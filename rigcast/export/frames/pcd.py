@@ -1,8 +1,9 @@
 """A frame as a PCD point cloud, binary: one point per ray, or return, with a finite range.
 
 Fields: `x y z` [m] and `normal_x normal_y normal_z` (float; sensor frame), `intensity` (float), `ring` (uint16) and
-`column` (int32) where the frame has them, `time` (float, since the frame's time [s]), `geom_id`, `body_id` and
-those of flexes, skins and props (int32). VIEWPOINT is the sensor's pose in the world, which takes points there.
+`column` (int32) where the frame has them, `return_number` (uint8, from 0) where rays have several, `time` (float, since
+the frame's time [s]), `geom_id`, `body_id` and those of flexes, skins and props (int32). VIEWPOINT is the sensor's pose
+in the world, which takes points there.
 """
 
 from pathlib import Path

@@ -1,10 +1,10 @@
-"""A frame as a PLY point cloud, binary little endian: one vertex per ray with a finite range.
+"""A frame as a PLY point cloud, binary little endian: one vertex per ray, or return, with a finite range.
 
-Vertex properties: `x y z` [m] and `nx ny nz` (float; sensor frame), `geom_id`, `body_id` (int), `stamp`
-(double, absolute time of the ray [s]); a lidar adds `ring` (ushort) and `column` (int), and a frame that has them
-`intensity` (float), `flex_id`, `skin_id`, `prop_id` (int). PLY has no notion of
-a miss, so rays without a finite range are left out, and trimesh's writer has no room for comments: sensor,
-time and pose of every file are in the run's frames.npz.
+Vertex properties: `x y z` [m] and `nx ny nz` (float; sensor frame), `geom_id`, `body_id` (int), `stamp` (double,
+absolute time of the ray [s]); a lidar adds `ring` (ushort) and `column` (int), one with several returns
+`return_number` (uchar, from 0), and a frame that has them `intensity` (float), `flex_id`, `skin_id`, `prop_id` (int).
+PLY has no notion of a miss, so rays without a finite range are left out, and trimesh's writer has no room for
+comments: sensor, time and pose of every file are in the run's frames.npz.
 """
 
 from dataclasses import dataclass

@@ -11,7 +11,7 @@ _ROUNDING = 1e-3  # of a timestep: clocks are sums of many
 
 
 def reads_too_often(sensor: SensorSpec, timestep: float) -> bool:
-    """Whether several readings fall due within a timestep [s], in which there is one state to see."""
+    """Whether several readings fall due within a timestep [s], of which only one state can be seen."""
     return sensor.rate_hz is not None and sensor.rate_hz * timestep > 1 + 1e-6 and not sensor.moves
 
 
@@ -27,10 +27,10 @@ def too_often(sensors: Iterable[SensorSpec], timestep: float) -> Iterator[str]:
 
 
 def times_of_one_state(sensor: SensorSpec, due: list[float], now: float, timestep: float) -> list[float]:
-    """Which of these readings, due [s] since the last call, there are of the state at `now` [s], and at what times.
+    """The times [s] of the readings to make of the state at `now` [s], given the times at which they fell due.
 
-    Those due within the last timestep keep their times. What fell due before then was of another state that nobody
-    showed the rig: if there is nothing else, one reading is made now.
+    Those due within the last timestep keep their times. Earlier ones were of states that the rig was not shown: if
+    there are no others, one reading is made now.
     """
     recent = [time for time in due if now - time <= timestep * (1 + _ROUNDING)]
     if reads_too_often(sensor, timestep):
@@ -39,9 +39,9 @@ def times_of_one_state(sensor: SensorSpec, due: list[float], now: float, timeste
 
 
 def missed(sensor: SensorSpec, due: int, given: int) -> str:
-    """A sentence about readings that fell due when the rig was not stepped, and were not given."""
+    """A sentence about readings that fell due while the rig was not stepped, and are not made."""
     return (
         f"sensor {sensor.name!r} at {sensor.rate_hz:g} Hz: {due} readings fell due since the last rig.step, which "
         f"gives {given}, as all would show the world as it is now; expected rig.step after each mj_step, or a rate_hz "
-        "at which it is called"
+        "of at most the rate of its calls"
     )

@@ -53,11 +53,11 @@ class Schedule:
     def due(self, time: float) -> list[float]:
         """The due times [s] since the last call, up to and including `time` [s].
 
-        Raises InputError for a clock that is not finite or leaps over 100 000 readings; the next call is a first one.
+        Raises InputError for a time that is not finite or leaps over 100 000 readings; the next call is a first one.
         """
         if not math.isfinite(time):
             self._last_time = math.nan
-            raise InputError(f"clock: got {time} s, expected a finite time")
+            raise InputError(f"data.time: got {time} s, expected a finite time")
         if not self._last_time <= time:
             self._last_time = time - self._timestep
         last_time, self._last_time = self._last_time, time
@@ -67,8 +67,8 @@ class Schedule:
         if last - first >= _MOST:
             self._last_time = math.nan
             raise InputError(
-                f"clock: got {time:g} s after {last_time:g} s, {last - first + 1} readings at {self._rate_hz:g} Hz, "
-                f"expected steps with fewer than {_MOST}"
+                f"data.time: got {time:g} s after {last_time:g} s, {last - first + 1} readings at "
+                f"{self._rate_hz:g} Hz, expected steps with fewer than {_MOST}"
             )
         return [self._time(k) for k in range(first, last + 1) if not self._lost(k)]
 

@@ -45,17 +45,18 @@ class Worlds:
         filters: for each sensor name, a `Filter` per world, instead of the sensor's own.
         mounts: for each sensor name, a `Mount` per world. All mounts of a sensor must be on bodies, or all on sites,
             and so on.
-        active: (nworld,) bool, which worlds are sensed; frames of the others are NaN, and cost nothing. An array on the
-            device is read again at each reading.
+        active: (nworld,) bool, which worlds are sensed; frames of the others are NaN, and cost nothing. It is read
+            again at each reading, so it may be written to in between.
         ids: (nworld,) integers from 0 on; each world draws the random numbers of its id. 0, 1, 2, ... if not given. A
             single world draws those of id 0.
 
-    Everything except poses, times and an `active` on the device is read when this is made. `geom_size` and
+    Everything except poses, times and `active` is read once; do not write to these arrays later. `geom_size` and
     `geom_dataid` are the fields of a mujoco_warp `Model`. Fields that `expand` gave to a `mujoco.batch.Batch` are used
     without being passed here.
 
     Raises:
-        InputError: a batch of another kind or without worlds, or other than one of something for each world.
+        InputError: a batch of another kind or without worlds, or other than one of something for each world (of
+            `active` when it is read). What depends on the model is checked at the first reading.
 
     >>> worlds = rigcast.Worlds(data, geom_size=model.geom_size, active=is_alive)
     >>> frames = rig.sense(worlds)

@@ -82,7 +82,7 @@ class Stereo(Ranging):
     def _alone(cls, model: str | None, info: ValidationInfo) -> str | None:
         both = [key for key in ("disparity_std", "disparity_step") if info.data.get(key)]
         if model is not None and both:
-            raise ValueError(f"is in place of {' and '.join(both)}, expected one or the other")
+            raise ValueError(f"replaces {' and '.join(both)}, expected one or the other")
         return model
 
 

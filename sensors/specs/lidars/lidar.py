@@ -28,16 +28,17 @@ class Lidar(SensorSpec):
 
     Directions: a table has `len(elevation_deg)` beams, each measured in `columns` directions around +z; readings have
     shape (beams, columns). Azimuth 0 is +x, counter-clockwise. Column k of n is at 360 k / n deg, or in a sector at
-    from + (to - from) k / (n - 1), so that both ends are measured. In one of 360 deg both are one direction, which is
-    measured once: column k is at from + 360 k / n deg. `clockwise` reverses the order. With `column_period_us` p
+    from + (to - from) k / (n - 1), so that both ends are measured; a single column is at from. In a sector of 360 deg
+    both ends are one direction, which is measured once: column k is at from + 360 k / n deg. `clockwise` reverses the
+    order: column k is at -360 k / n deg, or a sector begins at its other end. With `column_period_us` p
     instead of `columns`, column k is at 360 k p rate_hz deg, and there are as many columns as fit into a turn. Readings
     of the other patterns have shape (rays,).
 
     Times: with `rate_hz` the head turns at that rate. Column k of n fires k / (n rate_hz) s after the first (in a
     sector, when the head gets there), and row i `firing_time_us[i]` later, when the head has turned further.
-    `scan_time` is for devices that take another time for a sector, or none. Without `rate_hz` and `scan_time` all rays
-    fire at once. With `motion` each ray is cast with the poses of sensor and geoms at its firing time, and its point is
-    in the sensor's frame at that time.
+    `scan_time` is for devices that take another time for a sector, or none. Without `rate_hz` and `scan_time` all
+    columns fire at once. With `motion` each ray is cast with the poses of sensor and geoms at its firing time, and its
+    point is in the sensor's frame at that time.
 
     Origins: a beam starts `origin_radius` [m] from the z axis, towards its column's azimuth without the row's offset,
     at `origin_height` [m]. `min_range` and `max_range` limit the distance along the ray from there.
@@ -64,7 +65,7 @@ class Lidar(SensorSpec):
         default=0,
         ge=1,
         le=100_000,
-        description="measurements per row and turn; required without a preset",
+        description="measurements per row in a turn or sector; required without a preset",
         json_schema_extra=no_default,
     )
     column_period_us: float | None = Field(
@@ -77,7 +78,7 @@ class Lidar(SensorSpec):
     )
     clockwise: bool = Field(default=False, description="whether columns follow each other clockwise, seen from above")
     firing_time_us: Takes[Numbers | None, Sequence[Annotated[float, Field(ge=0)]] | None] = optional(
-        default=None, description="when each row fires after the first one of its column [us]; null: all at once"
+        default=None, description="when each row fires after the first one of its column [us]; null: all rows at once"
     )
     scan_time: float | None = Field(
         default=None,

@@ -72,9 +72,9 @@ class Steered(Spec):
 
 
 class Wedge(Spec):
-    """A rotating wedge of glass in air, one face square to the x axis and the other tilted."""
+    """A rotating wedge of glass in air, one face perpendicular to the x axis and the other tilted."""
 
-    rpm: float = Field(description="revolutions per minute, counter-clockwise as seen against +x")
+    rpm: float = Field(description="revolutions per minute about +x, by the right-hand rule")
     tilt_deg: float = Field(gt=-90, lt=90, description="angle of the tilted face [deg]; it leans to +y at time 0")
     index: float = Field(ge=1, description="refractive index of the glass")
     tilted_first: bool = Field(description="whether the light meets the tilted face first")
@@ -149,10 +149,10 @@ class Rosette(Steered):
 
 
 class Nodding(Steered):
-    """Beams that rotate about z while they nod, both slowly modulated with the phase p of the nod:
+    """Beams that rotate about z while they nod: a line's angles [deg] at time t [s], with p = 2 pi nod_hz t, are
 
-    elevation = elevation_deg[0] + elevation_deg[1] cos p + elevation_deg[2] cos 2p + ... + that of the line
-    azimuth = azimuth_deg[0] + turn + azimuth_deg[1] sin p + azimuth_deg[2] sin 2p + ...
+    elevation = elevation_deg[0] + elevation_deg[1] cos p + elevation_deg[2] cos 2p + ... + the line's own
+    azimuth = azimuth_deg[0] + 6 spin_rpm t + azimuth_deg[1] sin p + azimuth_deg[2] sin 2p + ...
     """
 
     spin_rpm: float = Field(description="revolutions about z per minute, counter-clockwise")

@@ -237,10 +237,13 @@ def test_no_file_takes_the_number_of_a_closed_stream() -> None:
         (["watch", "gone.yaml"], "gone.yaml: no such file, expected a rig"),
         (
             ["validate", "Velodyne_VLP16"],
-            "a device, expected a rig file; `rigcast presets velodyne_vlp16` shows it, and a sensor of a rig names it: "
-            "`preset: velodyne_vlp16`",
+            "the name of a device, expected a rig file; `rigcast presets velodyne_vlp16` shows it, and a sensor of a "
+            "rig names it: `preset: velodyne_vlp16`",
         ),
-        (["watch", "livox_mid360.yaml"], "livox_mid360.yaml: a device, expected a rig file; `rigcast presets"),
+        (
+            ["watch", "livox_mid360.yaml"],
+            "livox_mid360.yaml: the name of a device, expected a rig file; `rigcast presets",
+        ),
         (
             ["validate", "own.yaml"],
             "own.yaml:1:1: a preset, expected a rig; `rigcast presets own.yaml` shows it",
@@ -268,7 +271,7 @@ def test_what_newcomers_mistype_is_put_right(
     ("arguments", "message"),
     [
         (["--format", "plu"], "no format 'plu', expected any of exr, .* did you mean 'ply'?"),
-        (["--format", "exr"], "sensor 'top' is a lidar, and got format exr only, for depth cameras"),
+        (["--format", "exr"], "sensor 'top' is a lidar, but format exr is for depth cameras only"),
         (["--out", "robot.xml"], "robot.xml: the output folder cannot be written: File exists"),
         (["--duration", "nan"], "--duration: got nan, expected a positive number of seconds"),
     ],

@@ -193,7 +193,7 @@ def test_another_model_can_take_the_place_of_the_rigs_own(folder: Path) -> None:
         (["--duration", "nan"], "--duration: got nan"),
         (["--duration", "inf"], "--duration: got inf"),
         (["--format", "exd"], "no format 'exd', expected any of exr, exr_multipart, png"),
-        (["--format", "exr"], "sensor 'top' is a lidar, and got format exr only"),
+        (["--format", "exr"], "sensor 'top' is a lidar, but format exr is for depth cameras only"),
         (["--format", ","], "got no format, expected any of exr"),
         (["--out", "cart.xml"], "cart.xml: the output folder cannot be written: File exists"),
         (["--out", "cart.xml/below"], "cart.xml/below: the output folder cannot be written: Not a directory"),

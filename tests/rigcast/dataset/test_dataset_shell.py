@@ -88,7 +88,11 @@ FUNCTION_FAULTS = {
         "TypeError: push.<locals>",
     ),
     "no function": ("def push(model, seed):\n    pass", 1, "got NoneType, expected a function of the MjData"),
-    "value": ("def push(model, seed):\n    return lambda data: 3", 2, "got int from the function of the MjData, which"),
+    "value": (
+        "def push(model, seed):\n    return lambda data: 3",
+        2,
+        "got int from the function of the MjData, expected None",
+    ),
     "scene raises": ("def room(seed):\n    return 1 / 0", 2, "ZeroDivisionError: division by zero"),
     "no model": ("def room(seed):\n    return ''", 1, "got str, expected an MjModel"),
 }
@@ -134,7 +138,7 @@ def test_what_a_function_s_model_lacks_is_told_before_its_episodes(folder: Path)
         (["--shard", "1/0"], "--shard: got '1/0', expected I/N, such as 1/8"),
         (["--shard", "half"], "--shard: got 'half', expected I/N, such as 1/8"),
         (["--device", "gpu"], "no device 'gpu', expected one of cpu"),
-        (["--workers", "4"], "--workers: got 4 with --engine in-process, expected processes or ray"),
+        (["--workers", "4"], "--workers: got 4 with --engine in-process, expected --engine processes or ray"),
         (["--set", "seed=-1"], "--set:1:6: seed: must be greater than or equal to 0"),
         (["--verify", "--out", "none"], "none/dataset.json: not the manifest of a data set: No such file or directory"),
     ],

@@ -132,7 +132,9 @@ def test_a_recorder_finishes_once_and_takes_no_frame_after_that(tmp_path: Path) 
     with Recorder(tmp_path, made_frames.model(), [LIDAR], ["npz", "mcap"]) as recorder:
         recorder.step(data, frames_at(0.1)[:1])
         recorder.finish()
-    with pytest.raises(rigcast.InputError, match="Recorder: finished, expected a new one for more frames; 1 frames"):
+    with pytest.raises(
+        rigcast.InputError, match="Recorder: already finished, expected a new one for more frames; 1 frames"
+    ):
         recorder.step(data, frames_at(0.2)[:1])
     assert indexed(tmp_path) == [("top", 0)]
     assert sorted(path.name for path in (tmp_path / "top").iterdir()) == ["000000.npz", "preview.png"]

@@ -128,7 +128,7 @@ FAULTS = [
     ("a: 'x\n§", "not valid YAML: found unexpected end of stream"),
     ("a: 1\n§---\nb: 2\n", "not valid YAML: expected a single document in the stream, but found another document"),
     ("a:\n§\tb: 1\n", "not valid YAML: got a tab, expected spaces"),
-    ("a:\n    b: 1\n  §c: 2\n", "not valid YAML: not indented as what else stands in its .*, which begins at 1:1"),
+    ("a:\n    b: 1\n  §c: 2\n", "not valid YAML: not indented like the rest of its .*, which begins at 1:1"),
     ("a: 1\nb 2\n§c: 3\n", "not valid YAML: could not find expected ':' .*, which begins at 2:1"),
     ("a: §*x\n", "not valid YAML: found undefined alias 'x'"),
     ("a: \x01\n", "not valid YAML: .*special characters are not allowed"),

@@ -180,7 +180,7 @@ def test_what_is_no_override_is_refused(folder: Path, override: str) -> None:
 
 def test_files_are_not_extended_by_an_override(folder: Path) -> None:
     message = error_of(folder / "base" / "base.yaml", "extends=other.yaml")
-    assert message.startswith("--set: got 'extends=other.yaml': values are set when files lie on each other already")
+    assert message.startswith("--set: got 'extends=other.yaml': values are set after files have been merged")
 
 
 @pytest.mark.parametrize("overrides", ["seed=3", {"seed": 3}])
@@ -193,7 +193,7 @@ def test_overrides_that_are_no_list_are_refused(folder: Path, overrides: Any) ->
 FAULTS = [
     ("extends: §no.yaml\n", "extends: .*no.yaml is not a file"),
     ("extends: §ouster_os1_64\n", "extends: .*is not a file; a sensor has a device as `preset: ouster_os1_64`"),
-    ("extends: §rig.yaml\n", "extends: .*rig.yaml -> .*rig.yaml goes round in a circle"),
+    ("extends: §rig.yaml\n", "extends: .*rig.yaml -> .*rig.yaml is a circle"),
     ("extends: §3\n" + BASE.replace("robot", "base/robot"), "extends: must be the name of a file, or a list of them"),
     ("extends: base/base.yaml\nsensors: [{name: top, §rat: 3}]\n", r"sensors\[0\].rat: unknown key"),
     ("extends: base/base.yaml\nsensors: §3\n", "sensors: must be a list"),
@@ -223,7 +223,7 @@ def test_a_circle_is_shown_where_it_closes(folder: Path) -> None:
     write(folder, "extends: ./base/../a.yaml\n", "b.yaml")
     first = error_of(path).splitlines()[0]
     circle = " -> ".join(str(folder / name) for name in ("a.yaml", "b.yaml", "base/../a.yaml"))
-    assert first == f"{folder / 'b.yaml'}:1:10: extends: {circle} goes round in a circle"
+    assert first == f"{folder / 'b.yaml'}:1:10: extends: {circle} is a circle"
 
 
 def test_faults_of_several_files_are_told_at_once(folder: Path) -> None:

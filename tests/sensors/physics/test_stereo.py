@@ -244,7 +244,7 @@ def rig_first(spec: Any) -> NDArray[np.float32]:
         ({"baseline": 0.1, "disparity_std": -1}, "disparity_std: must be greater than or equal to 0, got -1"),
         (
             {"baseline": 0.1, "disparity_std": 0.1, "kinect_v1": "nguyen"},
-            "kinect_v1: is in place of disparity_std, expected one or the other",
+            "kinect_v1: replaces disparity_std, expected one or the other",
         ),
         ({"baseline": 0.1, "dropout": 1.1}, "dropout: must be less than or equal to 1, got 1.1"),
     ],

@@ -77,8 +77,8 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "None among names": (lambda: rig().sense(DATA, [ANY]), "name of a sensor: got NoneType, expected str"),
     "nothing to sense": (lambda: rig().sense(ANY), "Rig: data: got NoneType, expected MjData"),
     "nothing to step": (lambda: list(rig().step(ANY)), "Rig: data: got NoneType, expected MjData"),
-    "a clock of NaN": (lambda: Schedule(10, 0.01).due(NAN), "clock: got nan s, expected a finite time"),
-    "a clock of inf": (lambda: Schedule(None, 0.01).due(INF), "clock: got inf s, expected a finite time"),
+    "a clock of NaN": (lambda: Schedule(10, 0.01).due(NAN), "data.time: got nan s, expected a finite time"),
+    "a clock of inf": (lambda: Schedule(None, 0.01).due(INF), "data.time: got inf s, expected a finite time"),
 }
 
 
@@ -93,7 +93,7 @@ def test_it_is_refused_with_one_clear_error(name: str) -> None:
 def test_a_clock_that_leaps_is_refused_and_then_starts_over() -> None:
     schedule = Schedule(10.0, 0.01)
     assert schedule.due(0.0) == [0.0]
-    with pytest.raises(InputError, match=r"clock: got 1e\+09 s after 0 s, 10000000000 readings at 10 Hz"):
+    with pytest.raises(InputError, match=r"data.time: got 1e\+09 s after 0 s, 10000000000 readings at 10 Hz"):
         schedule.due(1e9)
     assert schedule.due(1e9) == [1e9]
 

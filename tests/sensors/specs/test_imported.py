@@ -15,6 +15,7 @@ MODEL = """
     <geom name="wall" type="box" pos="4 0 1" size="0.1 3 1"/>
     <camera name="over view" pos="0 0 5"/>
     <camera name="map" pos="0 0 5" projection="orthographic" resolution="8 6"/>
+    <camera pos="0 0 5"/>
     <body name="cart" pos="0.3 -0.2 1.5" euler="10 20 30">
       <freejoint/>
       <geom size="0.2"/>
@@ -55,7 +56,7 @@ def read_both(model: mujoco.MjModel) -> tuple[dict[str, rigcast.Frame], mujoco.M
     return rigcast.Rig(model, rigcast.from_model(model), device="cpu").sense(data), data
 
 
-def test_everything_is_imported_under_its_name() -> None:
+def test_everything_with_a_name_is_imported_under_it() -> None:
     sensors = {sensor.name: sensor for sensor in rigcast.from_model(model_of())}
     assert list(sensors) == ["over_view", "eye", "finder", "down", "near", "far", "far_"]
     assert [sensors[name].type for name in ("eye", "down")] == ["depth_camera", "lidar"]

@@ -147,7 +147,7 @@ def test_unknown_names_are_refused(model: mujoco.MjModel, mount: Mount, message:
     [
         ({"body": "a", "site": "b"}, "at most one of body, site and camera, got body and site"),
         ({"quat": (1, 0, 0, 0), "euler_deg": (0, 0, 0)}, "quat or euler_deg, got both"),
-        ({"quat": (0, 0, 0, 0)}, "quat: must have a length"),
+        ({"quat": (0, 0, 0, 0)}, "quat: must be w, x, y, z of a length that is not 0"),
         ({"pos": (0, 0)}, "pos: must have 3 values, got 2$"),
         ({"quat": ()}, "^Mount: quat: must have 4 values, got 0$"),
         ({"pos": (0, 0, 0, 0)}, "pos: must have at most 3 values, got 4"),
