@@ -8,9 +8,9 @@ from rigcast.kernels.rays.coherent import Bundles
 
 from .sorting import Doubles, Indices, halved_to, in_parts
 
-MOST = wp.constant(16)
+BUNDLE = wp.constant(16)
 """Number of rays of a bundle."""
-_CHUNK = 32 * MOST
+_CHUNK = 32 * BUNDLE
 
 
 def sort_into_bundles(origins: Doubles, group: npt.NDArray[np.int32]) -> Bundles:
@@ -24,9 +24,9 @@ def sort_into_bundles(origins: Doubles, group: npt.NDArray[np.int32]) -> Bundles
 
 
 def _bundles_of(rays: Indices, origins: Doubles) -> Indices:
-    """Bundles (m, MOST) of neighbouring rays (n,), padded with -1."""
+    """Bundles (m, BUNDLE) of neighbouring rays (n,), padded with -1."""
     chunks = in_parts(rays, origins, _CHUNK)
     whole = np.array([chunk for chunk in chunks if len(chunk) == _CHUNK], np.int64).reshape(-1, _CHUNK)
-    rest = [part for chunk in chunks if len(chunk) != _CHUNK for part in in_parts(chunk, origins, MOST)]
-    filled = [np.concatenate([part, np.full(MOST - len(part), -1)]) for part in rest]
-    return np.concatenate([halved_to(whole, origins, MOST), *(part[None] for part in filled)])
+    rest = [part for chunk in chunks if len(chunk) != _CHUNK for part in in_parts(chunk, origins, BUNDLE)]
+    filled = [np.concatenate([part, np.full(BUNDLE - len(part), -1)]) for part in rest]
+    return np.concatenate([halved_to(whole, origins, BUNDLE), *(part[None] for part in filled)])

@@ -16,7 +16,7 @@ from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Node, set_child
 from rigcast.kernels.trees.tree import build_tree
 
 from .arrays import TriangleTree
-from .triangle_tree import blocks_of, fill, on_cpu, whole_box
+from .triangle_tree import blocks_of, fill, lend, whole_box
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -95,16 +95,16 @@ class DeformingTree:
     def _build(self, vertices: npt.NDArray[np.float32]) -> None:
         corners = vertices[self._faces]
         built = build_tree(corners.min(axis=1), corners.max(axis=1), leaf_size=WIDTH)
-        self._nodes = on_cpu(built.nodes, Node)
-        self._blocks = on_cpu(blocks_of(built, np.arange(len(corners))), TriangleBlock)
+        self._nodes = lend(built.nodes, Node)
+        self._blocks = lend(blocks_of(built, np.arange(len(corners))), TriangleBlock)
         self._fits = wp.empty(len(built.nodes), dtype=Fit, device="cpu")
         self._refit(vertices)
         self._built_area = self._area
 
     def _refit(self, vertices: npt.NDArray[np.float32]) -> None:
         """Recompute corners, normals and boxes for moved vertices."""
-        self._boxes = fill(self._blocks, on_cpu(vertices, wp.vec3), self._faces_on_cpu)
-        boxes = [on_cpu(ends, wp.vec3) for ends in self._boxes]
+        self._boxes = fill(self._blocks, lend(vertices, wp.vec3), self._faces_on_cpu)
+        boxes = [lend(ends, wp.vec3) for ends in self._boxes]
         launch(fit_tree, 1, boxes, [self._nodes, self._fits], "cpu")
 
     @property

@@ -13,7 +13,7 @@ from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH
 from rigcast.kernels.trees.regular import BoxGrid, RegularNodes
 
 from .arrays import TriangleTree
-from .triangle_tree import fill, on_cpu
+from .triangle_tree import fill, lend
 
 Floats = npt.NDArray[np.float32]
 
@@ -147,7 +147,7 @@ def _blocks(rows: Sequence[npt.NDArray[np.floating]], first_face: int) -> tuple[
     face = np.concatenate(filled)
     blocks = struct_zeros(TriangleBlock, len(face))
     blocks["face"] = face
-    lower, upper = fill(on_cpu(blocks, TriangleBlock), on_cpu(corners, wp.vec3), on_cpu(faces, wp.vec3i))
+    lower, upper = fill(lend(blocks, TriangleBlock), lend(corners, wp.vec3), lend(faces, wp.vec3i))
     blocks["face"] = np.where(face == NO_FACE, NO_FACE, face + first_face)
     number = ~np.arange(len(blocks), dtype=np.int32)
     ends = np.cumsum([*map(len, filled)])
