@@ -92,7 +92,7 @@ class Setting:
 @wp.func
 def stopped() -> wp.vec3d:
     """The direction, NaN, of light that has ended."""
-    return wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
+    return wp.vec3d(wp.float64(wp.nan))
 
 
 @wp.func
