@@ -120,11 +120,16 @@ def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triang
     return TriangleTree(tree.nodes, blocks, *box, dropped=len(f) - len(face))
 
 
-def _require_usable(vertices: npt.NDArray[Any], faces: npt.NDArray[np.integer]) -> None:
-    out_of_range = (faces < 0) | (faces >= len(vertices))
+def require_in_range(faces: npt.NDArray[np.integer], count: int) -> None:
+    """Raise ValueError for faces (m, 3) that are not of vertices 0 to count - 1."""
+    out_of_range = (faces < 0) | (faces >= count)
     if out_of_range.any():
         face, corner = np.argwhere(out_of_range)[0]
-        raise ValueError(f"face {face}: got vertex {faces[face, corner]}, expected 0 to {len(vertices) - 1}")
+        raise ValueError(f"face {face}: got vertex {faces[face, corner]}, expected 0 to {count - 1}")
+
+
+def _require_usable(vertices: npt.NDArray[Any], faces: npt.NDArray[np.integer]) -> None:
+    require_in_range(faces, len(vertices))
     bad = ~(np.abs(vertices) <= FARTHEST).all(axis=-1)
     if bad.any() and bad[faces].any():
         face, corner = np.argwhere(bad[faces])[0]
