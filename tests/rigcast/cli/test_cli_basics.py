@@ -128,7 +128,7 @@ def test_validate_takes_another_model(rig: Path) -> None:
         ("robot.xml", "rig.yaml", "rig.yaml: a YAML file, expected a MuJoCo model"),
         ("torso", "torsoo", ":3:68: sensors[0].mount.body: no body 'torsoo'"),
         ("[64, 48]", "[0, 48]", ":4:63: sensors[1].resolution[0]: must be greater than or equal to 1, got 0"),
-        ("58", "!!float 58", ":4:83: got a tag"),
+        ("58", "!!float 58", ":4:83: got the tag !!float"),
         ("front", "top", ":4:12: sensors[1].name: 'top' is the name of sensors[0] already"),
         ("sensors:", "sensors: [", "not valid YAML"),
         ("58", ".nan", "sensors[1].fov_y_deg: must be"),
