@@ -241,7 +241,7 @@ def test_a_data_set_in_place_of_a_run_is_told_apart(tmp_path: Path, name: str) -
 
 def test_a_rig_is_shown_as_a_recorded_motion_moves_it(folder: Path, tmp_path: Path) -> None:
     np.save(tmp_path / "motion.npy", [[0.0], [1.0], [1.0]])
-    moved = ["--motion", tmp_path / "motion.npy", "--motion-rate", "20"]
+    moved: tuple[str | Path, ...] = ("--motion", tmp_path / "motion.npy", "--motion-rate", "20")
     code, output = call("view", folder / "cart.yaml", *moved, "--save", tmp_path / "page.html")
     assert (code, output.splitlines()[-1]) == (0, f"{tmp_path / 'page.html'}: 4 frames"), output
     shots = data_of(tmp_path / "page.html")["shots"]
