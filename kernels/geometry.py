@@ -92,9 +92,7 @@ class Geometry:
     size: wp.array[wp.vec3]
     root: wp.array[int]  # node of the triangle tree's root
     columns: wp.array[int]  # cells per row of a height field, else 0
-    fields: wp.array[
-        int
-    ]  # shapes that are height fields whose plots are not stored as nodes; see packets.traverse.plots
+    hfields: wp.array[int]  # (k,) height fields whose plots are not stored as nodes; see packets.traverse.plots
     center: wp.array[wp.vec3]  # of the shape's box in its own frame [m]
     half: wp.array[wp.vec3]  # half size of that box [m]
     reach: wp.array[float]  # largest |coordinate| of the shape in its own frame [m]

@@ -1,7 +1,7 @@
-"""Launches, in any threads at once: Warp starts, and loads what it launches, in one of them at a time.
+"""Launches from several Python threads at once, of which only one at a time starts Warp or loads a module.
 
-Warp itself takes no care of that. Two threads that load a module at once load it twice, under one name; it goes when
-the first of the two is dropped, and where the other is called there is nothing any more, which ends the process.
+Warp does not ensure this itself. Two threads that load a module at once load it twice, under one name; when the first
+copy is dropped, the code of both is gone, and calls of the other crash the process.
 """
 
 import os
@@ -21,7 +21,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def start_warp() -> None:
-    """Let Warp look for devices, unless it has; before anything else of Warp."""
+    """Initialise Warp, unless it is; call this before anything else of Warp."""
     with LOADING:
         wp.init()
 
@@ -33,7 +33,7 @@ def launch(
     outputs: Sequence[Any],
     device: wp.DeviceLike,
 ) -> None:
-    """`wp.launch`."""
+    """`wp.launch`, safe to call in several threads at once."""
     on_device = kernel, wp.get_device(device).alias
     if on_device not in _loaded and command_for(kernel, size, inputs, outputs, device) is not None:
         _loaded.add(on_device)
@@ -48,7 +48,7 @@ def command_for(
     device: wp.DeviceLike,
     block_dim: int = 256,
 ) -> wp.Launch | None:
-    """A launch that is not made yet, of a kernel that is loaded; None where there is nothing to launch."""
+    """A launch to be made later, of a kernel whose module is loaded now; None if there is nothing to launch."""
     with LOADING:
         return wp.launch(
             kernel, size, inputs=inputs, outputs=outputs, device=device, record_cmd=True, block_dim=block_dim

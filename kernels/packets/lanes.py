@@ -9,7 +9,7 @@ from .packet import PacketHits, Vectors, int_lanes, lanes
     auto& all = *wp::address(vectors, 0);
     return wp::vec3(all.x[i], all.y[i], all.z[i]);
 """)
-def direction_of(vectors: wp.array[Vectors], i: int) -> wp.vec3:
+def vector_of_lane(vectors: wp.array[Vectors], i: int) -> wp.vec3:
     """Vector i of sixteen."""
 
 

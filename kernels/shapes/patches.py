@@ -132,11 +132,11 @@ def open_plot(plots: wp.array[Plot], sides: wp.array[float], k: int, node: wp.ar
 
 
 @wp.func
-def is_in_plots(fields: wp.array[int], columns: wp.array[int], entry: int) -> bool:
+def is_in_plots(hfields: wp.array[int], columns: wp.array[int], entry: int) -> bool:
     """Whether a shape is a height field whose plots are not stored as nodes.
 
-    fields, columns: of Geometry. entry: index of the shape in arrays of sizes.
+    hfields, columns: of Geometry. entry: index of the shape in arrays of sizes.
     """
-    if fields.shape[0] == 0:
+    if hfields.shape[0] == 0:
         return False
     return int_at(columns, entry) > 0

@@ -9,7 +9,7 @@ from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.launching.slices import OverTiles
 from rigcast.kernels.rays.arrays import Rays
 
-from .cast import RAYS_PER_RUN, Alone, Job, cast_turns
+from .cast import RAYS_PER_TILE, Alone, Job, cast_turns
 
 
 class CastsAlone:
@@ -47,7 +47,7 @@ class _Cast:
         job.rays, job.visible = rays.arrays.__ctype__(), visible.__ctype__()
         job.limit, job.cull = limit, cull
         hits.lend(job.out)
-        self._alone.count, self.tiles.count = rays.total, -(-rays.total // RAYS_PER_RUN)
+        self._alone.count, self.tiles.count = rays.total, -(-rays.total // RAYS_PER_TILE)
 
     def _inputs(self, threads: int) -> list[Any]:
         self._alone.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")

@@ -22,7 +22,7 @@ from rigcast.kernels.rays.unit import make_unit
 from .ray import cast_ray
 from .walk import NUMBERS_OF_STACK
 
-RAYS_PER_RUN = 32
+RAYS_PER_TILE = 32
 """Number of rays that counts as one tile when the number of threads is chosen."""
 RAYS_PER_TURN = wp.constant(128)
 """Number of rays that a CPU thread claims at a time; small, so that no thread waits long for the last one."""
@@ -137,4 +137,4 @@ def prepare_turns(geometry: Geometry, job: Job, which: wp.array, count: int) -> 
         alone.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
         return [geometry, job, alone]
 
-    return OverTiles(cast_turns, -(-count // RAYS_PER_RUN), inputs)
+    return OverTiles(cast_turns, -(-count // RAYS_PER_TILE), inputs)

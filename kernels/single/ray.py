@@ -216,7 +216,7 @@ def visit_shape(
     if kind == SHEET and ray.cull == CULL_FRONT:
         return best
     entry = scope.first_shape + shape
-    if is_in_plots(g[0].fields, g[0].columns, entry):
+    if is_in_plots(g[0].hfields, g[0].columns, entry):
         return best
     if has_triangles(kind):
         local = in_frame_of_tree(ray, origin, direction, float_at(g[0].reach, entry))
@@ -231,7 +231,7 @@ cast_through_shapes = ray_traversal("cast_through_shapes", visit_shape)
 
 
 @wp.func
-def visit_leaf_of_field(
+def visit_leaf_of_hfield(
     g: wp.array[Geometry],
     ray: Ray,
     index: int,
@@ -248,11 +248,11 @@ def visit_leaf_of_field(
     return visit_leaf(g, ray, index, stack, top, composed, best)
 
 
-cast_through_leaves_of_field = ray_traversal("cast_through_leaves_of_field", visit_leaf_of_field)
+cast_through_leaves_of_hfield = ray_traversal("cast_through_leaves_of_hfield", visit_leaf_of_hfield)
 
 
 @wp.func
-def cast_through_field(
+def cast_through_hfield(
     g: wp.array[Geometry], ray: Ray, shape: int, stack: wp.array[int], composed: wp.array[TriangleBlock], best: Hit
 ) -> Hit:
     """Cast the ray against one visible field that is kept in plots; return the first hit so far."""
@@ -264,20 +264,20 @@ def cast_through_field(
     origin = to_local * (ray.world_origin - pose.position)
     local = in_frame_of_tree(ray, origin, to_local * ray.world_direction, float_at(g[0].reach, entry))
     local.shape = shape
-    return cast_through_leaves_of_field(g, g[0].nodes, local, int_at(g[0].root, entry), stack, 0, composed, best)
+    return cast_through_leaves_of_hfield(g, g[0].nodes, local, int_at(g[0].root, entry), stack, 0, composed, best)
 
 
 @noinline
-def cast_through_fields(
+def cast_through_hfields(
     g: wp.array[Geometry], ray: Ray, stack: wp.array[int], composed: wp.array[TriangleBlock], best: Hit
 ) -> Hit:
     """Cast the ray against all visible fields kept in plots, after all other shapes; see packets.traverse.plots."""
     scope = ray.scope
-    for k in range(g[0].fields.shape[0]):
-        shape = int_at(g[0].fields, k)
+    for k in range(g[0].hfields.shape[0]):
+        shape = int_at(g[0].hfields, k)
         is_seen = bool_at(g[0].visible, scope.first_visible + shape)
-        if is_seen and is_in_plots(g[0].fields, g[0].columns, scope.first_shape + shape):
-            best = cast_through_field(g, ray, shape, stack, composed, best)
+        if is_seen and is_in_plots(g[0].hfields, g[0].columns, scope.first_shape + shape):
+            best = cast_through_hfield(g, ray, shape, stack, composed, best)
     return best
 
 
@@ -300,6 +300,6 @@ def cast_ray(g: wp.array[Geometry], world: WorldRay, stack: wp.array[int], compo
     origin = world.origin - double_vector_at(g[0].anchor, span)
     ray = in_frame_of_tree(ray, origin, world.direction, float_at(g[0].top_reach, span))
     best = cast_through_shapes(g, g[0].top, ray, span * g[0].top_count, stack, 0, composed, no_hit())
-    if g[0].fields.shape[0] > 0:
-        best = cast_through_fields(g, ray, stack, composed, best)
+    if g[0].hfields.shape[0] > 0:
+        best = cast_through_hfields(g, ray, stack, composed, best)
     return best

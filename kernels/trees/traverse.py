@@ -51,8 +51,8 @@ def child_of(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[emp
 
 def traversal(
     name: str,
-    query: type,
-    found: type,
+    query_type: type,
+    found_type: type,
     enter: Callable[..., Any],
     reach: Callable[..., Any],
     visit: Callable[..., Any],
@@ -60,13 +60,13 @@ def traversal(
     """A Warp function that takes a query through a tree and visits every leaf that may improve its result.
 
     Args:
-        query, found: types of the query (a ray, bundle or tile) and of its result so far.
+        query_type, found_type: types of the query (a ray, bundle or tile) and of its result so far.
         enter: (node, query, distance) -> Entered, the boxes that the query enters no farther than the distance.
         reach: (found) -> distance beyond which nothing can improve the result.
         visit: (geometry, query, leaf, distance of its box, found) -> found.
     """
 
-    def traverse(g: Any, nodes: wp.array[Node], root: int, sought: query, best: found) -> found:
+    def traverse(g: Any, nodes: wp.array[Node], root: int, query: query_type, best: found_type) -> found_type:
         stack = stack_of_ints()
         distances = stack_of_distances()
         top = int(0)
@@ -76,10 +76,10 @@ def traversal(
         while at != NO_CHILD:
             children = int(0)
             if at < 0:
-                best = visit(g, sought, -1 - at, near, best)
+                best = visit(g, query, -1 - at, near, best)
                 limit = reach(best)
             else:
-                entered = enter(nodes[at], sought, limit)
+                entered = enter(nodes[at], query, limit)
                 children = entered.children
             if children != 0:
                 distance = entered.distance

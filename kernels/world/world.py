@@ -97,7 +97,7 @@ class World:
             "columns": wp.array(cells, dtype=int, device=self.device),
         }
         are_in_plots = not self._trees.have_nodes_of_plots and (cells.reshape(-1, max(1, self._count)) > 0).any(axis=0)
-        self.geometry.fields = wp.array(np.flatnonzero(are_in_plots), dtype=int, device=self.device)
+        self.geometry.hfields = wp.array(np.flatnonzero(are_in_plots), dtype=int, device=self.device)
 
     def update(self, position: Poses, rotation: Poses, part: slice | None = None) -> None:
         """Take the poses of the shapes of one world or many. A shape whose pose is not finite is never hit.

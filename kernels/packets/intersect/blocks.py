@@ -9,14 +9,14 @@ import warp as wp
 from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.hits.hit import APART
 from rigcast.kernels.inline import inlined
-from rigcast.kernels.packets.lanes import direction_of, far_of, near_of
-from rigcast.kernels.packets.packet import TileRays, decide_lane_of_packet, farthest, offer
+from rigcast.kernels.packets.lanes import far_of, near_of, vector_of_lane
+from rigcast.kernels.packets.packet import TileRays, decide_lane_of_packet, max_of_lanes, offer
 from rigcast.kernels.shapes.patches import compose
 from rigcast.kernels.trees.nodes import FIRST_PATCH, WIDTH
 from rigcast.kernels.vectors import count_bits, lowest_bit
 
 from .edges import edges_of, may_be_hit, meet_plane, meet_triangles, pass_edges
-from .sought import Sought
+from .local_packet import LocalPacket
 
 FEW = wp.constant(6)
 """Number of active rays up to which testing them one by one is faster."""
@@ -24,18 +24,18 @@ FEW = wp.constant(6)
 
 @inlined
 def visit_block_lane_by_lane(
-    sought: Sought, index: int, lanes: int, reach: float, blocks: wp.array[TriangleBlock], block: int
+    local: LocalPacket, index: int, lanes: int, reach: float, blocks: wp.array[TriangleBlock], block: int
 ) -> float:
     """Test these lanes (a bit mask), one by one, against a block of triangles; return the packet's new reach [m]."""
-    best = sought.packet.best
-    slot = sought.packet.slot
-    edges = edges_of(blocks[block], sought.view, sought.side_rounding)
+    best = local.packet.best
+    slot = local.packet.slot
+    edges = edges_of(blocks[block], local.view, local.side_rounding)
     some = int(0)
     while lanes != 0:
         i = lowest_bit(lanes)
         lanes = lanes & (lanes - 1)
         limit = far_of(best, slot, i) * APART
-        met = meet_triangles(edges, direction_of(sought.local, i), sought.cull, limit)
+        met = meet_triangles(edges, vector_of_lane(local.directions, i), local.cull, limit)
         near = met.near
         far = met.far
         possible = met.possible
@@ -46,19 +46,21 @@ def visit_block_lane_by_lane(
             if far[j] * APART < near_of(best, slot, i):
                 best[slot].near[i] = near[j]
                 best[slot].far[i] = far[j]
-                best[slot].shape[i] = sought.shape
+                best[slot].shape[i] = local.shape
                 best[slot].triangle[i] = index * WIDTH + j
             elif near[j] <= far_of(best, slot, i) * APART:
-                decide_lane_of_packet(sought.packet.tile, slot, i, near[j], far[j], sought.shape, index * WIDTH + j)
+                decide_lane_of_packet(local.packet.tile, slot, i, near[j], far[j], local.shape, index * WIDTH + j)
     if some == 0:
         return reach
-    return APART * farthest(sought.packet.best[slot].far)
+    return APART * max_of_lanes(local.packet.best[slot].far)
 
 
 @inlined
-def visit_block_at_once(sought: Sought, index: int, reach: float, blocks: wp.array[TriangleBlock], block: int) -> float:
+def visit_block_at_once(
+    local: LocalPacket, index: int, reach: float, blocks: wp.array[TriangleBlock], block: int
+) -> float:
     """Test all lanes of a packet against the triangles of one block, one by one; return the packet's new reach [m]."""
-    edges = edges_of(blocks[block], sought.view, sought.side_rounding)
+    edges = edges_of(blocks[block], local.view, local.side_rounding)
     side0_of = edges.side0
     side1_of = edges.side1
     side2_of = edges.side2
@@ -66,27 +68,29 @@ def visit_block_at_once(sought: Sought, index: int, reach: float, blocks: wp.arr
     rounding = edges.rounding
     height = edges.height
     size = edges.size
-    possible = may_be_hit(edges, sought.middle, sought.spread, sought.widest)
+    possible = may_be_hit(edges, local.middle, local.spread, local.widest)
     while possible != 0:
         j = lowest_bit(possible)
         possible = possible & (possible - 1)
         side0 = wp.vec3(side0_of[0, j], side0_of[1, j], side0_of[2, j])
         side1 = wp.vec3(side1_of[0, j], side1_of[1, j], side1_of[2, j])
         side2 = wp.vec3(side2_of[0, j], side2_of[1, j], side2_of[2, j])
-        inside = pass_edges(sought.local[0].x, sought.local[0].y, sought.local[0].z, side0, side1, side2, rounding[j])
+        inside = pass_edges(
+            local.directions[0].x, local.directions[0].y, local.directions[0].z, side0, side1, side2, rounding[j]
+        )
         if inside.some != 0:
             met = meet_plane(
-                sought.local[0].x,
-                sought.local[0].y,
-                sought.local[0].z,
+                local.directions[0].x,
+                local.directions[0].y,
+                local.directions[0].z,
                 inside.by,
                 wp.vec3(normal_of[0, j], normal_of[1, j], normal_of[2, j]),
                 rounding[j],
                 height[j],
                 size[j],
-                sought.cull,
+                local.cull,
             )
-            reach = offer(sought.packet, met.near, met.far, sought.shape, index * WIDTH + j, reach)
+            reach = offer(local.packet, met.near, met.far, local.shape, index * WIDTH + j, reach)
     return reach
 
 
@@ -100,14 +104,14 @@ def compose_patch(rays: wp.array[TileRays], k: int) -> None:
 
 
 @inlined
-def visit_block_of_packet(sought: Sought, index: int, lanes: int, reach: float) -> float:
+def visit_block_of_packet(local: LocalPacket, index: int, lanes: int, reach: float) -> float:
     """Test a packet against the triangles of one block or patch; return its new reach [m]. lanes: those in the box."""
-    blocks = sought.blocks
+    blocks = local.blocks
     block = int(index)
     if index >= FIRST_PATCH:
-        compose_patch(sought.packet.tile, index - FIRST_PATCH)
-        blocks = sought.packet.tile[0].composed
+        compose_patch(local.packet.tile, index - FIRST_PATCH)
+        blocks = local.packet.tile[0].composed
         block = 0
     if count_bits(lanes) <= FEW:
-        return visit_block_lane_by_lane(sought, index, lanes, reach, blocks, block)
-    return visit_block_at_once(sought, index, reach, blocks, block)
+        return visit_block_lane_by_lane(local, index, lanes, reach, blocks, block)
+    return visit_block_at_once(local, index, reach, blocks, block)

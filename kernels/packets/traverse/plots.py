@@ -10,6 +10,7 @@ from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.inline import noinline
 from rigcast.kernels.packets.intersect.blocks import FEW, visit_block_of_packet
 from rigcast.kernels.packets.intersect.frustum import packets_at_box
+from rigcast.kernels.packets.intersect.local_packet import LocalPacket, packet_among_triangles
 from rigcast.kernels.packets.intersect.slabs import (
     EnteredByLanes,
     enter_any,
@@ -17,7 +18,6 @@ from rigcast.kernels.packets.intersect.slabs import (
     lanes_at_box,
     slabs_of,
 )
-from rigcast.kernels.packets.intersect.sought import Sought, packet_among_triangles
 from rigcast.kernels.packets.packet import TileRays, view_from
 from rigcast.kernels.packets.prefetch import prefetch_block, prefetch_node, prefetch_plot
 from rigcast.kernels.poses.scope import is_doubled, is_somewhere, pose_of
@@ -51,16 +51,16 @@ def in_order(patches: int, turned: int) -> int:
 
 
 @wp.func
-def visit_plot_of_packet(sought: Sought, k: int, lanes: int, reach: float) -> float:
+def visit_plot_of_packet(local: LocalPacket, k: int, lanes: int, reach: float) -> float:
     """Test a packet against the patches of one plot; return its new reach [m]. lanes: those that enter the plot's box.
 
     Patches are visited front to back. The order follows from the signs of the directions: no ray returns to an earlier
     row or column.
     """
-    packet = sought.packet
-    way = sought.way
+    packet = local.packet
+    way = local.way
     open_plot_of(packet.tile, k)
-    slabs = slabs_of(packet.tile[0].opened[0], sought.view.origin, sought.margin, way)
+    slabs = slabs_of(packet.tile[0].opened[0], local.view.origin, local.margin, way)
     near_x = slabs.near_x
     near_y = slabs.near_y
     near_z = slabs.near_z
@@ -82,34 +82,36 @@ def visit_plot_of_packet(sought: Sought, k: int, lanes: int, reach: float) -> fl
         end = wp.vec3(far_x[j], far_y[j], far_z[j])
         who = lanes & lanes_at_box(way.slowness, packet.best[packet.slot].far, start, end)
         if who != 0:
-            reach = visit_block_of_packet(sought, FIRST_PATCH + WIDTH * k + j, who, reach)
+            reach = visit_block_of_packet(local, FIRST_PATCH + WIDTH * k + j, who, reach)
     return reach
 
 
 @wp.func
-def visit_leaf_of_field(sought: Sought, index: int, lanes: int, reach: float) -> float:
+def visit_leaf_of_hfield(local: LocalPacket, index: int, lanes: int, reach: float) -> float:
     """Test a packet against a plot, or against a block of the triangles of the field's sides and bottom."""
     if index >= FIRST_PLOT:
-        return visit_plot_of_packet(sought, index - FIRST_PLOT, lanes, reach)
-    return visit_block_of_packet(sought, index, lanes, reach)
+        return visit_plot_of_packet(local, index - FIRST_PLOT, lanes, reach)
+    return visit_block_of_packet(local, index, lanes, reach)
 
 
 @wp.func
-def prefetch_child_of_field(sought: Sought, child: int) -> None:
+def prefetch_child_of_hfield(local: LocalPacket, child: int) -> None:
     if child >= 0:
-        prefetch_node(sought.nodes, child)
+        prefetch_node(local.nodes, child)
     elif -1 - child >= FIRST_PLOT:
-        g = sought.packet.tile[0].geometry
+        g = local.packet.tile[0].geometry
         prefetch_plot(g[0].plots, -1 - child - FIRST_PLOT)
     else:
-        prefetch_block(sought.blocks, -1 - child)
+        prefetch_block(local.blocks, -1 - child)
 
 
-cast_packet_through_field = packet_traversal("cast_packet_through_field", visit_leaf_of_field, prefetch_child_of_field)
+cast_packet_through_hfield = packet_traversal(
+    "cast_packet_through_hfield", visit_leaf_of_hfield, prefetch_child_of_hfield
+)
 
 
 @wp.func
-def cast_tile_through_field(g: Geometry, rays: wp.array[TileRays], shape: int, reach: vec8) -> vec8:
+def cast_tile_through_hfield(g: Geometry, rays: wp.array[TileRays], shape: int, reach: vec8) -> vec8:
     """Cast a tile against one visible field; return the new reach of each packet [m]."""
     pose = pose_of(rays[0].geometry, shape, rays[0].scope)
     if not is_somewhere(pose) or is_doubled(rays[0].geometry, shape, rays[0].scope):
@@ -123,17 +125,17 @@ def cast_tile_through_field(g: Geometry, rays: wp.array[TileRays], shape: int, r
     while packets != 0:
         k = lowest_bit(packets)
         packets = packets & (packets - 1)
-        sought = packet_among_triangles(g, rays, view, k, shape, rays[0].cull)
-        reach[k] = cast_packet_through_field(sought, g.root[at], reach[k])
+        local = packet_among_triangles(g, rays, view, k, shape, rays[0].cull)
+        reach[k] = cast_packet_through_hfield(local, g.root[at], reach[k])
     return reach
 
 
 @noinline
-def cast_tile_through_fields(rays: wp.array[TileRays], reach: vec8) -> None:
+def cast_tile_through_hfields(rays: wp.array[TileRays], reach: vec8) -> None:
     """Cast a tile against all visible fields kept in plots. reach: of each packet [m]."""
     g = rays[0].geometry[0]
     scope = rays[0].scope
-    for k in range(g.fields.shape[0]):
-        shape = g.fields[k]
-        if is_in_plots(g.fields, g.columns, scope.first_shape + shape) and g.visible[scope.first_visible + shape]:
-            reach = cast_tile_through_field(g, rays, shape, reach)
+    for k in range(g.hfields.shape[0]):
+        shape = g.hfields[k]
+        if is_in_plots(g.hfields, g.columns, scope.first_shape + shape) and g.visible[scope.first_visible + shape]:
+            reach = cast_tile_through_hfield(g, rays, shape, reach)

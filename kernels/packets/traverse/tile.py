@@ -4,8 +4,8 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.packets.intersect.frustum import Frustum, boxes_from, enter_frustum, frustum_of, packets_at_box
+from rigcast.kernels.packets.intersect.local_packet import packet_among_triangles
 from rigcast.kernels.packets.intersect.solids import triage_closed_forms
-from rigcast.kernels.packets.intersect.sought import packet_among_triangles
 from rigcast.kernels.packets.packet import (
     LANES,
     PACKETS,
@@ -26,12 +26,12 @@ from rigcast.kernels.trees.traverse import Entered, traversal
 from rigcast.kernels.vectors import larger, lowest_bit, smaller
 
 from .beginning import begin_packets
-from .plots import cast_tile_through_fields
+from .plots import cast_tile_through_hfields
 from .triangles import cast_packet_through_triangles
 
 
 @wp.struct
-class TileSought:
+class LocalTile:
     """A tile of rays, with its frustum in the frame of the tree over the shapes. view: origin and basis there."""
 
     rays: wp.array[TileRays]
@@ -70,7 +70,7 @@ def visit_closed_form(
 
 
 @wp.func
-def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: float, reach: vec8) -> vec8:  # noqa: ARG001
+def visit_shape_of_tile(g: Geometry, tile: LocalTile, shape: int, distance: float, reach: vec8) -> vec8:  # noqa: ARG001
     """Cast a tile against one shape, if it is visible; return the new reach of each packet [m]."""
     rays = tile.rays
     kind = g.kind[shape]
@@ -78,7 +78,7 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
     at = scope.first_shape + shape
     if not g.visible[scope.first_visible + shape] or (kind == SHEET and rays[0].cull == CULL_FRONT):
         return reach
-    if is_in_plots(g.fields, g.columns, at) or is_doubled(rays[0].geometry, shape, scope):
+    if is_in_plots(g.hfields, g.columns, at) or is_doubled(rays[0].geometry, shape, scope):
         return reach
     pose = pose_of(rays[0].geometry, shape, scope)
     to_local = wp.transpose(pose.rotation)
@@ -90,17 +90,17 @@ def visit_shape_of_tile(g: Geometry, tile: TileSought, shape: int, distance: flo
         k = lowest_bit(packets)
         packets = packets & (packets - 1)
         if has_triangles(kind):
-            sought = packet_among_triangles(g, rays, view, k, shape, cull)
-            reach[k] = cast_packet_through_triangles(sought, g.root[at], reach[k])
+            local = packet_among_triangles(g, rays, view, k, shape, cull)
+            reach[k] = cast_packet_through_triangles(local, g.root[at], reach[k])
         else:
             reach[k] = visit_closed_form(g, rays, k, shape, to_local, view.origin, reach[k])
     return reach
 
 
 @wp.func
-def enter_of_tile(node: Node, sought: TileSought, reach: float) -> Entered:
-    boxes = boxes_from(node, sought.view.origin, sought.view.margin)
-    return enter_frustum(boxes, sought.frustum, smaller(reach, sought.rays[0].limit))
+def enter_of_tile(node: Node, local: LocalTile, reach: float) -> Entered:
+    boxes = boxes_from(node, local.view.origin, local.view.margin)
+    return enter_frustum(boxes, local.frustum, smaller(reach, local.rays[0].limit))
 
 
 @wp.func
@@ -120,7 +120,7 @@ def least_of_tile(of_packets: vec8) -> float:
 
 
 cast_tile_through_shapes = traversal(
-    "cast_tile_through_shapes", TileSought, vec8, enter_of_tile, most_of_tile, visit_shape_of_tile
+    "cast_tile_through_shapes", LocalTile, vec8, enter_of_tile, most_of_tile, visit_shape_of_tile
 )
 
 
@@ -143,14 +143,14 @@ def cast_tile(g: Geometry, rays: wp.array[TileRays]) -> None:
         q_low[k] = wp.where(has_rays, q_low[k], wp.inf)
         q_high[k] = wp.where(has_rays, q_high[k], -wp.inf)
     identity = wp.identity(n=3, dtype=wp.float64)
-    sought = TileSought()
-    sought.rays = rays
+    local = LocalTile()
+    local.rays = rays
     span = rays[0].scope.span
     view = view_from(rays[0].origin - g.anchor[span], identity, rays, g.top_reach[span])
-    sought.view = view
-    sought.frustum = frustum_of(
+    local.view = view
+    local.frustum = frustum_of(
         view, least_of_tile(p_low), most_of_tile(p_high), least_of_tile(q_low), most_of_tile(q_high)
     )
-    reach = cast_tile_through_shapes(g, g.top, span * g.top_count, sought, reach)
-    if g.fields.shape[0] > 0:
-        cast_tile_through_fields(rays, reach)
+    reach = cast_tile_through_shapes(g, g.top, span * g.top_count, local, reach)
+    if g.hfields.shape[0] > 0:
+        cast_tile_through_hfields(rays, reach)

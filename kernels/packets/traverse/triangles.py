@@ -11,6 +11,7 @@ from typing import Any
 import warp as wp
 
 from rigcast.kernels.packets.intersect.blocks import FEW, visit_block_of_packet
+from rigcast.kernels.packets.intersect.local_packet import LocalPacket
 from rigcast.kernels.packets.intersect.slabs import (
     EnteredByLanes,
     enter_any,
@@ -18,7 +19,6 @@ from rigcast.kernels.packets.intersect.slabs import (
     lanes_at_box,
     slabs_of,
 )
-from rigcast.kernels.packets.intersect.sought import Sought
 from rigcast.kernels.packets.packet import ALL_LANES
 from rigcast.kernels.packets.prefetch import prefetch_block, prefetch_node
 from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD
@@ -51,12 +51,12 @@ def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..
     vectors by value: as a function of its own, inlined too, it copies the stack and makes a cast 4 to 21 % slower.
 
     Args:
-        visit: (sought, leaf, mask of the lanes that enter its box, reach) -> reach.
-        prefetch: (sought, child), prefetches a child that will be visited later.
+        visit: (local, leaf, mask of the lanes that enter its box, reach) -> reach.
+        prefetch: (local, child), prefetches a child that will be visited later.
     """
 
-    def traverse(sought: Sought, root: int, reach: float) -> float:
-        packet = sought.packet
+    def traverse(local: LocalPacket, root: int, reach: float) -> float:
+        packet = local.packet
         stack = stack_of_ints()
         distances = stack_of_distances()
         lanes = stack_of_ints()
@@ -75,10 +75,10 @@ def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..
                     waiting = at
                     lanes_of_waiting = entering
                 if leaf != NO_CHILD:
-                    reach = visit(sought, -1 - leaf, who, reach)
+                    reach = visit(local, -1 - leaf, who, reach)
                 at = int(NO_CHILD)
             else:
-                slabs = slabs_of(sought.nodes[at], sought.view.origin, sought.margin, sought.way)
+                slabs = slabs_of(local.nodes[at], local.view.origin, local.margin, local.way)
                 near_x = slabs.near_x
                 near_y = slabs.near_y
                 near_z = slabs.near_z
@@ -89,9 +89,9 @@ def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..
                 entered = EnteredByLanes()
                 limit = packet.tile[0].limit
                 if are_few:
-                    entered = enter_lane_by_lane(slabs, sought.way, packet.best, packet.slot, entering, limit)
+                    entered = enter_lane_by_lane(slabs, local.way, packet.best, packet.slot, entering, limit)
                 else:
-                    entered = enter_any(slabs, sought.way, smaller(reach, limit))
+                    entered = enter_any(slabs, local.way, smaller(reach, limit))
                 children = entered.children
                 distance = entered.distance
                 lanes_of_few = entered.lanes
@@ -108,10 +108,10 @@ def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..
                     else:
                         start = wp.vec3(near_x[j], near_y[j], near_z[j])
                         end = wp.vec3(far_x[j], far_y[j], far_z[j])
-                        who = which & lanes_at_box(sought.way.slowness, packet.best[packet.slot].far, start, end)
+                        who = which & lanes_at_box(local.way.slowness, packet.best[packet.slot].far, start, end)
                     if who != 0:
-                        child = child_of(sought.nodes, node, j)
-                        prefetch(sought, child)
+                        child = child_of(local.nodes, node, j)
+                        prefetch(local, child)
                         is_nearer = distance[j] < near
                         farther = wp.where(is_nearer, at, child)
                         far = wp.where(is_nearer, near, distance[j])
@@ -147,12 +147,12 @@ def packet_traversal(name: str, visit: Callable[..., Any], prefetch: Callable[..
 
 
 @wp.func
-def prefetch_child(sought: Sought, child: int) -> None:
+def prefetch_child(local: LocalPacket, child: int) -> None:
     """Prefetch a node or block. Patches need none: fields whose plots are stored as nodes fit in the cache."""
     if child >= 0:
-        prefetch_node(sought.nodes, child)
+        prefetch_node(local.nodes, child)
     elif -1 - child < FIRST_PATCH:
-        prefetch_block(sought.blocks, -1 - child)
+        prefetch_block(local.blocks, -1 - child)
 
 
 cast_packet_through_triangles = packet_traversal("cast_packet_through_triangles", visit_block_of_packet, prefetch_child)

@@ -1,10 +1,10 @@
-"""Rays on CUDA, each in a thread, through both levels of the geometry in one loop and with one stack.
+"""Single rays on CUDA, one per thread: both levels of the geometry are traversed in one loop and with one stack.
 
-The threads of a warp wait for each other, and what some of them do alone takes all of them as long. So nodes of either
-level are walked in one place, until every thread has a leaf; then come those with triangles, and those with a shape.
-What a ray changes on its way is in memory, as Warp copies variables at the end of every `if` that changes them, and
-code is short, as threads wait for instructions that are not in the cache.
+The threads of a warp run in lockstep, so a branch that some of them take costs all of them its time. Nodes of both
+levels are therefore traversed by the same code until every thread has reached a leaf; then blocks and patches are
+tested, then shapes. What changes of a ray during traversal is in memory, because Warp copies a variable at the end of
+every `if` that changes it. Code is kept short, because threads stall on instructions that are not in the cache.
 
-Boxes and edges are judged by fused products, with fewer roundings than single rays on the CPU have: what is looked at
-may differ, and the hits do not.
+Boxes and edges are tested with fused multiply-adds, which round less often than the tests of single rays on the CPU.
+So the nodes and triangles that are looked at may differ; the hits do not.
 """

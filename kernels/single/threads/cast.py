@@ -1,4 +1,4 @@
-"""The kernel that casts the rays of one sensor on CUDA: each thread of as many as run at once takes ray after ray."""
+"""The kernel that casts the rays of one sensor on CUDA: as many threads as run at once, each casting ray after ray."""
 
 import warp as wp
 
@@ -14,18 +14,18 @@ from .walk import ENTRIES, address_of_stack
 BLOCK = 128
 """Threads of a block."""
 BLOCKS = 4
-"""Of a multiprocessor: 16 warps, for each of whose threads there are 128 registers."""
+"""Blocks per multiprocessor: 16 warps, which leaves 128 registers to each thread."""
 RAY_DOUBLES = wp.types.type_size_in_bytes(Ray) // 8 | 1
 FRAME_FLOATS = 2 * wp.types.type_size_in_bytes(Frame) // 4 | 1
-"""How far apart threads' rays are, in 8 bytes, and their frames, in 4: odd, so that threads which read the same of
-theirs do not read from one bank."""
+"""Distances in shared memory between the rays, and between the frames, of neighbouring threads [8 and 4 bytes];
+odd, so that threads that read the same field do not read from the same bank."""
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 8})
 
 
 @wp.struct
 class Share:
-    """What is cast of one sensor: the first `count` rays of those that `which` names, or of all if it is empty."""
+    """The rays to cast of one sensor: the first `count` of those that `which` lists, or of all if it is empty."""
 
     job: Job
     which: wp.array[int]
@@ -43,7 +43,7 @@ def hold(
     shares: wp.array2d[Share],
     taken: wp.array[int],
 ) -> None:
-    """What a sensor casts at and its share, where functions need not copy them; and none of its rays is taken."""
+    """Store a sensor's geometry and share in memory, so that functions need not copy them; set its rays taken to 0."""
     g.visible = job.visible
     held[sensor, 0] = g
     share = Share()
@@ -56,7 +56,7 @@ def hold(
 
 @wp.func_native(on_cuda("return threadIdx.x % warpSize;"))
 def lane() -> int:  # type: ignore[empty-body]
-    """The number of a thread in its warp."""
+    """Index of the thread within its warp."""
 
 
 @wp.func_native(
@@ -67,9 +67,10 @@ def lane() -> int:  # type: ignore[empty-body]
 """)
 )
 def turn_of_warp(taken: wp.array[int], sensor: int) -> int:  # type: ignore[empty-body]
-    """The first of as many rays of this sensor as a warp has threads, which no other warp takes.
+    """Claim as many rays of a sensor as a warp has threads; return the first.
 
-    All threads of the warp call it: they go on together, and with neighbours, that go much the same way.
+    All threads of the warp must call it. They stay together and take neighbouring rays, which visit much the same
+    nodes.
     """
 
 
@@ -79,8 +80,8 @@ def turn_of_warp(taken: wp.array[int], sensor: int) -> int:  # type: ignore[empt
     return reinterpret_cast<wp::uint64>(rays[threadIdx.x]);
 """)
 )
-def place_of_ray() -> wp.uint64:
-    """Where in the memory of its block a thread has its ray."""
+def address_of_ray() -> wp.uint64:
+    """Address of the thread's ray in shared memory."""
 
 
 @wp.func_native(
@@ -89,19 +90,19 @@ def place_of_ray() -> wp.uint64:
     return reinterpret_cast<wp::uint64>(frames[threadIdx.x]);
 """)
 )
-def place_of_frames() -> wp.uint64:
-    """Where in the memory of its block a thread has a ray's frames."""
+def address_of_frames() -> wp.uint64:
+    """Address of the frames of the thread's ray in shared memory."""
 
 
 @wp.func
 def cast_share(
     sensor: int, g: Geometry, held: wp.array[Geometry], job: Job, which: wp.array[int], count: int, taken: wp.array[int]
 ) -> None:
-    """Rays of one sensor that no other warp takes. A function, for Warp compiles the body of a kernel twice."""
+    """Cast rays of one sensor until all are taken. In a function because Warp compiles the body of a kernel twice."""
     entries = wp.zeros(shape=ENTRIES, dtype=wp.uint64)
     stack = address_of_stack(entries)
-    ray = wp.array(ptr=place_of_ray(), shape=(1,), dtype=Ray)
-    frames = wp.array(ptr=place_of_frames(), shape=(2,), dtype=Frame)
+    ray = wp.array(ptr=address_of_ray(), shape=(1,), dtype=Ray)
+    frames = wp.array(ptr=address_of_frames(), shape=(2,), dtype=Frame)
     first = turn_of_warp(taken, sensor)
     while first < count:
         k = first + lane()
@@ -121,10 +122,10 @@ def cast_share(
 def cast_rays(
     g: Geometry, held: wp.array2d[Geometry], job: Job, which: wp.array[int], count: int, taken: wp.array[int]
 ) -> None:
-    """A sensor's rays: the first `count` of those that `which` names, or of all if it is empty.
+    """Cast the rays of one sensor: the first `count` of those that `which` lists, or of all if it is empty.
 
-    As many threads as fill warps. Arguments of a kernel are read as fast as what is in registers, so one sensor, which
-    most rigs have, does not go the way of several.
+    The number of threads must be a multiple of the warp size. A kernel's arguments are read as fast as registers, so
+    rigs with one sensor, which most are, do not use the kernel for several.
     """
     g.visible = job.visible
     cast_share(0, g, held[0], job, which, count, taken)

@@ -1,6 +1,6 @@
-"""Casts on CUDA: one launch for the rays of one sensor, or of several.
+"""Casts on CUDA: one launch for the rays of one sensor or of several.
 
-A warp that finds no ray of one sensor left goes on to the next.
+A warp that finds no ray of one sensor left goes on to the next sensor.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,25 +14,25 @@ from rigcast.kernels.single.cast import Job
 from .cast import BLOCK, BLOCKS, Share, cast_rays, hold
 
 MOST = 8
-"""Sets of others with which launches of a cast are kept: one sensor's frames may be held for longer than another's."""
+"""Sets of other casts for which launches are kept. They vary, because frames of some sensors are held for longer."""
 
 
 class InThreads:
-    """A cast of `count` rays of one sensor, of those that `which` names or of all, for as often as it is wanted."""
+    """A repeatable cast of one sensor: the first `count` rays of those that `which` lists, or of all if it is empty."""
 
     def __init__(self, geometry: Geometry, job: Job, which: wp.array, count: int) -> None:
         self.geometry, self.job, self.which, self.count = geometry, job, which, count
         self._with: dict[tuple[InThreads, ...], list[Callable[[], None]]] = {}
 
     def launch_with(self, others: Sequence["InThreads"]) -> object:
-        """All at once, at one geometry. Gives the launches, which hold what they read."""
+        """Make this cast and others of one geometry at once; return the launches, which hold what they read."""
         key = tuple(others)
         launches = self._with.get(key)
         if launches is None:
             launches = _prepare([self, *others])
             if len(self._with) == MOST:
                 self._with.clear()
-            if not self.which.device.is_capturing:  # else the graph has the memory that they use
+            if not self.which.device.is_capturing:  # else their memory belongs to the graph
                 self._with[key] = launches
         for launch in launches:
             launch()
@@ -40,7 +40,7 @@ class InThreads:
 
 
 def _prepare(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
-    """One launch that casts the rays of all, after those that hand over what it reads."""
+    """The launches that store what the cast reads, then the launch that casts the rays of all."""
     device = casts[0].which.device
     held = wp.empty((len(casts), 1), dtype=Geometry, device=device)
     shares = wp.empty((len(casts), 1), dtype=Share, device=device)
@@ -48,11 +48,13 @@ def _prepare(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
     launches = []
     for k, each in enumerate(casts):
         inputs = [k, each.geometry, each.job, each.which, each.count, held, shares, taken]
-        launches.append(recorded(hold, 1, inputs, [], device, BLOCK))  # as Warp compiles for one size of blocks
+        launches.append(
+            recorded(hold, 1, inputs, [], device, BLOCK)
+        )  # BLOCK, as Warp compiles the module for one block size
     first = casts[0]
     kernel, inputs = cast_rays, [first.geometry, held, first.job, first.which, first.count, taken]
     if len(casts) > 1:
-        from .several import cast_rays_of_several  # here, as one sensor does not wait until it is compiled
+        from .several import cast_rays_of_several  # here, so that a single sensor does not wait for it to compile
 
         kernel, inputs = cast_rays_of_several, [first.geometry, held, shares, taken]
     blocks = min(-(-sum(each.count for each in casts) // BLOCK), BLOCKS * device.sm_count)

@@ -1,18 +1,24 @@
-"""Which triangles of a leaf a ray may pass inside: in loops of a few, as short code stays in the instruction cache.
+"""A ray against the triangles of a block or patch, by their edges.
 
 Seen along a ray from O, a point P is at (p . (P - O), q . (P - O)), with p and q across the ray, and the ray meets a
 triangle that has (0, 0) inside: where a_0 b_1 - a_1 b_0 has one sign for all its edges from a to b. The vectors
-(0, z, -y), (-z, 0, x) and (y, -x, 0) are exactly across d = (x, y, z), and p and q the two that have its largest
-component in them, of size m.
+(0, z, -y), (-z, 0, x) and (y, -x, 0) are exactly perpendicular to d = (x, y, z); p and q are the two that contain its
+largest component, of size m.
 
-With |O| and |P| for the largest coordinates, and u = eps / 2, p . O is off by 3u m |O|, and the sums for p . P - p . O
-are by u m (|P| + 2|O|) and 2u m (|P| + |O|). The ray is not quite at (0, 0), as d is rounded and may be tilted (see
-rigcast.kernels.shapes.triangle): it is off by 1.5u m a metre, up to where it meets the triangle, 1.8 (|P| + |O|) away
-at most. Altogether these are less than 10u m (|P| + |O|). If coordinates are off by e, the difference of an edge is off
-by e times the sum of its four coordinates and 2e^2 more; its own three roundings, of products with coordinates up to
-2m (|P| + |O|), are less than 2u m (|P| + |O|) times that sum. So a difference counts as 0 within what comes of
-e = 16u m (|P| + |O|), which is 2m times what boxes are widened by, and of the coordinates of all three corners. What
-is off 0 by more has its sign for sure, and so have, where all three are, the edges in exact arithmetic.
+Error of the coordinates, u = eps / 2, |O| and |P| the largest coordinates of O and P:
+
+- p . O: 3u m |O|;
+- the sums for p . P - p . O: u m (|P| + 2|O|) and 2u m (|P| + |O|);
+- the ray itself, as d is rounded and may be tilted (see rigcast.kernels.shapes.triangle): 1.5u m per metre, up to where
+  it meets the triangle, at most 1.8 (|P| + |O|) away.
+
+Together less than 10u m (|P| + |O|). If coordinates are off by e, the difference a_0 b_1 - a_1 b_0 is off by e times
+the sum of its four coordinates, and by 2e^2. Its own three roundings, of products with coordinates up to
+2m (|P| + |O|), are less than 2u m (|P| + |O|) times that sum. So a difference counts as 0 if it is within the error for
+e = 16u m (|P| + |O|), which is 2m times the margin of boxes, and for the coordinates of all three corners. A larger
+difference surely has the right sign; if all three do, the ray passes the edges on these sides in exact arithmetic.
+
+Loops handle a few triangles at a time, because short code stays in the instruction cache.
 """
 
 import warp as wp
@@ -22,8 +28,8 @@ from rigcast.kernels.on_cuda import on_cuda
 from rigcast.kernels.trees.nodes import FIRST_PATCH
 
 
-# Coordinates of a block's triangle lie eight numbers apart; where those of a patch are, its cells and their triangles,
-# rigcast.kernels.shapes.patches says. Comparisons with NaN are false: what is not there is not passed.
+# The coordinates of a block's triangle are eight numbers apart; the layout of a patch is in
+# rigcast.kernels.shapes.patches. Absent triangles are NaN. Comparisons with NaN are false, so they are never passed.
 @wp.func_native(
     on_cuda(f"""
     const float x = direction[0], y = direction[1], z = direction[2];
@@ -92,10 +98,12 @@ def passed_in_leaf(  # type: ignore[empty-body]
     direction: wp.vec3,
     margin: float,
 ) -> int:
-    """Bit by bit, triangles of a block or patch all of whose edges a ray from origin + rest may pass on one side.
+    """Bit masks of the triangles of a block or patch that a ray from origin + rest may pass inside.
 
-    From the ninth bit on, those whose edges it surely passes so, which it therefore meets inside.
+    Bits 0 to 7: triangles all of whose edges it may pass on the same side. Bits 8 to 15: those whose edges it surely
+    passes on the same side, so that it meets their inside.
 
     Args:
-        margin: 8u (|P| + |O|), as boxes are widened by.
+        leaf: number of the block, or of the patch from FIRST_PATCH on.
+        margin: 8u (|P| + |O|), by which boxes are widened, too.
     """

@@ -1,7 +1,8 @@
-"""One ray through both levels of the geometry.
+"""One ray through both levels of the geometry on CUDA.
 
-The geometry is given twice: as it is, in which case NVIDIA's compiler makes no copies of it and no detours to its
-arrays, and in memory, for functions that all casts share. It has what is visible to the ray's sensor.
+Functions take the geometry twice: `g` by value, of which NVIDIA's compiler makes no copy and whose arrays it reads
+directly, and `held` in an array of one, for functions shared with casts on the CPU. `visible` in both is that of the
+ray's sensor.
 """
 
 import warp as wp
@@ -31,7 +32,7 @@ from .solids import triage_closed_form
 from .walk import address_of_nodes, address_of_visible, next_leaf
 
 OVER_SHAPES, IN_SHAPE = wp.constant(0), wp.constant(1)
-"""The levels, each with a frame of its own."""
+"""The two levels; the ray has a frame for each."""
 
 
 @wp.struct
@@ -39,7 +40,7 @@ class Frame:
     """The ray in the frame of a tree."""
 
     origin: wp.vec3
-    origin_rest: wp.vec3  # what is lost in rounding the origin to float32
+    origin_rest: wp.vec3  # what rounding the origin to float32 loses
     direction: wp.vec3
     inverse: wp.vec3  # 1 / direction, finite
     margin: float  # see box_margin
@@ -47,25 +48,25 @@ class Frame:
 
 @wp.struct
 class Ray:
-    """A ray in the world, the first of its hits so far, the shape whose triangles it is held against, and its level."""
+    """A ray in the world, its first hit so far, the shape whose triangle tree it traverses, and its level."""
 
-    number: int  # among all of its sensor's
+    number: int  # counted over all worlds
     world: WorldRay
     best: Hit
     shape: int
-    cull: int  # of its triangles
+    cull: int  # of the shape's triangles
     level: int
-    bottom: int  # how much is on the stack from before the shape was entered
+    bottom: int  # height of the stack when the shape was entered
 
 
 @wp.func_native(on_cuda("return __fdividef(1.0f, ::fabsf(x) < smallest ? smallest : x);"))
 def inverse_of(x: float, smallest: float) -> float:  # type: ignore[empty-body]
-    """1 / x, off by at most two units in the last place, with x kept off 0 as in rigcast.kernels.single.ray."""
+    """1 / x with an error of at most 2 ulp, and |x| kept off 0 as in rigcast.kernels.single.ray."""
 
 
 @wp.func
 def frame_of(origin: wp.vec3d, direction: wp.vec3d, reach: float) -> Frame:
-    """The ray as a tree with coordinates up to reach sees it."""
+    """The ray in the frame of a tree with coordinates up to reach [m]."""
     frame = Frame()
     frame.origin = to_float(origin)
     frame.origin_rest = to_float(origin - to_double(frame.origin))
@@ -85,7 +86,7 @@ def decide(held: wp.array[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
 
 
 @wp.func
-def consider(held: wp.array[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
+def offer(held: wp.array[Geometry], ray: wp.array[Ray], hit: Hit) -> None:
     """Keep the hit if it is before the best one."""
     if is_sure(hit, ray[0].best):
         ray[0].best = hit
@@ -101,17 +102,20 @@ def corner_in(patches: wp.array[Patch], k: int, row: int, column: int) -> wp.vec
 
 
 triangle_in = triangle_of_patches("triangle_in", wp.array[Patch], corner_in)
-"""Without a detour through the geometry to the patches."""
+"""`triangle_of_patch` that takes the patches themselves, not the geometry."""
 
 
 @wp.func_native(on_cuda("return ::rsqrtf(x);"))
 def inverse_root(x: float) -> float:  # type: ignore[empty-body]
-    """1 / sqrt(x), off by at most two units in the last place."""
+    """1 / sqrt(x) with an error of at most 2 ulp."""
 
 
 @wp.func
 def normal_in_patch(number: int, v: Triangle) -> wp.vec3:
-    """See rigcast.kernels.shapes.patches: from corner a the triangle rises along one axis, and then along the other."""
+    """Unit normal of triangle v of a patch, by the formula in rigcast.kernels.shapes.patches.
+
+    From corner a the triangle rises along one axis, then along the other.
+    """
     is_lower = number % WIDTH < WIDTH / 2
     beside = wp.where(is_lower, v.b, v.c)
     far = wp.where(is_lower, v.c, v.b)
@@ -125,7 +129,7 @@ def normal_in_patch(number: int, v: Triangle) -> wp.vec3:
 def meet_inside(
     g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], number: int
 ) -> None:
-    """A triangle that the ray surely passes inside."""
+    """Test the ray against a triangle that it surely passes inside."""
     corner = wp.vec3()
     normal = wp.vec3()
     if number >= FIRST_IN_PATCHES:
@@ -137,12 +141,12 @@ def meet_inside(
         normal = normal_of_block(g.blocks, number)
     v0 = (corner - frames[IN_SHAPE].origin) - frames[IN_SHAPE].origin_rest
     span = triage_inside(frames[IN_SHAPE].direction, v0, normal, ray[0].cull)
-    consider(held, ray, hit_within(span[0], span[1], ray[0].shape, number))
+    offer(held, ray, hit_within(span[0], span[1], ray[0].shape, number))
 
 
 @noinline
 def meet_at_edge(held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], number: int) -> None:
-    """A triangle that the ray may pass inside: few are, and so this is not where the others wait for instructions."""
+    """Test the ray against a triangle that it may pass inside. Not inlined: it is rare, and would fill the cache."""
     v = Triangle()
     normal = wp.vec3()
     if number >= FIRST_IN_PATCHES:
@@ -158,12 +162,12 @@ def meet_at_edge(held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[
     v1 = (v.b - origin) - rest
     v2 = (v.c - origin) - rest
     span = triage_triangle(direction, v.a - v.b, v.b - v.c, v.c - v.a, v0, v1, v2, normal, ray[0].cull)
-    consider(held, ray, hit_within(span[0], span[1], ray[0].shape, number))
+    offer(held, ray, hit_within(span[0], span[1], ray[0].shape, number))
 
 
 @wp.func
 def meet_leaf(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], leaf: int) -> None:
-    """Hold the ray against a block or a patch."""
+    """Test the ray against the triangles of a block or patch."""
     origin = frames[IN_SHAPE].origin
     rest = frames[IN_SHAPE].origin_rest
     passed = passed_in_leaf(
@@ -180,10 +184,10 @@ def meet_leaf(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames:
 
 @wp.func
 def meet_shape(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], shape: int) -> int:
-    """Hold the ray against a visible closed form, or take it into the frame of a visible shape with triangles.
+    """Test the ray against a visible closed form, or bring it into the frame of a visible shape with triangles.
 
     Returns:
-        The root of the tree over these, or NO_CHILD.
+        The root of the shape's triangle tree, or NO_CHILD.
     """
     scope = ray[0].world.scope
     pose = pose_at(g, entry_of(g.place, shape, scope))
@@ -201,7 +205,7 @@ def meet_shape(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames
         return g.root[scope.first_shape + shape]
     size = g.size[scope.first_shape + shape]
     span = triage_closed_form(kind, size, to_float(origin), to_float(direction), cull)
-    consider(held, ray, hit_within(span[0], span[1], shape, 0))
+    offer(held, ray, hit_within(span[0], span[1], shape, 0))
     return NO_CHILD
 
 
@@ -209,7 +213,7 @@ def meet_shape(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames
 def cast_ray(
     g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], stack: wp.uint64
 ) -> None:
-    """Find the first hit of a ray among the visible shapes; it may lie beyond the limit. stack: where it begins."""
+    """Find the first hit of a ray among the visible shapes; it may lie beyond the limit. stack: its address."""
     span = ray[0].world.scope.span
     ray[0].best = no_hit()
     frames[OVER_SHAPES] = frame_of(ray[0].world.origin - g.anchor[span], ray[0].world.direction, g.top_reach[span])

@@ -1,6 +1,6 @@
-"""The rays of several sensors in one launch on CUDA, so that it does not run empty between them.
+"""The kernel that casts the rays of several sensors in one launch on CUDA, so that the GPU does not idle between them.
 
-What they cast lies in memory and not among the arguments, of which a kernel has the same for any number of sensors.
+Their shares are in memory, because a kernel has the same number of arguments for any number of sensors.
 """
 
 import warp as wp
@@ -14,7 +14,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 
 @wp.func
 def cast_shares(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Share], taken: wp.array[int]) -> None:
-    """Rays that no other warp takes, of one sensor after the other."""
+    """Cast the rays of one sensor after the other, until all are taken."""
     for sensor in range(shares.shape[0]):
         share = shares[sensor]
         g.visible = share[0].job.visible
@@ -25,8 +25,8 @@ def cast_shares(g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Shar
 def cast_rays_of_several(
     g: Geometry, held: wp.array2d[Geometry], shares: wp.array2d[Share], taken: wp.array[int]
 ) -> None:
-    """The rays of all shares, in the geometry but for what is visible, which is held for each sensor, (sensors, 1).
+    """Cast the rays of all shares. held: (sensors, 1), the geometry with the shapes visible to each sensor.
 
-    As many threads as fill warps.
+    The number of threads must be a multiple of the warp size.
     """
     cast_shares(g, held, shares, taken)

@@ -1,6 +1,7 @@
-"""Closed forms as CUDA meets them: the sphere, of which round ones are made, is called and not put into its callers.
+"""`triage_closed_form` for CUDA, with the sphere, from which round forms are made, called instead of inlined.
 
-There it would be six times, and instructions that are not in the cache are waited for. On the CPU it belongs there.
+Inlined, its code would be there six times, and threads stall on instructions that are not in the cache. On the CPU
+it is inlined.
 """
 
 from types import FunctionType
@@ -13,7 +14,7 @@ from rigcast.kernels.shapes import crossings, solids
 
 
 def _again(function: Any, make: Any = wp.func, **names: Any) -> Any:
-    """The same function under a name of its own, to which these names stand for other functions."""
+    """A copy of a Warp function under another name, in which these names refer to other functions."""
     known = function.func
     again = FunctionType(known.__code__, {**known.__globals__, **names}, f"{known.__name__}_on_cuda")
     again.__annotations__, again.__qualname__, again.__module__ = known.__annotations__, again.__name__, __name__

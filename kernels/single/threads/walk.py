@@ -1,4 +1,4 @@
-"""The walk through a tree of boxes, from leaf to leaf."""
+"""Traversal of a BVH by a single ray on CUDA, from one leaf to the next."""
 
 import warp as wp
 
@@ -7,31 +7,33 @@ from rigcast.kernels.trees.nodes import Node
 from rigcast.kernels.trees.tree import STACK
 
 ENTRIES = wp.constant(2 * STACK)
-"""Of a stack for both levels."""
+"""Entries of a stack for both levels."""
 
 
 @wp.func_native(on_cuda("return reinterpret_cast<wp::uint64>(nodes.data);"))
 def address_of_nodes(nodes: wp.array[Node]) -> wp.uint64:
-    """Where they begin: arrays are large to hand over and to choose between."""
+    """Address of the first node. An address is cheaper to pass and to select than an array."""
 
 
 @wp.func_native(on_cuda("return reinterpret_cast<wp::uint64>(visible.data + first);"))
 def address_of_visible(visible: wp.array[wp.bool], first: int) -> wp.uint64:
-    """Where it begins for shapes from that entry on."""
+    """Address of entry `first`."""
 
 
 @wp.func_native(on_cuda("return reinterpret_cast<wp::uint64>(stack.data);"))
 def address_of_stack(stack: wp.array[wp.uint64]) -> wp.uint64:
-    """Where it begins."""
+    """Address of the stack's first entry."""
 
 
-# A node is 14 times four numbers, two of each field, of which the ends that a ray comes to first are read first;
-# indices are unsigned, as these become addresses in one step. A ray is at an end e at e i - o i, i = 1 / d, all in
-# fused products. With i off by 4u, and o, d, o i and two sums by u, that is off by less than 10u (|e| + |o|) |i|, and
-# box_margin is 8u (|e| + |o|). As integers, floats from 0 on are in the same order, and those below are less than 0. A
-# child that is entered becomes a key: its distance, but for the last three bits, which are its number; the others have
-# a key whose first bit is 1. The limit has the last three, so that no key that is as near is beyond it, and is 0 where
-# it is -0.
+# A node is read as 14 float4, two per field, the ends that the ray reaches first before the others. Indices are
+# unsigned, because these become addresses in one instruction. The ray reaches an end e at e i - o i with i = 1 / d, by
+# fused multiply-adds. With errors of 4u in i and of u each in o, d, o i and two sums, that is off by less than
+# 10u (|e| + |o|) |i|; box_margin is 8u (|e| + |o|), hence the factor 1.25.
+#
+# Non-negative floats compare in the same order as their bits do as integers, and negative ones as less than 0. The key
+# of an entered child is its distance with the last three bits replaced by the child's number; that of any other child
+# has its first bit set. The limit has the last three bits set, so that no key at the same distance is beyond it; -0
+# becomes 0.
 @wp.func_native(
     on_cuda("""
     const auto* tree = reinterpret_cast<const float4*>(nodes);
@@ -120,13 +122,17 @@ def next_leaf(
     top: int,
     bottom: int,
 ) -> wp.uint64:
-    """From node `at` on, or NO_CHILD, to the next leaf whose box is entered no farther than the limit, nearest first.
+    """Go on to the next leaf whose box the ray enters no farther than the limit; children are taken nearest first.
 
     Args:
-        nodes, stack: where they begin.
-        visible: where it begins of leaves, a bool each, whether they count; 0 where all do.
-        top, bottom: how many entries the stack has, and how many of them are to stay.
+        nodes, stack: their addresses.
+        visible: address of a bool per leaf, whether it is visited; 0 to visit all.
+        at: node to go on from; NO_CHILD to pop one from the stack.
+        inverse, margin: of the ray, see rigcast.kernels.single.ray.
+        limit: distance [m], at least 0.
+        top: height of the stack.
+        bottom: height down to which entries may be popped.
 
     Returns:
-        The leaf, or NO_CHILD, in the lower half, and how many entries the stack has then in the upper one.
+        The leaf as ~leaf, or NO_CHILD if there is none, in the lower 32 bits; the new height in the upper 32 bits.
     """

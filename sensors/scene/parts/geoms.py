@@ -44,7 +44,7 @@ class Geoms:
         self._kinds_now = [model.geom_type.data, model.geom_dataid.data]
         self._now = [*self._kinds_now, model.geom_size.data]
         self._kinds, self._read = b"".join(self._kinds_now), b"".join(self._now)
-        self._fields = self._watched_fields()
+        self._hfields = self._watched_hfields()
         self._to_refresh: set[int] = set()
 
     def update(self, data: mujoco.MjData) -> Snapshot:
@@ -89,8 +89,8 @@ class Geoms:
         self.trees = [renewed.get(k, tree) for k, tree in enumerate(self.trees)]
         self.shapes = self.shapes_with(self.model.geom_size, self.model.geom_dataid)
         self._read, self._to_refresh = now, set()
-        for k in stale & self._fields.keys():
-            self._fields[k].taken()
+        for k in stale & self._hfields.keys():
+            self._hfields[k].taken()
         return renewed
 
     def have_changed(self) -> bool:
@@ -99,9 +99,9 @@ class Geoms:
 
     def _stale(self) -> set[int]:
         """The indices of trees whose meshes or height fields have changed."""
-        if not self._fields:
+        if not self._hfields:
             return self._to_refresh
-        return self._to_refresh | {k for k, field in self._fields.items() if field.have_changed()}
+        return self._to_refresh | {k for k, hfield in self._hfields.items() if hfield.have_changed()}
 
     def shapes_with(self, size: NDArray[np.float64], dataid: NDArray[np.int32]) -> Shapes:
         """The geoms with these sizes (..., ngeom, 3) and meshes (..., ngeom), world after world."""
@@ -122,14 +122,14 @@ class Geoms:
         self.trees = self.trees + [asset.tree(self.model) for asset in added]  # which may raise
         self._assets = self._assets + added
         # those watched before may have edits that no update has seen
-        self._fields = self._watched_fields() | self._fields
+        self._hfields = self._watched_hfields() | self._hfields
         return bool(added)
 
     def is_present(self, dataid: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Which geoms (..., ngeom) are present: all but those with a mesh or height field in the model and -1 here."""
         return ~(needs_asset(self.model) & (dataid < 0))
 
-    def _watched_fields(self) -> dict[int, Watched]:
+    def _watched_hfields(self) -> dict[int, Watched]:
         """The arrays that trees of height fields follow from, watched for changes, by index of the tree."""
         hfields = {k: asset.id for k, asset in enumerate(self._assets) if asset.kind == "hfield"}
         return {k: Watched([self.model.hfield_size[id], hfield_data(self.model, id)]) for k, id in hfields.items()}

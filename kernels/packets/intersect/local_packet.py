@@ -13,7 +13,7 @@ from .slabs import Way, margin_of_lanes, way_of
 
 
 @wp.struct
-class Sought:
+class LocalPacket:
     """A packet in the frame of one shape with triangles."""
 
     packet: PacketRays
@@ -23,7 +23,7 @@ class Sought:
     cull: int
     view: View
     way: Way
-    local: wp.array[Vectors]  # (1,) its unit directions
+    directions: wp.array[Vectors]  # (1,) unit
     # a + p u + q v of every ray lies within middle +- spread:
     middle: wp.vec3
     spread: wp.vec3
@@ -33,27 +33,29 @@ class Sought:
 
 
 @inlined
-def packet_among_triangles(g: Geometry, rays: wp.array[TileRays], view: View, k: int, shape: int, cull: int) -> Sought:
+def packet_among_triangles(
+    g: Geometry, rays: wp.array[TileRays], view: View, k: int, shape: int, cull: int
+) -> LocalPacket:
     """Packet k of a tile in the frame of one shape."""
     tile = rays[0].tile
-    sought = Sought()
-    sought.packet = packet_of(rays, k)
-    sought.nodes = g.nodes
-    sought.blocks = g.blocks
-    sought.shape = shape
-    sought.cull = cull
-    sought.view = view
-    sought.local = rays[0].local
+    local = LocalPacket()
+    local.packet = packet_of(rays, k)
+    local.nodes = g.nodes
+    local.blocks = g.blocks
+    local.shape = shape
+    local.cull = cull
+    local.view = view
+    local.directions = rays[0].local
     p = 0.5 * (tile.p_low[k] + tile.p_high[k])
     q = 0.5 * (tile.q_low[k] + tile.q_high[k])
     p_half = 0.5 * (tile.p_high[k] - tile.p_low[k])
     q_half = 0.5 * (tile.q_high[k] - tile.q_low[k])
-    sought.widest = 1.0 + wp.abs(p) + p_half + wp.abs(q) + q_half
-    sought.middle = view.axis + p * view.u + q * view.v
-    sought.spread = p_half * wp.abs(view.u) + q_half * wp.abs(view.v)
-    sought.side_rounding = side_rounding(sought.widest)
-    sought.margin = margin_of_lanes(view, sought.widest)
-    rounding = LANE_ROUNDING * sought.widest
-    spread = sought.spread + wp.vec3(rounding, rounding, rounding)
-    sought.way = way_of(rays[0].packets[sought.packet.packet], view, sought.middle, spread, sought.local)
-    return sought
+    local.widest = 1.0 + wp.abs(p) + p_half + wp.abs(q) + q_half
+    local.middle = view.axis + p * view.u + q * view.v
+    local.spread = p_half * wp.abs(view.u) + q_half * wp.abs(view.v)
+    local.side_rounding = side_rounding(local.widest)
+    local.margin = margin_of_lanes(view, local.widest)
+    rounding = LANE_ROUNDING * local.widest
+    spread = local.spread + wp.vec3(rounding, rounding, rounding)
+    local.way = way_of(rays[0].packets[local.packet.packet], view, local.middle, spread, local.directions)
+    return local
