@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.filesize import decimal
 from rich.table import Table
 
-from rigcast.cli.common.options import Device, counted, say
+from rigcast.cli.common.options import Device, counted, say, show
 from rigcast.cli.common.progress import progress
 from rigcast.cli.common.ready import word_if_compiling
 from rigcast.dataset.description.config import DatasetConfig, read_dataset
@@ -133,7 +133,7 @@ def _verify(console: Console, place: str | Path) -> None:
 
 def _tell(console: Console, config: DatasetConfig, folder: Path, done: Done, workers: int) -> None:
     manifest = done.manifest
-    console.print(_table(manifest["statistics"]))
+    show(console, _table(manifest["statistics"]))
     alike: dict[str, list[dict[str, Any]]] = {}
     for failure in manifest["failed"]:
         alike.setdefault(failure["reason"], []).append(failure)
@@ -150,7 +150,7 @@ def _tell(console: Console, config: DatasetConfig, folder: Path, done: Done, wor
 
 def _table(statistics: dict[str, dict[str, Any]]) -> Table:
     table = Table("sensor")
-    for column in ("frames", "rays", "hit", "range [m]"):
+    for column in ("frames", "rays", "hit", r"range \[m]"):
         table.add_column(column, justify="right")
     for name, one in statistics.items():
         hits, rays, span = one["hits"], one["rays"], one["range"]

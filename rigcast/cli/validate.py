@@ -8,7 +8,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from rigcast.card import angles_deg, arc_deg
-from rigcast.cli.common.options import JsonFile, ModelPath, Overrides, RigPath, console_beside, counted, say, write_json
+from rigcast.cli.common.options import (
+    JsonFile,
+    ModelPath,
+    Overrides,
+    RigPath,
+    console_beside,
+    counted,
+    say,
+    show,
+    write_json,
+)
 from rigcast.motion.simulation import initial_data
 from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.rig.timing.one_state import too_often
@@ -33,7 +43,7 @@ def validate(
         rate = "every step" if sensor.rate_hz is None else f"{sensor.rate_hz:g} Hz"
         table.add_row(sensor.name, sensor.type, rays, _view(sensor, pattern), rate, escape(_place(sensor.mount)))
     console = console_beside(json_file)
-    console.print(table)
+    show(console, table)
     data = initial_data(compiled, config.keyframe)
     mujoco.mj_fwdPosition(compiled, data)
     for sentence in [*enclosed(compiled, data, config.sensors), *too_often(config.sensors, compiled.opt.timestep)]:

@@ -15,11 +15,13 @@ from typing import IO, Any, NoReturn
 import pytest
 import warp as wp
 from rich.console import Console
+from rich.table import Table
 from typer.testing import CliRunner
 
 import rigcast.cli.presets
 from rigcast.cli import app
 from rigcast.cli.common import ready
+from rigcast.cli.common.options import show
 from rigcast.rig_file import RigConfig
 from rigcast.rig_file.file import RigFile
 from rigcast.sensors.specs.presets import load_preset, preset_names
@@ -148,6 +150,29 @@ def test_bad_input_goes_to_stderr_without_a_traceback(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr == f"{tmp_path / 'no.yaml'}: cannot be read: No such file or directory\n"
+
+
+def test_a_fault_of_rigcast_itself_is_no_wrong_ray(rig: Path) -> None:
+    faulty = "import rigcast.cli.validate as v; v.open_rig = lambda *_: 1 / 0; from rigcast.cli import main; main()"
+    command = [sys.executable, "-c", faulty, "validate", str(rig)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (70, "")
+    assert done.stderr.endswith("ZeroDivisionError: division by zero\n")
+
+
+LONG = "a_sensor_with_a_name_of_some_length_which_is_not_cut"
+
+
+def test_names_in_tables_are_not_cut(rig: Path) -> None:
+    rig.write_text(RIG.replace("name: front", f"name: {LONG}"))
+    assert f"│ {LONG} │ depth_camera │" in call("validate", rig)[1]
+    narrow = Console(file=io.StringIO(), width=40, force_terminal=True, color_system=None)
+    table = Table("sensor", "type")
+    table.add_row(LONG, "depth_camera")
+    show(narrow, table)
+    lines = narrow.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert max(map(len, lines)) <= 40
+    assert "".join(line.split("│")[1].strip() for line in lines if "│" in line) == LONG
 
 
 def run_main(*arguments: str, stdout: int | IO[bytes]) -> tuple[int, str]:
