@@ -103,6 +103,7 @@ ROBOT = """
 </mujoco>
 """
 STILL = "<mujoco><worldbody><geom type='plane' size='0 0 1'/></worldbody></mujoco>"
+ONE_STATE = STILL.replace("</mujoco>", "<keyframe><key name='home'/></keyframe></mujoco>")
 PLAIN = """
 <mujoco>
   <worldbody>
@@ -113,6 +114,7 @@ PLAIN = """
 STARTERS = {
     "robot": (ROBOT, ["true", "side", "depth_", "front_lidar", "front_lidar_2"], "others are other"),
     "still": (STILL, ["lidar"], "fixed to the world"),
+    "one state": (ONE_STATE, ["lidar"], "keyframe: home    # the state to start from\n"),
     "plain": (PLAIN, ["lidar"], "Sites that a sensor can be mounted on: tip."),
 }
 
