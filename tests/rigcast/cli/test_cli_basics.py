@@ -352,6 +352,23 @@ def test_kernels_that_cannot_be_written_are_told_with_their_folder(
     assert f"{wp.config.kernel_cache_dir}: kernels cannot be written there: No space left on device; WARP_" in output
 
 
+@pytest.mark.parametrize(
+    "error", [Exception("Failed to load CPU module 'it' (device='cpu')"), json.JSONDecodeError("Unterminated", "", 0)]
+)
+def test_damaged_kernels_are_told_with_their_folder(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """What Warp 1.12 and 1.19 raise for a file of their cache that is cut off."""
+
+    def load(*_arguments: object) -> NoReturn:
+        raise error
+
+    monkeypatch.setattr(RigConfig, "build", load)
+    code, output = call("check", rig)
+    told = f"{wp.config.kernel_cache_dir}: a kernel there is damaged: {error}; delete the folder, and kernels are"
+    assert (code, told in output) == (2, True), output
+
+
 @pytest.mark.parametrize("arguments", [["validat"], ["validate"], ["presets", "--bogus"]])
 def test_bad_usage_exits_with_2(arguments: list[str]) -> None:
     assert call(*arguments)[0] == 2
