@@ -248,11 +248,11 @@ class Frame:
             return self._arrays.shape_hit
         return self._values(f"{owner}_id", partial(ids.look_up, owner, self._arrays.hits.shape))
 
-    def _values(self, name: str, work_out: Callable[[wp.array | None], wp.array]) -> wp.array:
-        return self._arrays.fields.get(name, work_out, self._arrays.in_shape)
+    def _values(self, name: str, compute: Callable[[wp.array | None], wp.array]) -> wp.array:
+        return self._arrays.fields.get(name, compute, self._arrays.in_shape)
 
-    def _of_rays(self, name: str, work_out: Callable[..., wp.array]) -> wp.array:
-        return self._values(name, partial(work_out, self._arrays.hits.distance, self._arrays.rays))
+    def _of_rays(self, name: str, compute: Callable[..., wp.array]) -> wp.array:
+        return self._values(name, partial(compute, self._arrays.hits.distance, self._arrays.rays))
 
 
 @dataclass(eq=False, repr=False)
