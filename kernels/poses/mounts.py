@@ -119,7 +119,7 @@ def place_on_carrier(
     # nested, as older versions of Warp evaluate the whole of an `and`
     if active.shape[0] > 0:  # noqa: SIM102
         if not active[w]:
-            place = wp.vec3d(wp.float64(wp.nan))
+            place = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
     placed_position[w, slot] = place
     axes = turned_by(r, turns[own])
     if yaw_aligned:

@@ -14,7 +14,7 @@ from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.hits.reading import read
 from rigcast.kernels.packing.steered import steered
-from rigcast.kernels.rays.arrays import Rays
+from rigcast.kernels.rays.arrays import BYTES_PER_DIRECTION, Rays
 from rigcast.sensors.scene.looks import Looks
 from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.lidars.effects import Noise, Weather
@@ -56,7 +56,7 @@ class LidarPhysics:
         spec, returns_kept = self._spec, self._spec.returns_per_ray
         ways = self._sub_rays * (1 + (spec.max_surfaces > 1) + spec.mirrors)
         slots = self._sub_rays * (spec.max_surfaces + spec.mirrors) + 2 * (spec.weather is not None)
-        aimed = self._sub_rays * 24 if self._angle_std > 0 else 0
+        aimed = self._sub_rays * BYTES_PER_DIRECTION if self._angle_std > 0 else 0
         return (
             aimed
             + self._sub_rays * BYTES_PER_HIT
