@@ -45,17 +45,16 @@ def find_device(device: wp.DeviceLike) -> wp.Device:
 @contextmanager
 def compiling() -> Iterator[None]:
     """Raise InputError if the body cannot write a kernel, or read one back; it must use no other files."""
-    folder = str(wp.config.kernel_cache_dir)
     try:
         yield
     except OSError as error:
-        raise _unwritable(folder, error) from None
+        raise _unwritable(str(wp.config.kernel_cache_dir), error) from None
     except JSONDecodeError as error:  # of what Warp writes beside each kernel
-        raise _broken(folder, error) from None
+        raise _damaged(error) from None
     except Exception as error:  # Warp has no class of its own for it
         if not re.match("Failed to load (CPU|CUDA) module", str(error)):
             raise
-        raise _broken(folder, error) from None
+        raise _damaged(error) from None
 
 
 def _require_started() -> None:
@@ -68,7 +67,8 @@ def _require_started() -> None:
         raise _unwritable(folder, OSError(EACCES, os.strerror(EACCES)))
 
 
-def _broken(folder: str, error: Exception) -> InputError:
+def _damaged(error: Exception) -> InputError:
+    folder = wp.config.kernel_cache_dir  # which Warp sets when it starts
     return InputError(f"{folder}: a kernel there is damaged: {error}; delete the folder, and kernels are compiled anew")
 
 

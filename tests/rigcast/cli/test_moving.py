@@ -37,14 +37,14 @@ def push(model, seed):
 def nothing(model, seed):
     pass
 
+def raising(model, seed):
+    return lambda data: 1 / 0
+
 def interrupting(model, seed):
     def control(data):
         if data.time > 0.05:
             raise KeyboardInterrupt
     return control
-
-def raising(model, seed):
-    return lambda data: 1 / 0
 """
 
 
