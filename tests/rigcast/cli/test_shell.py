@@ -132,6 +132,26 @@ def test_the_first_rig_of_a_model_is_valid(kind: str, tmp_path: Path) -> None:
     assert "model: models/it.xml " in (tmp_path / "rig.yaml").read_text()
 
 
+# (the site, and what the first rig has on it: preset and rate)
+SITES = [
+    ("mid360", "livox_mid360", 10),
+    ("front_D455-frame", "realsense_d455", 30),
+    ("os1_lidar", "ouster_os1_128", 10),
+    ("velodyne_vlp32c", "velodyne_vlp32c", 10),
+    ("kinect_v2", "kinect_v2", 30),
+    ("utm30lx", "hokuyo_utm30lx", 40),
+    ("laser_a1", "velodyne_vlp16", 10),
+    ("camera_d", "realsense_d435", 30),
+]
+
+
+@pytest.mark.parametrize(("site", "preset", "rate_hz"), SITES, ids=[site for site, *_ in SITES])
+def test_the_first_rig_has_the_device_that_a_site_is_named_after(site: str, preset: str, rate_hz: float) -> None:
+    model = mujoco.MjModel.from_xml_string(PLAIN.replace('"tip"', f'"{site}"'))
+    (sensor, *_) = YAML(typ="safe", pure=True).load(starter_rig(model, "it.xml", "s.json"))["sensors"]
+    assert (sensor["preset"], sensor["mount"], sensor["rate_hz"]) == (preset, {"site": site}, rate_hz)
+
+
 def test_the_first_rig_leaves_the_robot_out() -> None:
     text = starter_rig(mujoco.MjModel.from_xml_string(ROBOT), "it.xml", "s.json")
     assert text.count("filter: {exclude_bodies: ['cart: one'], exclude_subtree: true}") == 2
