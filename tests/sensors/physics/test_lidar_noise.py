@@ -124,6 +124,9 @@ def test_measured_ranges_are_held_to_the_limits() -> None:
     got = sense(model_of(bubble(10)), wide(noise=Noise(range_std=std), max_range=10.05)).range.numpy()
     assert_share(np.isposinf(got), NormalDist().cdf(-0.5))
     assert got[np.isfinite(got)].max() <= np.float32(10.05)
+    whole = wide(noise=Noise(range_resolution=0.5), min_range=10.0, max_range=10.2)
+    got = sense(model_of(bubble(10.1)), whole).range.numpy()
+    np.testing.assert_array_equal(got, 10, err_msg="a limit itself is within")
 
 
 @pytest.mark.parametrize(("rate", "radius"), [(1, 20), (30, 5)])
