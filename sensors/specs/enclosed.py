@@ -27,8 +27,8 @@ def enclosed(model: mujoco.MjModel, data: mujoco.MjData, sensors: Iterable[Senso
             name, of_body = model.geom(geom).name, model.body(body).name
             remedy = f"exclude_bodies: [{of_body}]" if of_body else "geom_groups"  # only names can be excluded
             yield (
-                f"sensor {sensor.name!r} is within geom {name or geom!r} of body {of_body or body!r} or on its surface, "
-                f"which hides from it what is outside; {remedy} in its filter leaves that out"
+                f"sensor {sensor.name!r} is within geom {name or geom!r} of body {of_body or body!r} or on its "
+                f"surface, which hides from it what is outside; {remedy} in its filter leaves that out"
             )
 
 
