@@ -12,6 +12,7 @@ import pytest
 from small_datasets import edited, make
 
 import rigcast
+from rigcast.dataset.reading import Dataset
 from rigcast.export.fields import field_names
 from rigcast.sensors.errors import InputError
 
@@ -107,7 +108,7 @@ def test_without_geom_ids_there_are_no_classes(path: Path) -> None:
 def test_scenes_and_episodes_are_selected_alone_and_together(whole_folder: Path) -> None:
     frames = rigcast.open_dataset(whole_folder)
 
-    def places(some: rigcast.dataset.reading.Dataset) -> set[tuple[str, int, str]]:
+    def places(some: Dataset) -> set[tuple[str, int, str]]:
         return {(frame.scene, frame.episode, frame.sensor) for frame in some}
 
     rooms, first = frames.of(scenes=["room"]), frames.of("top", episodes=range(1))
