@@ -21,6 +21,7 @@ from rigcast.dataset.reading import open_dataset
 from rigcast.dataset.storage.manifest import MANIFEST_NAME
 from rigcast.dataset.storage.shards import ENTRY_NAME, without_entry
 from rigcast.dataset.storage.stores import is_url
+from rigcast.export.files import make_writable
 from rigcast.sensors.errors import InputError
 
 _SHOWN = 20  # reasons of failed episodes shown on the terminal; the manifest has them all
@@ -66,6 +67,7 @@ def dataset(
     for place in without_entry(folder, [unit.name for unit in missing]):
         say(console, f"{place}: has no {ENTRY_NAME}, so it is incomplete: made again")
     if missing:
+        make_writable(next(place for place in (folder, *folder.parents) if place.exists()))
         with word_if_compiling(console):
             rehearse(read, folder, device)
     with progress(console, max(1, len(missing)) * read.file.episodes.duration) as report:

@@ -76,6 +76,9 @@ def run(
         say(console, f"{rig}: {names}; {simulated:g} s on {loaded.scene.device}, to {folder}")
         with progress(console, steps * compiled.opt.timestep) as report:
             simulate(loaded, data, step, steps, recorder, spent, report)
+    except KeyboardInterrupt:
+        say(console, f"{counted(recorder.frames, 'frame')} from before Ctrl-C are in {folder}")
+        raise
     finally:
         finishing = perf_counter()
         recorder.finish()

@@ -1,6 +1,8 @@
 """`rigcast validate`: check a rig and its model without casting a ray."""
 
+import itertools
 import json
+from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
@@ -46,7 +48,8 @@ def validate(
     show(console, table)
     data = initial_data(compiled, config.keyframe)
     mujoco.mj_fwdPosition(compiled, data)
-    for sentence in [*enclosed(compiled, data, config.sensors), *too_often(config.sensors, compiled.opt.timestep)]:
+    remarks = [enclosed(compiled, data, config.sensors), too_often(config.sensors, compiled.opt.timestep)]
+    for sentence in itertools.chain(*remarks, _radians(config.sensors)):
         say(console, sentence)
     say(console, f"{rig}: valid, {counted(len(config.sensors), 'sensor')}")
     if json_file is not None:
@@ -77,6 +80,16 @@ def _view(sensor: SensorSpec, pattern: Pattern) -> str:
         return "down"
     azimuth, elevation = angles_deg(sensor, pattern)
     return f"{arc_deg(azimuth):.3g} x {np.ptp(elevation):.3g}"
+
+
+def _radians(sensors: Iterable[SensorSpec]) -> Iterator[str]:
+    """A sentence for each mount with an angle that is a fraction of pi, as hardly one in degrees is."""
+    for sensor in sensors:
+        for angle in sensor.mount.euler_deg or ():
+            for fraction, name in ((1, "pi"), (2, "pi / 2"), (4, "pi / 4")):
+                if abs(abs(angle) - np.pi / fraction) < 5e-5:
+                    meant = f"{'-' if angle < 0 else ''}{name} to 4 digits"
+                    yield f"sensor {sensor.name!r}: euler_deg has {angle:g}, which is {meant}: it is in degrees"
 
 
 def _place(mount: Mount) -> str:

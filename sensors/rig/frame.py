@@ -328,7 +328,8 @@ class CameraFrame(Frame):
     def _drawn(self) -> "Image.Image":
         from rigcast.sensors.preview.camera import draw_camera
 
-        return draw_camera(self.sensor, self.time, self.depth.numpy(), self.normal.numpy(), self.geom_id.numpy())
+        fields = (self.depth, self.range, self.normal, self.geom_id)
+        return draw_camera(self.sensor, self.time, *(field.numpy() for field in fields))
 
     def _plot(self, axes: "Axes") -> None:
         from rigcast.sensors.preview.plot import plot_depth

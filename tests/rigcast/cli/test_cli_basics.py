@@ -337,6 +337,24 @@ def test_a_folder_in_place_of_a_file_is_told_at_once(
     assert call(*arguments) == (2, f"{name}: is a folder, expected the name of a file")
 
 
+@pytest.mark.parametrize(
+    ("angles", "told"),
+    [
+        ("[0, 0, 1.5708]", "euler_deg has 1.5708, which is pi / 2 to 4 digits: it is in degrees"),
+        ("[-3.14159, 0, 0]", "euler_deg has -3.14159, which is -pi to 4 digits: it is in degrees"),
+        ("[0.785398, 0, 90]", "euler_deg has 0.785398, which is pi / 4 to 4 digits: it is in degrees"),
+        ("[0, 1.5, 90]", None),
+        ("[0, 0, 0]", None),
+    ],
+)
+def test_angles_that_seem_to_be_radians_are_told(rig: Path, angles: str, told: str | None) -> None:
+    rig.write_text(RIG.replace("mount: {}", f"mount: {{euler_deg: {angles}}}"))
+    code, output = call("validate", rig)
+    assert code == 0
+    assert ("euler_deg" in output) == (told is not None)
+    assert told is None or f"sensor 'front': {told}" in output
+
+
 @pytest.mark.parametrize("command", ["run", "check"])
 def test_kernels_that_cannot_be_written_are_told_with_their_folder(
     rig: Path, monkeypatch: pytest.MonkeyPatch, command: str
@@ -350,6 +368,26 @@ def test_kernels_that_cannot_be_written_are_told_with_their_folder(
     code, output = call(command, rig)
     assert code == 2
     assert f"{wp.config.kernel_cache_dir}: kernels cannot be written there: No space left on device; WARP_" in output
+
+
+@pytest.mark.parametrize(
+    "error", [Exception("Failed to load CPU module 'it' (device='cpu')"), json.JSONDecodeError("Unterminated", "", 0)]
+)
+def test_damaged_kernels_are_told_with_their_folder(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """What Warp raises for a file of its cache that is cut off."""
+
+    folder, wp.config.kernel_cache_dir = wp.config.kernel_cache_dir, None
+
+    def load(*_arguments: object) -> NoReturn:
+        wp.config.kernel_cache_dir = folder  # as Warp does when it starts
+        raise error
+
+    monkeypatch.setattr(RigConfig, "build", load)
+    code, output = call("check", rig)
+    told = f"{wp.config.kernel_cache_dir}: a kernel there is damaged: {error}; delete the folder, and kernels are"
+    assert (code, told in output) == (2, True), output
 
 
 @pytest.mark.parametrize("arguments", [["validat"], ["validate"], ["presets", "--bogus"]])

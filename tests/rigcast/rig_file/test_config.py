@@ -235,6 +235,12 @@ def test_the_line_is_shown_with_a_caret(folder: Path) -> None:
     assert caret == " " * line.index("bdy") + "^"
 
 
+def test_an_unknown_key_is_told_beside_a_sensor_that_is_no_mapping(folder: Path) -> None:
+    error = error_of(write(folder, "sed: 3\n" + HEAD + "sensors: [3]\n"))
+    assert "sed: unknown key 'sed'" in error
+    assert "sensors[0]: must be a mapping, got 3" in error
+
+
 def test_all_faults_are_told_at_once_in_the_files_order(folder: Path) -> None:
     """Faults of the file, of names that the model does not have, and of sensors side by side."""
     path = write(
@@ -356,6 +362,7 @@ def test_links_that_a_urdf_loses_are_explained(tmp_path: Path, given: bool) -> N
         open_rig(rig, model)
     kept = '<mujoco><compiler fusestatic="false" discardvisual="false"/></mujoco>'
     assert "no body 'eye' in the model" in str(caught.value)
+    assert (": model: MuJoCo merges" in str(caught.value)) != given
     assert "MuJoCo merges links of a URDF that are fixed to another, and leaves out visuals" in str(caught.value)
     assert f"within <robot> {kept} keeps both" in str(caught.value)
     (tmp_path / "r.urdf").write_text(robot.format(kept))

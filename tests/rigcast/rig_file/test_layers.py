@@ -208,6 +208,11 @@ FAULTS = [
     ("extends: §rig.yaml\n", "extends: .*rig.yaml -> .*rig.yaml goes round in a circle"),
     ("extends: §3\n" + BASE.replace("robot", "base/robot"), "extends: must be the name of a file, or a list of them"),
     ("extends: base/base.yaml\nsensors: [{name: top, §rat: 3}]\n", r"sensors\[0\].rat: unknown key"),
+    (
+        "extends: base/base.yaml\nsensors: [{name: top}, {name: §top, type: height_scan, mount: {}, size: [1, 1], "
+        "spacing: 1}]\n",
+        r"'top' is the name of sensors.\d. already",
+    ),
     ("extends: base/base.yaml\nsensors: §3\n", "sensors: must be a list"),
     ("extends: base/base.yaml\nsensors: [§{type: lidar}]\n", r"sensors\[0\].(name|mount): required"),
     (TOF.replace("[0, 0, $yaw]", "[0, 0, §$yav]"), "no .yav in repeat, expected one of side, yaw, .*'yaw'"),
