@@ -259,7 +259,7 @@ class Rig:
     def _due(self, sensor: Sensor, now: float) -> list[float]:
         """The times [s] of the readings that there are now, of what fell due since the last call."""
         due = self._schedules[sensor.name].due(now)
-        if not due or sensor.rate_hz is None or sensor.moves:
+        if not due or sensor.moves:
             return due
         timestep = self._model.opt.timestep
         given = times_of_one_state(sensor, due, now, timestep)
