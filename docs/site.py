@@ -57,8 +57,7 @@ def _kinds(value: dict[str, Any]) -> Iterator[str]:
         yield f"`{value['const']}`"
     elif "enum" in value:
         yield from (f"`{each}`" for each in value["enum"])
-    elif value.get("type") == "array":
-        yield "list"
     elif "type" in value:
         kinds = value["type"] if isinstance(value["type"], list) else [value["type"]]
-        yield kinds[0]  # the text beside a number is a placeholder of `repeat`
+        # The text beside another kind is a placeholder of `repeat`.
+        yield "list" if kinds[0] == "array" else kinds[0]

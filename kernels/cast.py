@@ -13,7 +13,7 @@ from .poses.moving import at_firings
 from .rays.arrays import Rays
 from .rays.coherent import Bundles, Warps
 from .shapes.triangle import CULL_NONE
-from .single.cast import Job, prepare_turns
+from .single.cast import Job, prepare_singles
 
 
 def cast(
@@ -99,10 +99,10 @@ def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Launch]:
     device = rays.directions.device
     placed = geometry if geometry.instants == 1 else at_firings(geometry, rays)
     if rays.packets is None:
-        return _prepare_alone(placed, job, wp.empty(0, dtype=int, device=device), rays.total)
+        return _prepare_singles(placed, job, wp.empty(0, dtype=int, device=device), rays.total)
     packets, worlds = rays.packets, rays.worlds
     if isinstance(packets, Warps):
-        return _prepare_alone(placed, job, packets.order, rays.total)
+        return _prepare_singles(placed, job, packets.order, rays.total)
     if isinstance(packets, Bundles):
         from .bundles.cast import prepare_bundles  # here, as a rig without parallel rays needs none of it
 
@@ -111,14 +111,14 @@ def _prepare(geometry: Geometry, rays: Rays, job: Job) -> list[Launch]:
     if packets.tiles.size:
         launches.append(prepare_packets(placed, job, packets, worlds))
     if packets.singles.size:
-        launches += _prepare_alone(placed, job, packets.singles, worlds * packets.singles.size)
+        launches += _prepare_singles(placed, job, packets.singles, worlds * packets.singles.size)
     return launches
 
 
-def _prepare_alone(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Launch]:
+def _prepare_singles(geometry: Geometry, job: Job, which: wp.array, count: int) -> list[Launch]:
     """Cast `count` rays one by one: all rays, or those that `which` lists in every world."""
     if which.device.is_cpu:
-        return [prepare_turns(geometry, job, which, count)]
+        return [prepare_singles(geometry, job, which, count)]
     return _in_threads(geometry, job, which, count)
 
 

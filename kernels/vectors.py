@@ -20,7 +20,7 @@ def to_double(a: wp.vec3) -> wp.vec3d:
 
 
 @wp.func
-def within(k: int, size: int) -> int:
+def modulo(k: int, size: int) -> int:
     """The remainder k % size, without a division where none is needed."""
     if k < size:
         return k
@@ -32,7 +32,7 @@ def within(k: int, size: int) -> int:
 @wp.func
 def of_ray(vectors: wp.array[wp.vec3d], i: int) -> wp.vec3d:
     """The vector of ray i, counted over all worlds. The array has one entry, one per ray of a world, or one per ray."""
-    return double_vector_at(vectors, within(i, vectors.shape[0]))
+    return double_vector_at(vectors, modulo(i, vectors.shape[0]))
 
 
 @wp.func

@@ -1,9 +1,11 @@
 """The Warp device that a user asks for."""
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from errno import EACCES
+from json import JSONDecodeError
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,11 +44,17 @@ def find_device(device: wp.DeviceLike) -> wp.Device:
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Raise InputError if the body cannot write a kernel; it must write no other files."""
+    """Raise InputError if the body cannot write a kernel, or read one back; it must use no other files."""
     try:
         yield
     except OSError as error:
         raise _unwritable(str(wp.config.kernel_cache_dir), error) from None
+    except JSONDecodeError as error:  # of what Warp writes beside each kernel
+        raise _damaged(error) from None
+    except Exception as error:  # Warp has no class of its own for it
+        if not re.match("Failed to load (CPU|CUDA) module", str(error)):
+            raise
+        raise _damaged(error) from None
 
 
 def _require_started() -> None:
@@ -57,6 +65,11 @@ def _require_started() -> None:
     folder = str(wp.config.kernel_cache_dir)
     if not os.access(folder, os.W_OK) and not any(Path(folder).glob("wp_rigcast.*")):
         raise _unwritable(folder, OSError(EACCES, os.strerror(EACCES)))
+
+
+def _damaged(error: Exception) -> InputError:
+    folder = wp.config.kernel_cache_dir  # which Warp sets when it starts
+    return InputError(f"{folder}: a kernel there is damaged: {error}; delete the folder, and kernels are compiled anew")
 
 
 def _unwritable(folder: str, error: OSError) -> InputError:

@@ -6,6 +6,7 @@ Python, where they are lines of an `InputError`, and YAML, where each is given i
 
 import math
 import reprlib
+import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import NoneType
@@ -19,7 +20,7 @@ from .names import expected_one_of, listing
 
 Where = tuple[str | int, ...]
 
-_KINDS_WITH_MEANING = ("float_type", "int_type", "int_from_float", "tuple_type")
+_KINDS_WITH_MEANING = ("float_type", "int_type", "int_from_float", "tuple_type", "string_pattern_mismatch")
 _MAPPING_KINDS = ("model_type", "model_attributes_type", "dict_type")
 
 
@@ -65,6 +66,9 @@ def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
     kind, given = detail["type"], detail["input"]
     if kind == "extra_forbidden" and owner is not None:
         key = str(where[-1])
+        place = _level_of(key, spec, detail["loc"], owner)
+        if place:
+            return Fault(where, f"unknown key {key!r}, which belongs {place}", True)
         others = [tag for tag, model in kin.items() if key in model.model_fields]
         theirs = f", which {listing(others)} {'has' if len(others) == 1 else 'have'}" if others else ""
         return Fault(where, f"unknown key {key!r}{theirs}, {expected_one_of(key, _own_first(owner, kin))}", True)
@@ -81,6 +85,20 @@ def _fault(detail: ErrorDetails, spec: type[BaseModel]) -> Fault:
         return Fault(where, str(detail["ctx"]["error"]))
     keys = _keys(annotation) if kind in _MAPPING_KINDS else ""
     return Fault(where, f"{_sentence(detail)}{keys}, got {_shown(given)}{_meaning(kind, where, owner)}")
+
+
+def _level_of(key: str, spec: type[BaseModel], loc: Where, owner: type[BaseModel]) -> str:
+    """Where a key belongs that is one level too high or too low, as by wrong indentation; "" if that is not it."""
+    inner = {name: _without_none(field.annotation) for name, field in owner.model_fields.items()}
+    models = {
+        name: inside for name, inside in inner.items() if isinstance(inside, type) and issubclass(inside, BaseModel)
+    }
+    below = [repr(name) for name, model in models.items() if key in model.model_fields]
+    if below:
+        return f"in {' or '.join(below)}"
+    around, outer = _resolve(spec, loc[:-1])[:2]
+    beside = outer is not None and outer is not owner and key in outer.model_fields and isinstance(around[-1], str)
+    return f"beside {around[-1]!r}, not in it" if beside else ""
 
 
 def _own_first(owner: type[BaseModel], kin: Mapping[str, type[BaseModel]]) -> list[str]:
@@ -150,6 +168,8 @@ def _sentence(detail: ErrorDetails) -> str:
     kind = detail["type"]
     if kind in _MAPPING_KINDS:
         return "must be a mapping"
+    if kind == "bool_type":
+        return "must be true or false"
     if kind in ("tuple_type", "sequence_str", "is_instance_of"):
         return "must be a list"
     if kind == "string_pattern_mismatch":
@@ -179,4 +199,12 @@ def _shown(value: Any) -> str:
         return str(value)
     if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to write out far longer ones
         return f"an integer of {value.bit_length()} bits"
-    return reprlib.repr(list(value) if isinstance(value, tuple) else value)
+    shown = reprlib.repr(list(value) if isinstance(value, tuple) else value)
+    return shown + _look_alikes(value) if isinstance(value, str) else shown
+
+
+def _look_alikes(text: str) -> str:
+    """The names of signs such as a typeset minus, which look like those of a keyboard; else ""."""
+    signs = dict.fromkeys(sign for sign in text if not sign.isascii() and not sign.isalnum())
+    names = [f"U+{ord(sign):04X} {unicodedata.name(sign, '')}".rstrip() for sign in signs]
+    return f" with {', '.join(names[:3])}" if names else ""

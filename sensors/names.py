@@ -26,6 +26,7 @@ _ELSEWHERE = {
     "min_range": ("near", "nearplane", "clipnear", "mindistance", "mindepth", "rangemin", "blindzone"),
     "max_range": ("far", "farplane", "clipfar", "maxdistance", "maxdepth", "rangemax", "cutoff", "cutoffdist"),
     "rate_hz": ("updaterate", "updateperiod", "frequency", "freq", "fps", "framerate", "period"),
+    "extends": ("include", "includes", "import", "imports", "inherits", "inherit", "base"),
     "range_std": ("std", "stddev", "sigma", "noisestd", "gaussian"),
     "pos": ("xyz", "position", "translation", "offset", "location"),
     "euler_deg": ("rpy", "orientation", "rotation", "euler"),

@@ -1,6 +1,6 @@
 """Bundles of parallel rays through both levels of the geometry.
 
-A *bundle* is up to MOST rays of the same direction from neighbouring origins, such as those of a height scan. Its
+A *bundle* is up to BUNDLE rays of the same direction from neighbouring origins, such as those of a height scan. Its
 *middle* ray traverses the trees for all of them. Boxes are widened along each axis by the largest offset of any origin
 from the middle's: whichever box a ray of the bundle enters, the middle ray enters too, and no later.
 

@@ -9,7 +9,7 @@ from rigcast.kernels.hits.hit import WorldRay, no_hit
 from rigcast.kernels.hits.out import write_miss
 from rigcast.kernels.launching.slices import TURN, OverTiles
 from rigcast.kernels.launching.turns import turn_of
-from rigcast.kernels.packing.bundling import MOST
+from rigcast.kernels.packing.bundling import BUNDLE
 from rigcast.kernels.poses.scope import scope_of
 from rigcast.kernels.rays.arrays import direction_of, firing_of, origin_of, span_of
 from rigcast.kernels.rays.coherent import Bundles
@@ -25,10 +25,10 @@ class InBundles:
     """The bundles to cast, the same in every world, and the scratch of each thread."""
 
     worlds: int
-    rays: wp.array2d[int]  # (bundles, MOST) numbers of rays within a world, -1 for none
+    rays: wp.array2d[int]  # (bundles, BUNDLE) numbers of rays within a world, -1 for none
     # scratch:
     copies: wp.array2d[Geometry]  # (threads, 1)
-    members: wp.array[Member]  # (threads MOST,)
+    members: wp.array[Member]  # (threads BUNDLE,)
     composed: wp.array2d[TriangleBlock]  # (threads, 1)
 
 
@@ -39,7 +39,7 @@ def bundle_of(
     """The bundle of those of `rays` that can be cast; writes NaN for the others."""
     own = job.rays
     members = these.members
-    first = thread * MOST
+    first = thread * BUNDLE
     ray = WorldRay()
     begin = world * own.count
     firing = firing_of(own, begin + rays[0])
@@ -54,7 +54,7 @@ def bundle_of(
     bundle.middle.world_cull = job.cull
     bundle.middle.cull = job.cull
     ray.direction = bundle.middle.world_direction
-    for lane in range(MOST):
+    for lane in range(BUNDLE):
         if rays[lane] >= 0:
             i = begin + rays[lane]
             ray.origin = own.position[firing] + rotation * origin_of(own, i)
@@ -108,7 +108,7 @@ def prepare_bundles(geometry: Geometry, job: Job, bundles: Bundles, worlds: int)
         these = InBundles()
         these.worlds, these.rays = worlds, bundles.rays
         these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
-        these.members = wp.empty(threads * MOST, dtype=Member, device="cpu")
+        these.members = wp.empty(threads * BUNDLE, dtype=Member, device="cpu")
         these.composed = wp.empty((threads, 1), dtype=TriangleBlock, device="cpu")
         return [geometry, job, these]
 

@@ -19,7 +19,7 @@ from rigcast.kernels.vectors import of_ray, to_double
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 SPEED_OF_LIGHT = 299_792_458.0  # [m/s]
-NEAREST = wp.constant(1.0e-6)
+LEAST_SQUARE = wp.constant(1.0e-6)  # [m^2], nearer surfaces return the light of this squared range
 
 
 @wp.func
@@ -31,7 +31,7 @@ def cos_incidence(normal: wp.vec3, direction: wp.vec3d) -> float:
 @wp.func
 def returned(reflectivity: float, cosine: float, distance: float) -> float:
     """The intensity rho cos / R^2 [1/m^2]."""
-    return reflectivity * cosine / wp.max(distance * distance, NEAREST)
+    return reflectivity * cosine / wp.max(distance * distance, LEAST_SQUARE)
 
 
 @wp.kernel

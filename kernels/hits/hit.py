@@ -80,7 +80,7 @@ def distance_of(g: wp.array[Geometry], shape: int, triangle: int, ray: WorldRay)
 
 
 @wp.func
-def follows(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> int:
+def meets_back(g: wp.array[Geometry], hit: Hit, ray: WorldRay) -> int:
     """1 if the ray meets the triangle from behind (d . n > 0), else 0."""
     facet = facet_at(g, ray.scope.first_shape + hit.shape, hit.triangle)
     normal = pose_of(g, hit.shape, ray.scope).rotation * facet.normal
@@ -93,8 +93,8 @@ def is_before(g: wp.array[Geometry], t: wp.float64, a: Hit, t_b: wp.float64, b: 
     if a.shape == b.shape:
         if t != t_b:
             return t < t_b
-        behind = follows(g, a, ray)
-        behind_b = follows(g, b, ray)
+        behind = meets_back(g, a, ray)
+        behind_b = meets_back(g, b, ray)
         return behind < behind_b or (behind == behind_b and a.triangle < b.triangle)
     apart = wp.float64(1.0)
     if not (has_triangles(g[0].kind[a.shape]) and has_triangles(g[0].kind[b.shape])):

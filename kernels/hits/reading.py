@@ -1,4 +1,4 @@
-"""Conversion of hits to sensor readings: range limits, and vectors in the sensor's frame.
+"""Hits as sensor readings: range limits, normals in the sensor's frame, and the fields that follow from them.
 
 Each ray takes less time than starting a Warp thread on the CPU, so a thread handles a run of rays there. Loops are
 `while`: the compiler would keep the counter of a `for` in memory, and each ray would wait for it.

@@ -48,7 +48,7 @@ def take_poses(these: Taking) -> None:
         position = positions[k]
         rotation = rotations[k]
         if not (is_within_reach(position) and size_of(rotation) < wp.float64(wp.inf)):
-            position = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
+            position = wp.vec3d(wp.float64(wp.nan))
             lost += 1
         these.position[k] = position
         these.rotation[k] = rotation

@@ -189,10 +189,11 @@ def view_from(origin: wp.vec3d, to_local: wp.mat33d, rays: wp.array[TileRays], r
 
 
 @inlined
-def farthest(far: lanes) -> float:
+def max_of_lanes(a: lanes) -> float:
+    """The largest of sixteen numbers of either sign."""
     half = vec8()
     for j in range(8):
-        half[j] = larger(far[j], far[j + 8])
+        half[j] = larger(a[j], a[j + 8])
     return larger(
         larger(larger(half[0], half[1]), larger(half[2], half[3])),
         larger(larger(half[4], half[5]), larger(half[6], half[7])),
@@ -271,7 +272,7 @@ def offer(packet: PacketRays, near: lanes, far: lanes, shape: int, triangle: int
         i = lowest_bit(open)
         open = open & (open - 1)
         decide_lane_of_packet(packet.tile, slot, i, near[i], far[i], shape, triangle)
-    return APART * farthest(packet.best[slot].far)
+    return APART * max_of_lanes(packet.best[slot].far)
 
 
 @noinline

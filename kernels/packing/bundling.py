@@ -6,11 +6,11 @@ import warp as wp
 
 from rigcast.kernels.rays.coherent import Bundles
 
-from .sorting import Doubles, Indices, halved_to, in_parts
+from .sorting import Doubles, Indices, halved_to, in_chunks, in_parts, members_of_groups
 
-MOST = wp.constant(16)
+BUNDLE = wp.constant(16)
 """Number of rays of a bundle."""
-_CHUNK = 32 * MOST
+_CHUNK = 32 * BUNDLE
 
 
 def sort_into_bundles(origins: Doubles, group: npt.NDArray[np.int32]) -> Bundles:
@@ -18,15 +18,13 @@ def sort_into_bundles(origins: Doubles, group: npt.NDArray[np.int32]) -> Bundles
 
     group: (n,), equal for rays of the same direction and firing.
     """
-    order = np.argsort(group, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
-    return Bundles(wp.array(np.concatenate([_bundles_of(rays, origins) for rays in groups]), dtype=int, device="cpu"))
+    bundles = [_bundles_of(rays, origins) for rays in members_of_groups(group)]
+    return Bundles(wp.array(np.concatenate(bundles), dtype=int, device="cpu"))
 
 
 def _bundles_of(rays: Indices, origins: Doubles) -> Indices:
-    """Bundles (m, MOST) of neighbouring rays (n,), padded with -1."""
-    chunks = in_parts(rays, origins, _CHUNK)
-    whole = np.array([chunk for chunk in chunks if len(chunk) == _CHUNK], np.int64).reshape(-1, _CHUNK)
-    rest = [part for chunk in chunks if len(chunk) != _CHUNK for part in in_parts(chunk, origins, MOST)]
-    filled = [np.concatenate([part, np.full(MOST - len(part), -1)]) for part in rest]
-    return np.concatenate([halved_to(whole, origins, MOST), *(part[None] for part in filled)])
+    """Bundles (m, BUNDLE) of neighbouring rays (n,), padded with -1."""
+    chunks, others = in_chunks(rays, origins, _CHUNK)
+    rest = [part for chunk in others for part in in_parts(chunk, origins, BUNDLE)]
+    filled = [np.concatenate([part, np.full(BUNDLE - len(part), -1)]) for part in rest]
+    return np.concatenate([halved_to(chunks, origins, BUNDLE), *(part[None] for part in filled)])

@@ -12,7 +12,17 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.launching.slices import launch_over_rays
-from rigcast.kernels.packets.packet import LANES, PACKETS, TILE, Packet, Tile, double_lanes, farthest, int_lanes, lanes
+from rigcast.kernels.packets.packet import (
+    LANES,
+    PACKETS,
+    TILE,
+    Packet,
+    Tile,
+    double_lanes,
+    int_lanes,
+    lanes,
+    max_of_lanes,
+)
 from rigcast.kernels.rays.coherent import Packets
 
 from .sorting import SLACK, SPARSE, WIDEST
@@ -92,7 +102,7 @@ def tile_along(axis: wp.vec3d) -> Tile:
 
 
 @wp.func
-def place_packet(packets: wp.array[Packet], at: int, tile: Tile) -> int:
+def project_packet(packets: wp.array[Packet], at: int, tile: Tile) -> int:
     """Write p, q and length of a packet's rays in a tile; return 0 if all are finite and close to its axis, else 1."""
     x = packets[at].x
     y = packets[at].y
@@ -159,13 +169,13 @@ def pack_tile(these: Packing, t: int) -> None:
             tile.across = 0
         if begin + k * LANES < end:
             tile.packets = tile.packets | (1 << k)
-            apart = apart | place_packet(packets, at, tile)
+            apart = apart | project_packet(packets, at, tile)
             p = packets[at].p
             q = packets[at].q
-            p_low = -farthest(-p) - SLACK
-            p_high = farthest(p) + SLACK
-            q_low = -farthest(-q) - SLACK
-            q_high = farthest(q) + SLACK
+            p_low = -max_of_lanes(-p) - SLACK
+            p_high = max_of_lanes(p) + SLACK
+            q_low = -max_of_lanes(-q) - SLACK
+            q_high = max_of_lanes(q) + SLACK
             area += (p_high - p_low) * (q_high - q_low)
             tile.p_low[k] = p_low
             tile.p_high[k] = p_high

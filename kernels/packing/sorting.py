@@ -153,10 +153,7 @@ def _tiles_of_groups(directions: Doubles, group: npt.NDArray[np.int32] | None) -
     """The tiles and single rays of `_tiles_of`, with every tile's rays from one group."""
     if group is None:
         return _tiles_of(directions)
-    order = np.argsort(group, kind="stable")
-    parts = [
-        (rays, *_tiles_of(directions[rays])) for rays in np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
-    ]
+    parts = [(rays, *_tiles_of(directions[rays])) for rays in members_of_groups(group)]
     return (
         np.concatenate([np.where(tiles >= 0, rays[tiles], ~rays[~tiles]) for rays, tiles, _ in parts]),
         np.concatenate([rays[singles] for rays, _, singles in parts]),
@@ -212,12 +209,11 @@ def _places(tiles: Indices, directions: Doubles) -> tuple[Doubles, Doubles]:
 
 def _tiles_of(directions: Doubles) -> tuple[Indices, Indices]:
     """Rays in tiles (tiles, TILE), and single rays; a negative ~k is an empty lane with the direction of ray k."""
-    chunks = in_parts(np.arange(len(directions)), directions, CHUNK) if len(directions) else []
-    whole = np.array([c for c in chunks if len(c) == CHUNK], np.int64).reshape(-1, CHUNK)
-    candidates = halved_to(whole, directions, TILE)
+    chunks, others = in_chunks(np.arange(len(directions)), directions, CHUNK)
+    candidates = halved_to(chunks, directions, TILE)
     is_narrow = _is_narrow(directions[candidates])
     tiles, singles = [*candidates[is_narrow]], []
-    for rays in [*candidates[~is_narrow], *(c for c in chunks if len(c) != CHUNK)]:
+    for rays in [*candidates[~is_narrow], *others]:
         more, alone = _narrow_tiles(rays, directions)
         tiles += more
         singles += alone
@@ -246,6 +242,19 @@ def _is_narrow(d: Doubles) -> npt.NDArray[np.bool_]:
 def _along(d: Doubles, axis: Doubles) -> Doubles:
     """The least cosine (...) between unit directions (..., n, 3) and an axis (..., 3) of any length."""
     return np.einsum("...nk,...k->...n", d, axis).min(axis=-1, initial=1.0) / np.linalg.norm(axis, axis=-1)
+
+
+def members_of_groups(group: npt.NDArray[np.int32]) -> list[Indices]:
+    """The numbers of the rays of each group. group: (n,) of each ray."""
+    order = np.argsort(group, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
+
+
+def in_chunks(rays: Indices, directions: Doubles, size: int) -> tuple[Indices, list[Indices]]:
+    """Split rays into chunks of neighbours: those of this size (m, size), and smaller ones."""
+    chunks = in_parts(rays, directions, size) if len(rays) else []
+    whole = np.array([chunk for chunk in chunks if len(chunk) == size], np.int64).reshape(-1, size)
+    return whole, [chunk for chunk in chunks if len(chunk) != size]
 
 
 def in_parts(rays: Indices, directions: Doubles, size: int) -> list[Indices]:

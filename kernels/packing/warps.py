@@ -8,7 +8,7 @@ import warp as wp
 
 from rigcast.kernels.rays.coherent import Warps
 
-from .sorting import CHUNK, Doubles, halved_to, in_parts
+from .sorting import CHUNK, Doubles, halved_to, in_chunks, in_parts
 
 WARP = 32
 EVEN = (1.0, 1.0, 1.0)
@@ -19,8 +19,7 @@ LEVEL = (1.0, 1.0, 6.0)
 def sort_into_warps(directions: Doubles, device: wp.DeviceLike, weights: tuple[float, float, float] = EVEN) -> Warps:
     """Sort rays from one origin with unit directions (n, 3). weights: of differences along x, y and z."""
     directions = directions * weights
-    chunks = in_parts(np.arange(len(directions)), directions, CHUNK)
-    whole = np.array([chunk for chunk in chunks if len(chunk) == CHUNK], np.int64).reshape(-1, CHUNK)
-    rest = [rays for chunk in chunks if len(chunk) != CHUNK for rays in in_parts(chunk, directions, WARP)]
-    order = np.concatenate([halved_to(whole, directions, WARP).reshape(-1), *rest])
+    chunks, others = in_chunks(np.arange(len(directions)), directions, CHUNK)
+    rest = [rays for chunk in others for rays in in_parts(chunk, directions, WARP)]
+    order = np.concatenate([halved_to(chunks, directions, WARP).reshape(-1), *rest])
     return Warps(wp.array(order, dtype=int, device=device))

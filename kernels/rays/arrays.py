@@ -11,6 +11,8 @@ from .coherent import Bundles, Packets, Warps
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
+BYTES_PER_DIRECTION = wp.types.type_size_in_bytes(wp.vec3d)
+
 
 @wp.struct
 class RayArrays:

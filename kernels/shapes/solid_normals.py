@@ -38,7 +38,7 @@ def ellipsoid_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3
 
 
 @wp.func
-def crossing(gap: float, speed: float, rounding: float) -> float:
+def face_score(gap: float, speed: float, rounding: float) -> float:
     """Score of a face as the one that a ray crosses at a point; the highest score wins.
 
     gap: distance [m] of the point from the face's plane. speed: d . n. Among faces within rounding of the point, the
@@ -53,8 +53,8 @@ def cylinder_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:
     out = wp.sqrt(p[0] * p[0] + p[1] * p[1])
     per_out = wp.where(out > 0.0, 1.0 / out, 0.0)
     rounding = PLACE_ROUNDING * (t + size[0] + size[1])
-    side = crossing(out - size[0], (p[0] * d[0] + p[1] * d[1]) * per_out, rounding)
-    cap = crossing(wp.abs(p[2]) - size[1], d[2], rounding)
+    side = face_score(out - size[0], (p[0] * d[0] + p[1] * d[1]) * per_out, rounding)
+    cap = face_score(wp.abs(p[2]) - size[1], d[2], rounding)
     on_side = wp.where(cap > side, 0.0, per_out)
     return wp.vec3(p[0] * on_side, p[1] * on_side, wp.where(cap > side, wp.sign(p[2]), 0.0))
 
@@ -63,9 +63,9 @@ def cylinder_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:
 def box_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:
     """Normal of the face that the ray crosses."""
     rounding = PLACE_ROUNDING * (t + size[0] + size[1] + size[2])
-    x = crossing(wp.abs(p[0]) - size[0], d[0], rounding)
-    y = crossing(wp.abs(p[1]) - size[1], d[1], rounding)
-    z = crossing(wp.abs(p[2]) - size[2], d[2], rounding)
+    x = face_score(wp.abs(p[0]) - size[0], d[0], rounding)
+    y = face_score(wp.abs(p[1]) - size[1], d[1], rounding)
+    z = face_score(wp.abs(p[2]) - size[2], d[2], rounding)
     on_x = wp.where(x >= y, wp.where(x >= z, 1.0, 0.0), 0.0)
     on_y = wp.where(y >= z, 1.0 - on_x, 0.0)
     return wp.vec3(on_x * wp.sign(p[0]), on_y * wp.sign(p[1]), (1.0 - on_x - on_y) * wp.sign(p[2]))

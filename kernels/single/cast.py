@@ -22,7 +22,7 @@ from rigcast.kernels.rays.unit import make_unit
 from .ray import cast_ray
 from .walk import NUMBERS_OF_STACK
 
-RAYS_PER_RUN = 32
+RAYS_PER_TILE = 32
 """Number of rays that counts as one tile when the number of threads is chosen."""
 RAYS_PER_TURN = wp.constant(128)
 """Number of rays that a CPU thread claims at a time; small, so that no thread waits long for the last one."""
@@ -105,7 +105,7 @@ def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.ar
 
 
 @wp.struct
-class Alone:
+class InSingles:
     """The rays to cast one by one, and the scratch of each CPU thread."""
 
     count: int  # rays to cast, over all worlds
@@ -114,27 +114,27 @@ class Alone:
 
 
 @wp.kernel
-def cast_turns(thread: int, turns: wp.array[int], g: Geometry, job: Job, alone: Alone) -> None:
+def cast_singles(thread: int, turns: wp.array[int], g: Geometry, job: Job, these: InSingles) -> None:
     """Cast rays on the CPU, RAYS_PER_TURN per turn; each thread claims turns. turns: number of turns claimed so far."""
     align_stack()
     g.visible = job.visible
-    alone.copies[thread, 0] = g
+    these.copies[thread, 0] = g
     begin = turn_of(turns) * RAYS_PER_TURN
-    while begin < alone.count:
-        end = wp.min(begin + RAYS_PER_TURN, alone.count)
+    while begin < these.count:
+        end = wp.min(begin + RAYS_PER_TURN, these.count)
         if job.rays.vectors.shape[0] > 0:
             make_unit(begin, end, job.rays.vectors, job.rays.directions)
-        cast_run(begin, end, alone.copies[thread], job, alone.which)
+        cast_run(begin, end, these.copies[thread], job, these.which)
         begin = turn_of(turns) * RAYS_PER_TURN
 
 
-def prepare_turns(geometry: Geometry, job: Job, which: wp.array, count: int) -> OverTiles:
-    """A launch that casts `count` rays on the CPU. which: numbers of rays, as in `Alone`."""
+def prepare_singles(geometry: Geometry, job: Job, which: wp.array, count: int) -> OverTiles:
+    """A launch that casts `count` rays on the CPU. which: numbers of rays, as in `InSingles`."""
 
     def inputs(threads: int) -> list[Any]:
-        alone = Alone()
-        alone.count, alone.which = count, which
-        alone.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
-        return [geometry, job, alone]
+        these = InSingles()
+        these.count, these.which = count, which
+        these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
+        return [geometry, job, these]
 
-    return OverTiles(cast_turns, -(-count // RAYS_PER_RUN), inputs)
+    return OverTiles(cast_singles, -(-count // RAYS_PER_TILE), inputs)

@@ -15,7 +15,7 @@ _FANS = ((1, 8), (2, 4), (4, 2), (8, 1))
 """Possible (rows, columns) of the children of a node."""
 
 
-class Boxes(NamedTuple):
+class BoxGrid(NamedTuple):
     """Boxes in rows and columns: their ends (rows, columns, 3), and the node or ~leaf in each (rows, columns)."""
 
     lower: npt.NDArray[np.float32]
@@ -23,13 +23,13 @@ class Boxes(NamedTuple):
     child: npt.NDArray[np.int32]
 
     @staticmethod
-    def in_one_row(parts: "Sequence[Boxes]") -> "Boxes":
+    def in_one_row(parts: "Sequence[BoxGrid]") -> "BoxGrid":
         """All boxes of the parts, one after the other, as a single row."""
         lower, upper = (
             np.concatenate([getattr(part, end).reshape(1, -1, 3) for part in parts], axis=1)
             for end in ("lower", "upper")
         )
-        return Boxes(lower, upper, np.concatenate([part.child.reshape(1, -1) for part in parts], axis=1))
+        return BoxGrid(lower, upper, np.concatenate([part.child.reshape(1, -1) for part in parts], axis=1))
 
 
 class RegularNodes:
@@ -39,7 +39,7 @@ class RegularNodes:
         self._made: list[npt.NDArray[np.void]] = []
         self._count = 0
 
-    def over(self, boxes: Boxes) -> Boxes:
+    def over(self, boxes: BoxGrid) -> BoxGrid:
         """Make the nodes over these boxes; return the boxes of the nodes."""
         fan = _fan(boxes)
         lower, upper = _members(boxes.lower, fan, np.inf), _members(boxes.upper, fan, -np.inf)
@@ -58,9 +58,9 @@ class RegularNodes:
         number = np.arange(self._count, self._count + len(nodes), dtype=np.int32).reshape(child.shape[1:])
         self._made.append(nodes)
         self._count += len(nodes)
-        return Boxes(lower.min(axis=0), upper.max(axis=0), number)
+        return BoxGrid(lower.min(axis=0), upper.max(axis=0), number)
 
-    def raised(self, boxes: Boxes, most: int) -> Boxes:
+    def raised(self, boxes: BoxGrid, most: int) -> BoxGrid:
         """Make level after level of nodes over these boxes, until a level has at most `most`; return its boxes."""
         while boxes.child.size > most:
             boxes = self.over(boxes)
@@ -74,7 +74,7 @@ class RegularNodes:
         return nodes
 
 
-def _fan(boxes: Boxes) -> tuple[int, int]:
+def _fan(boxes: BoxGrid) -> tuple[int, int]:
     """Rows and columns of boxes per node: as many boxes as possible, then as close to a square as possible."""
     rows, columns = boxes.child.shape
     width, depth = (boxes.upper.max(axis=(0, 1)) - boxes.lower.min(axis=(0, 1)))[:2] / (columns, rows)

@@ -28,7 +28,7 @@ class Boxes:
 
 
 @wp.struct
-class Reach:
+class Box4:
     """A box whose ends fill a vector register each; their fourth component is 0."""
 
     low: wp.vec4
@@ -39,8 +39,8 @@ class Reach:
 class Extent:
     """The box around a set of boxes, and the box around their centres."""
 
-    box: Reach
-    centers: Reach
+    box: Box4
+    centers: Box4
 
 
 @wp.struct
@@ -56,7 +56,7 @@ class Halves:
 class Bin:
     """The box around all boxes whose centres fall into a bin, and their number."""
 
-    box: Reach
+    box: Box4
     count: int
 
 
@@ -83,19 +83,19 @@ def wide(a: wp.vec3) -> wp.vec4:
 
 
 @wp.func
-def reach_of(boxes: Boxes, i: int) -> Reach:
-    reach = Reach()
-    reach.low = wide(boxes.lower[i])
-    reach.high = wide(boxes.upper[i])
-    return reach
+def box4_at(boxes: Boxes, i: int) -> Box4:
+    box = Box4()
+    box.low = wide(boxes.lower[i])
+    box.high = wide(boxes.upper[i])
+    return box
 
 
 @wp.func
-def no_reach() -> Reach:
-    reach = Reach()
-    reach.low = wp.vec4(wp.inf, wp.inf, wp.inf, 0.0)
-    reach.high = wp.vec4(-wp.inf, -wp.inf, -wp.inf, 0.0)
-    return reach
+def empty_box4() -> Box4:
+    box = Box4()
+    box.low = wp.vec4(wp.inf, wp.inf, wp.inf, 0.0)
+    box.high = wp.vec4(-wp.inf, -wp.inf, -wp.inf, 0.0)
+    return box
 
 
 @wp.func
@@ -109,24 +109,24 @@ def highest(a: wp.vec4, b: wp.vec4) -> wp.vec4:
 
 
 @wp.func
-def joined(a: Reach, low: wp.vec4, high: wp.vec4) -> Reach:
-    reach = Reach()
-    reach.low = lowest(a.low, low)
-    reach.high = highest(a.high, high)
-    return reach
-
-
-@wp.func
-def box_of(reach: Reach) -> Box:
-    box = Box()
-    box.lower = wp.vec3(reach.low[0], reach.low[1], reach.low[2])
-    box.upper = wp.vec3(reach.high[0], reach.high[1], reach.high[2])
+def joined(a: Box4, low: wp.vec4, high: wp.vec4) -> Box4:
+    box = Box4()
+    box.low = lowest(a.low, low)
+    box.high = highest(a.high, high)
     return box
 
 
 @wp.func
-def center(reach: Reach) -> wp.vec4:
-    return 0.5 * reach.low + 0.5 * reach.high
+def box_of(a: Box4) -> Box:
+    box = Box()
+    box.lower = wp.vec3(a.low[0], a.low[1], a.low[2])
+    box.upper = wp.vec3(a.high[0], a.high[1], a.high[2])
+    return box
+
+
+@wp.func
+def center(box: Box4) -> wp.vec4:
+    return 0.5 * box.low + 0.5 * box.high
 
 
 @wp.func
@@ -152,8 +152,8 @@ def bin_of(grid: Grid, axis: int, point: wp.vec4) -> int:
 @wp.func
 def no_extent() -> Extent:
     extent = Extent()
-    extent.box = no_reach()
-    extent.centers = no_reach()
+    extent.box = empty_box4()
+    extent.centers = empty_box4()
     return extent
 
 
@@ -162,7 +162,7 @@ def extent_of(boxes: Boxes, first: int, count: int) -> Extent:
     extent = no_extent()
     i = int(first)
     while i < first + count:
-        own = reach_of(boxes, i)
+        own = box4_at(boxes, i)
         point = center(own)
         extent.box = joined(extent.box, own.low, own.high)
         extent.centers = joined(extent.centers, point, point)
@@ -171,7 +171,7 @@ def extent_of(boxes: Boxes, first: int, count: int) -> Extent:
 
 
 @wp.func
-def grid_over(centers: Reach) -> Grid:
+def grid_over(centers: Box4) -> Grid:
     grid = Grid()
     grid.base = centers.low
     for axis in range(3):
@@ -184,11 +184,11 @@ def grid_over(centers: Reach) -> Grid:
 def fill_bins(boxes: Boxes, first: int, count: int, grid: Grid, bins: wp.array[Bin], first_bin: int) -> None:
     for b in range(first_bin, first_bin + 3 * BINS):
         empty = Bin()
-        empty.box = no_reach()
+        empty.box = empty_box4()
         bins[b] = empty
     i = int(first)
     while i < first + count:
-        own = reach_of(boxes, i)
+        own = box4_at(boxes, i)
         point = center(own)
         for axis in range(3):
             at = first_bin + axis * BINS + bin_of(grid, axis, point)
@@ -200,16 +200,16 @@ def fill_bins(boxes: Boxes, first: int, count: int, grid: Grid, bins: wp.array[B
 
 
 @wp.func
-def side_cost(reach: Reach, count: int, leaf_size: int) -> float:
+def side_cost(box: Box4, count: int, leaf_size: int) -> float:
     """Expected cost of one side of a split: half area x leaves; +inf for a side without boxes."""
     leaves = (count + leaf_size - 1) / leaf_size
-    return wp.where(count > 0, half_area(box_of(reach)) * float(leaves), wp.inf)
+    return wp.where(count > 0, half_area(box_of(box)) * float(leaves), wp.inf)
 
 
 @wp.func
 def best_split_along(axis: int, bins: wp.array[Bin], first_bin: int, leaf_size: int, best: Split) -> Split:
     right_cost = vec16()
-    box = no_reach()
+    box = empty_box4()
     count = int(0)
     for k in range(BINS - 1):
         b = BINS - 1 - k
@@ -217,7 +217,7 @@ def best_split_along(axis: int, bins: wp.array[Bin], first_bin: int, leaf_size: 
         box = joined(box, one.box.low, one.box.high)
         count += one.count
         right_cost[b] = side_cost(box, count, leaf_size)
-    box = no_reach()
+    box = empty_box4()
     count = int(0)
     for b in range(BINS - 1):
         one = bins[first_bin + axis * BINS + b]
@@ -235,12 +235,12 @@ def best_split_along(axis: int, bins: wp.array[Bin], first_bin: int, leaf_size: 
 def partition(boxes: Boxes, first: int, count: int, grid: Grid, split: Split) -> Halves:
     """Move the boxes left of the split to the front. Sets the boxes around the centres; those around the boxes
     themselves come from the bins."""
-    left = no_reach()
-    right = no_reach()
+    left = empty_box4()
+    right = empty_box4()
     i = int(first)
     j = int(first + count - 1)
     while i <= j:
-        point = center(reach_of(boxes, i))
+        point = center(box4_at(boxes, i))
         if bin_of(grid, split.axis, point) <= split.last_left_bin:
             left = joined(left, point, point)
             i += 1
@@ -256,8 +256,8 @@ def partition(boxes: Boxes, first: int, count: int, grid: Grid, split: Split) ->
 
 
 @wp.func
-def joined_bins(bins: wp.array[Bin], begin: int, end: int) -> Reach:
-    box = no_reach()
+def joined_bins(bins: wp.array[Bin], begin: int, end: int) -> Box4:
+    box = empty_box4()
     for b in range(begin, end):
         box = joined(box, bins[b].box.low, bins[b].box.high)
     return box
@@ -265,7 +265,7 @@ def joined_bins(bins: wp.array[Bin], begin: int, end: int) -> Reach:
 
 @wp.func
 def split_by_sah(
-    boxes: Boxes, first: int, count: int, centers: Reach, leaf_size: int, bins: wp.array[Bin], first_bin: int
+    boxes: Boxes, first: int, count: int, centers: Box4, leaf_size: int, bins: wp.array[Bin], first_bin: int
 ) -> Halves:
     """Partition the boxes by the split of least cost; left_count is 0 if there is none."""
     grid = grid_over(centers)
@@ -290,7 +290,7 @@ def split_boxes(
     boxes: Boxes,
     first: int,
     count: int,
-    centers: Reach,
+    centers: Box4,
     leaf_size: int,
     balanced: bool,
     bins: wp.array[Bin],

@@ -45,7 +45,7 @@ class Pending:
 
 
 @wp.struct
-class Bud:
+class PartialNode:
     """A node under construction: the runs of boxes that become its children; the one of largest size is split next."""
 
     node: Node
@@ -56,7 +56,7 @@ class Bud:
 
 
 @wp.struct
-class Growth:
+class TreeSize:
     """Size of a tree: numbers of nodes and leaves, and the entries that its traversal stack needs."""
 
     nodes: int
@@ -82,29 +82,29 @@ def make_pending(node: int, run: Run, room: int) -> Pending:
 
 
 @wp.func
-def with_member(bud: Bud, j: int, run: Run, extent: Extent, balanced: bool) -> Bud:
-    bud.first[j] = run.first
-    bud.count[j] = run.count
-    bud.size[j] = wp.where(balanced, float(run.count), half_area(box_of(extent.box)))
-    return bud
+def with_member(partial: PartialNode, j: int, run: Run, extent: Extent, balanced: bool) -> PartialNode:
+    partial.first[j] = run.first
+    partial.count[j] = run.count
+    partial.size[j] = wp.where(balanced, float(run.count), half_area(box_of(extent.box)))
+    return partial
 
 
 @wp.func
-def member_to_split(bud: Bud, run_size: int) -> int:
+def member_to_split(partial: PartialNode, run_size: int) -> int:
     """Index of the largest member among those with more than run_size boxes; -1 if there is none."""
     best = int(-1)
     best_size = float(-1.0)
-    for j in range(bud.members):
-        if bud.count[j] > run_size:  # noqa: SIM102, as Warp evaluates both sides of an `and`
-            if bud.size[j] > best_size or best < 0:
+    for j in range(partial.members):
+        if partial.count[j] > run_size:  # noqa: SIM102, as Warp evaluates both sides of an `and`
+            if partial.size[j] > best_size or best < 0:
                 best = j
-                best_size = bud.size[j]
+                best_size = partial.size[j]
     return best
 
 
 @wp.struct
-class Plot:
-    """Input, scratch and output of `grow`, as a struct: Warp compiles a kernel twice if arrays are its arguments."""
+class Build:
+    """Input, scratch and output of `build_runs`. A struct: Warp compiles a kernel twice if arrays are its arguments."""
 
     boxes: Boxes
     runs: wp.array[Run]
@@ -117,76 +117,76 @@ class Plot:
     # out, (boxes,); entries of a run begin at the index of its first box:
     nodes: wp.array[Node]
     leaves: wp.array[Run]
-    grown: wp.array[Growth]  # (runs,)
+    sizes: wp.array[TreeSize]  # (runs,)
 
 
 @wp.func
-def unfold(plot: Plot, thread: int, run: Run) -> Bud:
+def split_run(build: Build, thread: int, run: Run) -> PartialNode:
     """Split a run into up to eight; runs of at most run_size boxes are not split further."""
-    boxes = plot.boxes
-    extents = plot.extents
+    boxes = build.boxes
+    extents = build.extents
     at = thread * WIDTH
-    bud = Bud()
+    partial = PartialNode()
     extents[at] = extent_of(boxes, run.first, run.count)
-    bud = with_member(bud, 0, run, extents[at], plot.balanced)
-    bud.members = 1
-    j = member_to_split(bud, plot.run_size)
-    while j >= 0 and bud.members < WIDTH:
-        first = bud.first[j]
-        count = bud.count[j]
+    partial = with_member(partial, 0, run, extents[at], build.balanced)
+    partial.members = 1
+    j = member_to_split(partial, build.run_size)
+    while j >= 0 and partial.members < WIDTH:
+        first = partial.first[j]
+        count = partial.count[j]
         halves = split_boxes(
-            boxes, first, count, extents[at + j].centers, plot.leaf_size, plot.balanced, plot.bins, thread * 3 * BINS
+            boxes, first, count, extents[at + j].centers, build.leaf_size, build.balanced, build.bins, thread * 3 * BINS
         )
         left = make_run(first, halves.left_count)
         right = make_run(first + halves.left_count, count - halves.left_count)
-        bud = with_member(bud, j, left, halves.left, plot.balanced)
-        bud = with_member(bud, bud.members, right, halves.right, plot.balanced)
+        partial = with_member(partial, j, left, halves.left, build.balanced)
+        partial = with_member(partial, partial.members, right, halves.right, build.balanced)
         extents[at + j] = halves.left
-        extents[at + bud.members] = halves.right
-        bud.members += 1
-        j = member_to_split(bud, plot.run_size)
-    bud.node = empty_node()
-    for m in range(bud.members):
-        bud.node = set_child(bud.node, m, box_of(extents[at + m].box), NO_CHILD)
-    return bud
+        extents[at + partial.members] = halves.right
+        partial.members += 1
+        j = member_to_split(partial, build.run_size)
+    partial.node = empty_node()
+    for m in range(partial.members):
+        partial.node = set_child(partial.node, m, box_of(extents[at + m].box), NO_CHILD)
+    return partial
 
 
 @wp.kernel
-def grow(first_thread: int, plot: Plot) -> None:
+def build_runs(first_thread: int, build: Build) -> None:
     """Build the tree of one run per thread, down to leaves of at most run_size boxes.
 
     Construction is depth-first, so that the boxes of a subtree stay in the cache.
     """
     thread = first_thread + wp.tid()
-    runs = plot.runs
-    pending = plot.pending
-    nodes = plot.nodes
-    leaves = plot.leaves
-    grown = plot.grown
+    runs = build.runs
+    pending = build.pending
+    nodes = build.nodes
+    leaves = build.leaves
+    sizes = build.sizes
     base = runs[thread].first
-    growth = Growth()
-    growth.nodes = 1
+    size = TreeSize()
+    size.nodes = 1
     pending[base] = make_pending(0, runs[thread], 1)
     left_to_do = int(1)
     while left_to_do > 0:
         left_to_do -= 1
         parent = pending[base + left_to_do]
-        bud = unfold(plot, thread, parent.run)
-        room = parent.room - 1 + bud.members
-        growth.stack = wp.max(growth.stack, room)
-        for j in range(bud.members):
-            run = make_run(bud.first[j], bud.count[j])
-            if run.count > plot.run_size:
-                bud.node.child[j] = growth.nodes
-                pending[base + left_to_do] = make_pending(growth.nodes, run, room)
-                growth.nodes += 1
+        partial = split_run(build, thread, parent.run)
+        room = parent.room - 1 + partial.members
+        size.stack = wp.max(size.stack, room)
+        for j in range(partial.members):
+            run = make_run(partial.first[j], partial.count[j])
+            if run.count > build.run_size:
+                partial.node.child[j] = size.nodes
+                pending[base + left_to_do] = make_pending(size.nodes, run, room)
+                size.nodes += 1
                 left_to_do += 1
             else:
-                bud.node.child[j] = -1 - growth.leaves
-                leaves[base + growth.leaves] = run
-                growth.leaves += 1
-        nodes[base + parent.node] = bud.node
-    grown[thread] = growth
+                partial.node.child[j] = -1 - size.leaves
+                leaves[base + size.leaves] = run
+                size.leaves += 1
+        nodes[base + parent.node] = partial.node
+    sizes[thread] = size
 
 
 @dataclass(frozen=True)
@@ -232,34 +232,34 @@ def _build(
     run_size = leaf_size if n < LARGE else max(leaf_size, n // PARTS)
     whole = struct_zeros(Run, 1)
     whole["count"] = n
-    (part,), stack = _grow(boxes, whole, leaf_size, run_size, balanced)
+    (part,), stack = _build_runs(boxes, whole, leaf_size, run_size, balanced)
     if run_size > leaf_size:
-        parts, deeper = _grow(boxes, part.leaves, leaf_size, leaf_size, balanced)
-        part, stack = _grafted(part.nodes, parts), stack - 1 + deeper
+        parts, deeper = _build_runs(boxes, part.leaves, leaf_size, leaf_size, balanced)
+        part, stack = _with_subtrees(part.nodes, parts), stack - 1 + deeper
     return Tree(part.nodes, boxes.order.numpy(), part.leaves["first"].copy(), part.leaves["count"].copy()), stack
 
 
-def _grow(
+def _build_runs(
     boxes: Boxes, runs: npt.NDArray[np.void], leaf_size: int, run_size: int, balanced: bool
 ) -> tuple[list[_Part], int]:
     """Build the tree of each run; return them and the most stack entries that any of them needs."""
-    n, plot = boxes.order.size, Plot()
-    plot.boxes, plot.runs = boxes, wp.array(runs, dtype=Run, device="cpu")
-    plot.leaf_size, plot.run_size, plot.balanced = leaf_size, run_size, balanced
-    plot.bins = wp.empty(len(runs) * 3 * BINS, dtype=Bin, device="cpu")
-    plot.extents = wp.empty(len(runs) * WIDTH, dtype=Extent, device="cpu")
-    plot.pending, plot.nodes, plot.leaves = (wp.empty(n, dtype=kind, device="cpu") for kind in (Pending, Node, Run))
-    plot.grown = wp.empty(len(runs), dtype=Growth, device="cpu")
-    launch_over_rays(grow, len(runs), [plot], [], "cpu", slice_size=1)
-    nodes, leaves, grown = plot.nodes.numpy(), plot.leaves.numpy(), plot.grown.numpy()
+    n, build = boxes.order.size, Build()
+    build.boxes, build.runs = boxes, wp.array(runs, dtype=Run, device="cpu")
+    build.leaf_size, build.run_size, build.balanced = leaf_size, run_size, balanced
+    build.bins = wp.empty(len(runs) * 3 * BINS, dtype=Bin, device="cpu")
+    build.extents = wp.empty(len(runs) * WIDTH, dtype=Extent, device="cpu")
+    build.pending, build.nodes, build.leaves = (wp.empty(n, dtype=kind, device="cpu") for kind in (Pending, Node, Run))
+    build.sizes = wp.empty(len(runs), dtype=TreeSize, device="cpu")
+    launch_over_rays(build_runs, len(runs), [build], [], "cpu", slice_size=1)
+    nodes, leaves, sizes = build.nodes.numpy(), build.leaves.numpy(), build.sizes.numpy()
     parts = [
-        _Part(nodes[first : first + grown_nodes].copy(), leaves[first : first + grown_leaves].copy())
-        for (first, _), (grown_nodes, grown_leaves, _) in zip(runs.tolist(), grown.tolist(), strict=True)
+        _Part(nodes[first : first + node_count].copy(), leaves[first : first + leaf_count].copy())
+        for (first, _), (node_count, leaf_count, _) in zip(runs.tolist(), sizes.tolist(), strict=True)
     ]
-    return parts, int(grown["stack"].max())
+    return parts, int(sizes["stack"].max())
 
 
-def _grafted(nodes: npt.NDArray[np.void], parts: list[_Part]) -> _Part:
+def _with_subtrees(nodes: npt.NDArray[np.void], parts: list[_Part]) -> _Part:
     """The tree of these nodes with leaf k replaced by part k."""
     first_node = len(nodes) + np.cumsum([0, *(len(part.nodes) for part in parts)])
     first_leaf = np.cumsum([0, *(len(part.leaves) for part in parts)])

@@ -16,7 +16,7 @@ from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Node, set_child
 from rigcast.kernels.trees.tree import build_tree
 
 from .arrays import TriangleTree
-from .triangle_tree import blocks_of, fill, on_cpu, whole_box
+from .triangle_tree import blocks_of, fill, lend, require_in_range, whole_box
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -64,9 +64,7 @@ class DeformingTree:
     def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike) -> None:
         start = np.asarray(vertices, np.float32)
         corners = np.asarray(faces).reshape(-1, 3)
-        if corners.size and not (corners.min() >= 0 and corners.max() < len(start)):
-            face = int(np.argmax(((corners < 0) | (corners >= len(start))).any(axis=1)))
-            raise ValueError(f"face {face}: got vertices {corners[face].tolist()}, expected 0 to {len(start) - 1}")
+        require_in_range(corners, len(start))
         self._faces = corners.astype(np.int32)
         self._faces_on_cpu = wp.array(self._faces, dtype=wp.vec3i, device="cpu")  # a copy, with the present winding
         self._build(_checked(start))
@@ -95,16 +93,16 @@ class DeformingTree:
     def _build(self, vertices: npt.NDArray[np.float32]) -> None:
         corners = vertices[self._faces]
         built = build_tree(corners.min(axis=1), corners.max(axis=1), leaf_size=WIDTH)
-        self._nodes = on_cpu(built.nodes, Node)
-        self._blocks = on_cpu(blocks_of(built, np.arange(len(corners))), TriangleBlock)
+        self._nodes = lend(built.nodes, Node)
+        self._blocks = lend(blocks_of(built, np.arange(len(corners))), TriangleBlock)
         self._fits = wp.empty(len(built.nodes), dtype=Fit, device="cpu")
         self._refit(vertices)
         self._built_area = self._area
 
     def _refit(self, vertices: npt.NDArray[np.float32]) -> None:
         """Recompute corners, normals and boxes for moved vertices."""
-        self._boxes = fill(self._blocks, on_cpu(vertices, wp.vec3), self._faces_on_cpu)
-        boxes = [on_cpu(ends, wp.vec3) for ends in self._boxes]
+        self._boxes = fill(self._blocks, lend(vertices, wp.vec3), self._faces_on_cpu)
+        boxes = [lend(ends, wp.vec3) for ends in self._boxes]
         launch(fit_tree, 1, boxes, [self._nodes, self._fits], "cpu")
 
     @property

@@ -10,10 +10,10 @@ import warp as wp
 from rigcast.kernels.geometry import FARTHEST, NO_FACE, Plot, TriangleBlock
 from rigcast.kernels.shapes.patches import COLUMNS, ROWS
 from rigcast.kernels.trees.nodes import FIRST_PATCH, FIRST_PLOT, OUTWARDS, WIDTH, struct_zeros
-from rigcast.kernels.trees.regular import Boxes, RegularNodes
+from rigcast.kernels.trees.regular import BoxGrid, RegularNodes
 
 from .arrays import TriangleTree
-from .triangle_tree import fill, on_cpu
+from .triangle_tree import fill, lend
 
 Floats = npt.NDArray[np.float32]
 
@@ -46,7 +46,7 @@ def build_height_field(
     blocks, rows = _blocks(others, 2 * cells[0] * cells[1])
     nodes = RegularNodes()
     tops = [nodes.raised(surface.boxes(), WIDTH - MOST_ROWS), *(nodes.raised(row, 1) for row in rows)]
-    root = nodes.over(Boxes.in_one_row(tops))
+    root = nodes.over(BoxGrid.in_one_row(tops))
     return TriangleTree(
         nodes.from_last(),
         blocks,
@@ -107,11 +107,11 @@ class _Corners(NamedTuple):
         across, along = _side(self.x, COLUMNS), _side(self.y, ROWS)
         return np.concatenate(across, axis=1), np.concatenate([along[0], *np.repeat(along[1:], 4, axis=2)], axis=1)
 
-    def boxes(self) -> Boxes:
+    def boxes(self) -> BoxGrid:
         """The boxes of the plots."""
         lower, upper = (self._ends(end) for end in (np.fmin, np.fmax))
         number = np.arange(lower[..., 0].size, dtype=np.int32).reshape(lower.shape[:2])
-        return Boxes(lower, upper, ~(FIRST_PLOT + number))
+        return BoxGrid(lower, upper, ~(FIRST_PLOT + number))
 
     def _ends(self, end: np.ufunc) -> Floats:
         """The lower or upper ends (rows, columns, 3) of the boxes of the plots."""
@@ -138,7 +138,7 @@ def _over(end: np.ufunc, values: Floats, step: int) -> Floats:
     return found
 
 
-def _blocks(rows: Sequence[npt.NDArray[np.floating]], first_face: int) -> tuple[npt.NDArray[np.void], list[Boxes]]:
+def _blocks(rows: Sequence[npt.NDArray[np.floating]], first_face: int) -> tuple[npt.NDArray[np.void], list[BoxGrid]]:
     """Blocks of rows of triangles, and the boxes of each row's blocks. Faces are numbered from first_face on."""
     corners = np.concatenate(rows).astype(np.float32).reshape(-1, 3)
     faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
@@ -147,11 +147,11 @@ def _blocks(rows: Sequence[npt.NDArray[np.floating]], first_face: int) -> tuple[
     face = np.concatenate(filled)
     blocks = struct_zeros(TriangleBlock, len(face))
     blocks["face"] = face
-    lower, upper = fill(on_cpu(blocks, TriangleBlock), on_cpu(corners, wp.vec3), on_cpu(faces, wp.vec3i))
+    lower, upper = fill(lend(blocks, TriangleBlock), lend(corners, wp.vec3), lend(faces, wp.vec3i))
     blocks["face"] = np.where(face == NO_FACE, NO_FACE, face + first_face)
     number = ~np.arange(len(blocks), dtype=np.int32)
     ends = np.cumsum([*map(len, filled)])
     return blocks, [
-        Boxes(lower[None, first:end], upper[None, first:end], number[None, first:end])
+        BoxGrid(lower[None, first:end], upper[None, first:end], number[None, first:end])
         for first, end in zip([0, *ends[:-1]], ends, strict=True)
     ]

@@ -148,7 +148,7 @@ def refit(first: int, g: Geometry, these: Refit) -> None:
 
 
 @wp.kernel
-def plant(first: int, nodes: wp.array[Node], top: wp.array[Node]) -> None:
+def copy_to_trees(first: int, nodes: wp.array[Node], top: wp.array[Node]) -> None:
     """Copy these nodes to every tree of `top`."""
     i = first + wp.tid()
     start = i / nodes.shape[0] * nodes.shape[0]
@@ -160,15 +160,15 @@ def plant(first: int, nodes: wp.array[Node], top: wp.array[Node]) -> None:
 
 
 @wp.struct
-class Boxes:
-    """The lower and upper ends of boxes."""
+class ShapeBoxes:
+    """The lower and upper ends of the boxes of shapes."""
 
     lower: wp.array[wp.vec3]
     upper: wp.array[wp.vec3]
 
 
 @wp.kernel
-def first_boxes(first: int, g: Geometry, anchor_shape: int, boxes: Boxes) -> None:
+def first_boxes(first: int, g: Geometry, anchor_shape: int, boxes: ShapeBoxes) -> None:
     """Write the box of each shape in the first span in which it has one; empty if it never has."""
     shape = first + wp.tid()
     box = empty_box()

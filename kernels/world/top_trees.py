@@ -13,7 +13,7 @@ from rigcast.kernels.trees.fit import REBUILD_RATIO, Fit
 from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Node, empty_nodes, join_trees
 from rigcast.kernels.trees.tree import build_tree
 
-from .top_level import Boxes, Refit, first_boxes, plant, refit, turn_shapes
+from .top_level import Refit, ShapeBoxes, copy_to_trees, first_boxes, refit, turn_shapes
 
 LEAVES_PER_SLICE = 4096
 """Number of shapes, over several trees, that a CPU thread refits per slice."""
@@ -67,7 +67,7 @@ class TopTrees:
             g.top_reach = wp.zeros(spans, dtype=float, device=device)
             self._area = wp.zeros(spans, dtype=float, device=device)
             self._area_view = self._area.numpy() if device.is_cpu else None
-            self._plant()
+            self._copy_to_trees()
         self.refit()
 
     def refit(self) -> None:
@@ -93,7 +93,7 @@ class TopTrees:
             offset = np.abs(center - median).max(axis=1)
             self._anchor_shape = int(bounded[np.argmin(offset)])
         self._set_nodes(nodes)
-        self._plant()
+        self._copy_to_trees()
         self._launch()
         self._built_area = float(self._area.numpy().mean())
 
@@ -101,13 +101,13 @@ class TopTrees:
         nodes, self._levels = _by_level(nodes)
         self._nodes = wp.array(nodes, dtype=Node, device=self._device)
 
-    def _plant(self) -> None:
+    def _copy_to_trees(self) -> None:
         """Copy the present nodes to the tree of every span."""
         count = self._spans * self._nodes.size
         self._fits = wp.empty(count, dtype=Fit, device=self._device)
         self._geometry.top_count = self._nodes.size
         self._geometry.top = wp.empty(count, dtype=Node, device=self._device)
-        launch_over_rays(plant, count, [self._nodes], [self._geometry.top], self._device)
+        launch_over_rays(copy_to_trees, count, [self._nodes], [self._geometry.top], self._device)
         self._launch = self._prepare_launch()
 
     def _prepare_launch(self) -> Callable[[], object]:
@@ -125,7 +125,7 @@ class TopTrees:
 
     def _first_boxes(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         shapes = self._geometry.kind.size
-        boxes = Boxes()
+        boxes = ShapeBoxes()
         boxes.lower, boxes.upper = (wp.empty(shapes, dtype=wp.vec3, device=self._device) for _ in range(2))
         launch_over_rays(first_boxes, shapes, [self._geometry, self._anchor_shape], [boxes], self._device)
         return boxes.lower.numpy(), boxes.upper.numpy()

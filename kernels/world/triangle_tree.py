@@ -109,22 +109,27 @@ def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triang
     v, f = np.asarray(vertices), np.asarray(faces).reshape(-1, 3)
     _require_usable(v, f)
     with np.errstate(over="ignore"):  # vertices that are in no face may overflow
-        places = on_cpu(v.astype(np.float32, copy=False), wp.vec3)
-    corners = on_cpu(f.astype(np.int32, copy=False), wp.vec3i)
+        places = lend(v.astype(np.float32, copy=False), wp.vec3)
+    corners = lend(f.astype(np.int32, copy=False), wp.vec3i)
     lower, upper, has_area = _measured(places, corners)
     face = np.flatnonzero(has_area)
     kept = slice(None) if len(face) == len(f) else face  # avoids a copy if all are kept
     tree = build_tree(lower[kept], upper[kept], leaf_size=WIDTH)
     blocks = blocks_of(tree, face)
-    box = whole_box(*fill(on_cpu(blocks, TriangleBlock), places, corners))
+    box = whole_box(*fill(lend(blocks, TriangleBlock), places, corners))
     return TriangleTree(tree.nodes, blocks, *box, dropped=len(f) - len(face))
 
 
-def _require_usable(vertices: npt.NDArray[Any], faces: npt.NDArray[np.integer]) -> None:
-    out_of_range = (faces < 0) | (faces >= len(vertices))
+def require_in_range(faces: npt.NDArray[np.integer], count: int) -> None:
+    """Raise ValueError for faces (m, 3) that are not of vertices 0 to count - 1."""
+    out_of_range = (faces < 0) | (faces >= count)
     if out_of_range.any():
         face, corner = np.argwhere(out_of_range)[0]
-        raise ValueError(f"face {face}: got vertex {faces[face, corner]}, expected 0 to {len(vertices) - 1}")
+        raise ValueError(f"face {face}: got vertex {faces[face, corner]}, expected 0 to {count - 1}")
+
+
+def _require_usable(vertices: npt.NDArray[Any], faces: npt.NDArray[np.integer]) -> None:
+    require_in_range(faces, len(vertices))
     bad = ~(np.abs(vertices) <= FARTHEST).all(axis=-1)
     if bad.any() and bad[faces].any():
         face, corner = np.argwhere(bad[faces])[0]
@@ -167,6 +172,6 @@ def whole_box(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
     return lower.min(axis=0), upper.max(axis=0)
 
 
-def on_cpu(values: npt.NDArray[Any], dtype: Any) -> wp.array:
-    """An array that shares its memory with the values, if they are contiguous."""
+def lend(values: npt.NDArray[Any], dtype: Any) -> wp.array:
+    """An array on the CPU that shares the memory of the values, if they are contiguous."""
     return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu", copy=False)

@@ -6,6 +6,7 @@ written, with one line. Where standard error cannot be written, words are lost a
 """
 
 import sys
+import traceback
 from importlib import import_module
 from typing import Annotated, Any, NamedTuple
 
@@ -74,8 +75,9 @@ _COMMANDS = {
 }
 _EXIT_CODES = (
     "Exit codes: 0 done, 1 a ray is wrong (check), an episode failed (dataset) or standard output cannot be written, "
-    "2 a mistake in the input, 130 interrupted, 141 standard output was closed."
+    "2 a mistake in the input, 70 a fault of rigcast itself, 130 interrupted, 141 standard output was closed."
 )
+_FAULT = 70  # EX_SOFTWARE of sysexits.h; Python would end with 1, which is a wrong ray
 _UNREAD = 141  # 128 + SIGPIPE, as of any other program in a pipe; 1, which typer and rich exit with, is a wrong ray
 
 
@@ -153,9 +155,10 @@ def main() -> None:
         if isinstance(end.__context__, BrokenPipeError):
             sys.exit(_UNREAD)
         raise
-    except OSError:
-        reason = why_unwritable()
+    except Exception as error:
+        reason = why_unwritable() if isinstance(error, OSError) else None
         if reason is None:
-            raise
+            traceback.print_exc()
+            sys.exit(_FAULT)
         typer.echo(f"standard output: cannot be written: {reason}", err=True)
         sys.exit(1)

@@ -23,7 +23,7 @@ from rigcast.bench.stepping import small, update
 from rigcast.bench.workloads import WORKLOADS, Unavailable, hills
 from rigcast.bench.worlds.crowd import G1_HEAD, crowd
 from rigcast.bench.worlds.measure import Batch, OnDevice, measure_worlds
-from rigcast.cli.common.options import JsonFile, console_beside, require_png, say, write_json
+from rigcast.cli.common.options import JsonFile, console_beside, require_png, say, show, write_json
 from rigcast.kernels.launching.slices import thread_count
 from rigcast.quiet import quiet_warp
 from rigcast.sensors.device import find_device
@@ -128,7 +128,7 @@ def _race(console: Console, name: str, casters: Sequence[type[Caster]], extent: 
         say(console, f"left out: {name}: {reason}")
         return ()
     results = race(workload, casters, extent.rounds)
-    console.print(_table(results))
+    show(console, _table(results))
     return results
 
 
@@ -142,7 +142,7 @@ def _in_worlds(console: Console, casters: Sequence[type[Caster]], extent: Extent
         return None
     found = measure_worlds(robots, sizes, device, [caster.name for caster in casters], extent.rounds)
     console.print(f"worlds on {found.device}: {found.workload}, {found.geoms} geoms, {found.triangles} triangles")
-    console.print(_table_of_worlds(found.batches))
+    show(console, _table_of_worlds(found.batches))
     for line in _about_worlds(found):
         say(console, line)
     return found

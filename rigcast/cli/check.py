@@ -12,7 +12,17 @@ from rich.table import Table
 
 from rigcast.checking import Hit, Report, Row, WrongRay
 from rigcast.checking import check as check_rig
-from rigcast.cli.common.options import Device, JsonFile, ModelPath, Overrides, RigPath, console_beside, say, write_json
+from rigcast.cli.common.options import (
+    Device,
+    JsonFile,
+    ModelPath,
+    Overrides,
+    RigPath,
+    console_beside,
+    say,
+    show,
+    write_json,
+)
 from rigcast.cli.common.ready import ready_rig
 from rigcast.motion.simulation import initial_data
 from rigcast.rig_file import open_rig
@@ -34,7 +44,7 @@ def check(
     data = initial_data(compiled, config.keyframe)
     loaded = ready_rig(console, config, compiled, data, device)
     report = check_rig(loaded, data, rays=rays)
-    console.print(_table(report))
+    show(console, _table(report))
     for wrong in report.wrong_rays:
         say(console, _sentence(wrong))
     if report.not_judged:

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.filesize import decimal
 from rich.table import Table
 
-from rigcast.cli.common.options import Device, counted, say
+from rigcast.cli.common.options import Device, counted, say, show
 from rigcast.cli.common.progress import progress
 from rigcast.cli.common.ready import word_if_compiling
 from rigcast.dataset.description.config import DatasetConfig, read_dataset
@@ -21,6 +21,7 @@ from rigcast.dataset.reading import open_dataset
 from rigcast.dataset.storage.manifest import MANIFEST_NAME
 from rigcast.dataset.storage.shards import ENTRY_NAME, without_entry
 from rigcast.dataset.storage.stores import is_url
+from rigcast.export.files import make_writable
 from rigcast.sensors.errors import InputError
 
 _SHOWN = 20  # reasons of failed episodes shown on the terminal; the manifest has them all
@@ -66,6 +67,7 @@ def dataset(
     for place in without_entry(folder, [unit.name for unit in missing]):
         say(console, f"{place}: has no {ENTRY_NAME}, so it is incomplete: made again")
     if missing:
+        make_writable(next(place for place in (folder, *folder.parents) if place.exists()))
         with word_if_compiling(console):
             rehearse(read, folder, device)
     with progress(console, max(1, len(missing)) * read.file.episodes.duration) as report:
@@ -133,7 +135,7 @@ def _verify(console: Console, place: str | Path) -> None:
 
 def _tell(console: Console, config: DatasetConfig, folder: Path, done: Done, workers: int) -> None:
     manifest = done.manifest
-    console.print(_table(manifest["statistics"]))
+    show(console, _table(manifest["statistics"]))
     alike: dict[str, list[dict[str, Any]]] = {}
     for failure in manifest["failed"]:
         alike.setdefault(failure["reason"], []).append(failure)
@@ -150,7 +152,7 @@ def _tell(console: Console, config: DatasetConfig, folder: Path, done: Done, wor
 
 def _table(statistics: dict[str, dict[str, Any]]) -> Table:
     table = Table("sensor")
-    for column in ("frames", "rays", "hit", "range [m]"):
+    for column in ("frames", "rays", "hit", r"range \[m]"):
         table.add_column(column, justify="right")
     for name, one in statistics.items():
         hits, rays, span = one["hits"], one["rays"], one["range"]

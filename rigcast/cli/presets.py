@@ -10,7 +10,7 @@ from rich.table import Table
 
 from rigcast.card import Card
 from rigcast.card_picture import draw_card, terminal_picture
-from rigcast.cli.common.options import JsonFile, console_beside, require_png, say, write_json
+from rigcast.cli.common.options import JsonFile, console_beside, require_png, say, show, write_json
 from rigcast.export.files import replacing
 from rigcast.rig_file import sensor_of_preset
 from rigcast.sensors.errors import InputError
@@ -34,7 +34,7 @@ def presets(
     if name is None:
         if picture is not None:
             raise InputError("--picture: got no preset, expected the name of one to draw")
-        console.print(_list())
+        show(console, _list())
     else:
         require_png("--picture", picture)
         _show(Card.of(name), console, picture)

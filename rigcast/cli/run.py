@@ -1,5 +1,6 @@
 """`rigcast run`: step the simulation, write every due frame, summarise what was written."""
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
@@ -13,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from rigcast.cli.common.moving import Controller, Motion, MotionRate, moving
-from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say
+from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say, show
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_writable
@@ -64,6 +65,7 @@ def run(
     choose_formats(config.sensors, wanted)
     make_writable(folder)  # mistakes are reported before anything is compiled
     data = initial_data(compiled, config.keyframe)
+    started = data.time
     step = moved.step(compiled, data, config.seed if seed is None else seed)
     loaded = ready_rig(console, config, compiled, data, device, seed)
     how: dict[str, Any] = {"classes": config.classes, "props": config.props, "options": config.export}
@@ -74,11 +76,14 @@ def run(
         say(console, f"{rig}: {names}; {simulated:g} s on {loaded.scene.device}, to {folder}")
         with progress(console, steps * compiled.opt.timestep) as report:
             simulate(loaded, data, step, steps, recorder, spent, report)
+    except KeyboardInterrupt:
+        say(console, f"{counted(recorder.frames, 'frame')} from before Ctrl-C are in {folder}")
+        raise
     finally:
         finishing = perf_counter()
         recorder.finish()
         spent.writing += perf_counter() - finishing
-    console.print(summary(config.sensors, recorder))
+    show(console, summary(config.sensors, recorder, compiled, started))
     for path in recorder.run_files:
         say(console, f"{path}: the whole run, {decimal(_size(path))}")
     say(console, f"{folder / INDEX_NAME}: index of {counted(recorder.frames, 'frame')}")
@@ -128,18 +133,27 @@ def _take(step: Step, recorder: Recorder) -> None:
         raise InputError(f"{error}; {written}") from None
 
 
-def summary(sensors: Sequence[SensorSpec], recorder: Recorder) -> Table:
-    """A table of what has been written for each sensor; names sensors that were never due."""
+def summary(sensors: Sequence[SensorSpec], recorder: Recorder, model: mujoco.MjModel, started: float) -> Table:
+    """A table of what has been written for each sensor, or how long after `started` [s] its first frame comes."""
     table = Table("sensor", "type")
     for column in ("frames", "files", "size"):
         table.add_column(column, justify="right")
-    table.add_column("in", overflow="fold")
+    table.add_column("in")
     for spec in sensors:
         output = recorder.outputs[spec.name]
-        folder = str(output.folder) if output.frames else "(no frame fell due)"
+        folder = str(output.folder) if output.frames else _no_frame(spec, model, started)
         counts = (str(output.frames), str(output.files), decimal(output.size))
         table.add_row(spec.name, spec.type, *counts, escape(folder))
     return table
+
+
+def _no_frame(spec: SensorSpec, model: mujoco.MjModel, started: float) -> str:
+    """Why a run had no frame of a sensor: it ended before the first one's last ray, or the sensor lost all."""
+    if spec.rate_hz is None:
+        return "(no frame)"
+    due = spec.phase + (math.floor((started - spec.phase) * spec.rate_hz + 1e-6) + 1) / spec.rate_hz
+    fired = spec.pattern(model).duration if spec.moves else 0.0
+    return f"(no frame: the first is complete after {due - started + fired + spec.latency:.4g} s)"
 
 
 def _size(folder: Path) -> int:

@@ -1,6 +1,8 @@
 """`rigcast validate`: check a rig and its model without casting a ray."""
 
+import itertools
 import json
+from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
@@ -8,7 +10,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from rigcast.card import angles_deg, arc_deg
-from rigcast.cli.common.options import JsonFile, ModelPath, Overrides, RigPath, console_beside, counted, say, write_json
+from rigcast.cli.common.options import (
+    JsonFile,
+    ModelPath,
+    Overrides,
+    RigPath,
+    console_beside,
+    counted,
+    say,
+    show,
+    write_json,
+)
 from rigcast.motion.simulation import initial_data
 from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.rig.timing.one_state import too_often
@@ -33,10 +45,11 @@ def validate(
         rate = "every step" if sensor.rate_hz is None else f"{sensor.rate_hz:g} Hz"
         table.add_row(sensor.name, sensor.type, rays, _view(sensor, pattern), rate, escape(_place(sensor.mount)))
     console = console_beside(json_file)
-    console.print(table)
+    show(console, table)
     data = initial_data(compiled, config.keyframe)
     mujoco.mj_fwdPosition(compiled, data)
-    for sentence in [*enclosed(compiled, data, config.sensors), *too_often(config.sensors, compiled.opt.timestep)]:
+    remarks = [enclosed(compiled, data, config.sensors), too_often(config.sensors, compiled.opt.timestep)]
+    for sentence in itertools.chain(*remarks, _radians(config.sensors)):
         say(console, sentence)
     say(console, f"{rig}: valid, {counted(len(config.sensors), 'sensor')}")
     if json_file is not None:
@@ -67,6 +80,16 @@ def _view(sensor: SensorSpec, pattern: Pattern) -> str:
         return "down"
     azimuth, elevation = angles_deg(sensor, pattern)
     return f"{arc_deg(azimuth):.3g} x {np.ptp(elevation):.3g}"
+
+
+def _radians(sensors: Iterable[SensorSpec]) -> Iterator[str]:
+    """A sentence for each mount with an angle that is a fraction of pi, as hardly one in degrees is."""
+    for sensor in sensors:
+        for angle in sensor.mount.euler_deg or ():
+            for fraction, name in ((1, "pi"), (2, "pi / 2"), (4, "pi / 4")):
+                if abs(abs(angle) - np.pi / fraction) < 5e-5:
+                    meant = f"{'-' if angle < 0 else ''}{name} to 4 digits"
+                    yield f"sensor {sensor.name!r}: euler_deg has {angle:g}, which is {meant}: it is in degrees"
 
 
 def _place(mount: Mount) -> str:

@@ -11,12 +11,13 @@ import mujoco
 import typer
 from rich.console import Console
 
-from rigcast.cli.common.options import Device, ModelPath, Overrides, counted, say
+from rigcast.cli.common.moving import Controller, Motion, MotionRate, Moving, moving
+from rigcast.cli.common.options import Device, ModelPath, Overrides, Seed, counted, say
 from rigcast.cli.common.progress import progress, step_count
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_room_for, replacing
 from rigcast.motion.simulation import initial_data
-from rigcast.rig_file import open_rig
+from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 from rigcast.view.bag import is_bag, read_bag
@@ -37,9 +38,15 @@ def view(
     save: Annotated[
         Path | None, typer.Option(help="write a page (.html) or a rerun recording (.rrd) instead of showing it")
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="time to simulate a rig [s]  [default: 1]")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="time to simulate a rig [s]  [default: 1, or as long as the motion]")
+    ] = None,
+    controller: Controller = None,
+    motion: Motion = None,
+    motion_rate: MotionRate = None,
     model: ModelPath = None,
     device: Device = None,
+    seed: Seed = None,
     overrides: Overrides = None,
 ) -> None:
     """Show point clouds and depth images over time: in rerun if it is installed, else as a page in the browser.
@@ -51,7 +58,9 @@ def view(
     suffix = _suffix(save)
     recorded = target.is_dir() or is_bag(target)
     if recorded:
-        _refuse({"--duration": duration, "--model": model, "--device": device, "--set": overrides}, target)
+        moves = {"--controller": controller, "--motion": motion, "--motion-rate": motion_rate}
+        rigs = {"--duration": duration, **moves, "--model": model, "--device": device, "--seed": seed}
+        _refuse({**rigs, "--set": overrides}, target)
     if suffix == ".rrd":
         load_rerun()  # before anything that takes long
     if save is not None:
@@ -59,8 +68,10 @@ def view(
     if recorded:
         seen = _recorded(target, suffix)
     else:
-        simulated = 1.0 if duration is None else duration
-        seen = _simulated(console, target, model, simulated, device, overrides or [], suffix)
+        config, compiled = open_rig(target, model, overrides or ())
+        moved = moving(target, compiled, controller, motion, motion_rate)
+        asked = moved.duration(duration)
+        seen = _simulated(console, config, compiled, moved, 1.0 if asked is None else asked, device, seed, suffix)
     if suffix == ".rrd":
         _show_in_rerun(console, target.stem, seen, save)
     else:
@@ -103,29 +114,30 @@ def _kept(shot: Shot, suffix: str) -> Shot:
 
 def _simulated(
     console: Console,
-    rig: Path,
-    model: Path | None,
+    config: RigConfig,
+    compiled: mujoco.MjModel,
+    moved: Moving,
     duration: float,
     device: str | None,
-    overrides: list[str],
+    seed: int | None,
     suffix: str,
 ) -> _Seen:
-    config, compiled = open_rig(rig, model, overrides)
     steps, data = step_count(compiled, duration), initial_data(compiled, config.keyframe)
-    loaded = ready_rig(console, config, compiled, data, device)
+    step = moved.step(compiled, data, config.seed if seed is None else seed)
+    loaded = ready_rig(console, config, compiled, data, device, seed)
     most = [_most_readings(sensor, steps * compiled.opt.timestep, steps) for sensor in loaded.sensors]
     seen, share = _Seen([], compiled, []), Share(most, _most(suffix))
     with progress(console, steps * compiled.opt.timestep) as report:
-        for step in range(1, steps + 1):
-            mujoco.mj_step(compiled, data)
+        for number in range(1, steps + 1):
+            step()
             new = [_kept(shot_of(frame), suffix) for frame in loaded.step(data) if share.takes(frame.sensor)]
             seen.shots.extend(new)
             if new:
                 mujoco.mj_kinematics(compiled, data)  # the present poses, as in the frames
                 seen.moments.append(Moment(data.time, data.xpos.copy(), data.xquat.copy()))
-            report(step * compiled.opt.timestep, len(seen.shots))
+            report(number * compiled.opt.timestep, len(seen.shots))
     if not seen.shots:
-        raise InputError(f"{rig}: no frame fell due in {duration:g} s")
+        raise InputError(f"{config.path}: no frame was complete in {duration:g} s")
     return seen
 
 

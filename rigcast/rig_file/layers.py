@@ -117,14 +117,17 @@ class _Layers:
     def _rows(self, repeat: Node, template: Node) -> list[dict[str, Node]]:
         """The values of every copy, by name."""
         columns = {str(name): value for name, _, value in entries(repeat)}
-        lists = [value for value in columns.values() if isinstance(value, SequenceNode) and _all_scalars(value)]
-        lengths = {len(value.value) for value in lists}
-        if not isinstance(repeat, MappingNode) or len(lists) < len(columns) or len(lengths) != 1 or lengths == {0}:
-            message = "must be names with lists of plain values, as many in each, such as {side: [left, right]}"
-            self._note(repeat, f"repeat: {message}")
+        lengths = {name: len(value.value) for name, value in columns.items() if isinstance(value, SequenceNode)}
+        if not isinstance(repeat, MappingNode) or len(lengths) < len(columns) or not any(lengths.values()):
+            self._note(repeat, "repeat: must be names with lists of values, such as {side: [left, right]}")
             return []
-        (count,) = lengths
-        if count * len(list(_scalars(template))) > MOST_VALUES:
+        count = max(lengths.values())
+        if min(lengths.values()) < count:
+            counts = ", ".join(f"{length} of {name}" for name, length in lengths.items())
+            self._note(repeat, f"repeat: must be lists of equal length, got {counts}")
+            return []
+        longest = max(len(list(_scalars(item))) for value in columns.values() for item in value.value)
+        if count * longest * len(list(_scalars(template))) > MOST_VALUES:
             self._note(repeat, f"repeat: stands for more than {MOST_VALUES} values")
             return []
         return [{name: value.value[k] for name, value in columns.items()} for k in range(count)]
@@ -140,7 +143,11 @@ class _Layers:
             return node
         alone = row.get(node.value.removeprefix("$").removeprefix("{").removesuffix("}"))
         if alone is not None and node.value[0] == "$" and len(template.get_identifiers()) == 1:
-            return ScalarNode(alone.tag, alone.value, node.start_mark, node.end_mark)
+            return type(alone)(alone.tag, alone.value, node.start_mark, node.end_mark)
+        for name in template.get_identifiers():
+            if not isinstance(row[name], ScalarNode):
+                self._note(node, f"{node.value!r}: ${name} stands for a list or mapping, expected it alone")
+                return node
         text = template.substitute({name: value.value for name, value in row.items()})
         return ScalarNode(node.tag, text, node.start_mark, node.end_mark)
 
@@ -215,10 +222,6 @@ def _without(node: Node, key: str) -> Node:
 def _like(node: Node, value: list[Node] | list[tuple[Node, Node]]) -> Node:
     """A node with another value at the position of this one."""
     return type(node)(node.tag, value, node.start_mark, node.end_mark)
-
-
-def _all_scalars(node: SequenceNode) -> bool:
-    return all(isinstance(item, ScalarNode) for item in node.value)
 
 
 def _scalars(node: Node) -> Iterator[Node]:

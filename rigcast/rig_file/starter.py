@@ -7,9 +7,13 @@ from pathlib import Path
 import mujoco
 
 from rigcast.sensors.names import model_names, usable_name
+from rigcast.sensors.specs.presets import load_preset, preset_names
+
+from .faults import sensor_of_preset
 
 _SCANNING = re.compile(r"lidar|laser|scan|velodyne|ouster|livox|hesai", re.IGNORECASE)
 _LOOKING = re.compile(r"depth|camera|realsense|kinect|zed", re.IGNORECASE)
+_LIDAR = "velodyne_vlp16"  # where a name says no more than that there is a lidar
 _LISTED = 20  # names that a comment lists before it is cut short
 
 
@@ -38,17 +42,34 @@ def _head(model: mujoco.MjModel, model_path: str, schema: str) -> Iterator[str]:
 def _sensors(model: mujoco.MjModel) -> Iterator[str]:
     cameras = model_names(model, mujoco.mjtObj.mjOBJ_CAMERA, model.ncam)
     sites = model_names(model, mujoco.mjtObj.mjOBJ_SITE, model.nsite)
-    scanning = [site for site in sites if _SCANNING.search(site)]
-    looking = [site for site in sites if _LOOKING.search(site) and site not in scanning]
+    devices = {site: device for site in sites if (device := _device(site))}
+    kinds = {site: load_preset(device).type for site, device in devices.items()}
+    scanning = [site for site in sites if kinds.get(site) == "lidar" or (site not in kinds and _SCANNING.search(site))]
+    looking = [site for site in sites if site not in scanning and (site in kinds or _LOOKING.search(site))]
     taken: set[str] = set()
     for camera in cameras:
         yield from _camera(model, camera, usable_name(camera, taken))
     for site in looking:
-        yield from _site_camera(site, usable_name(site, taken))
+        yield from _site_camera(site, usable_name(site, taken), devices.get(site, "realsense_d435"))
     for site in scanning:
-        yield from _lidar(model, usable_name(site, taken), f"{{site: {_quoted(site)}}}", _site_body(model, site))
+        mount, device = f"{{site: {_quoted(site)}}}", devices.get(site, _LIDAR)
+        yield from _lidar(model, usable_name(site, taken), mount, _site_body(model, site), device)
     if not scanning:
         yield from _lidar_on_body(model, sites, usable_name("lidar", taken))
+
+
+def _device(site: str) -> str | None:
+    """The preset that a site's name has most words of, among them the model's, as `mid360` and `front_d455` have."""
+    said = set(re.split(r"[\W_]+", site.lower()))
+    words = {name: name.split("_") for name in preset_names()}
+    meant = [name for name, (first, *more) in words.items() if _means(said, first, more)]
+    return max(meant, key=lambda name: len(said.intersection(words[name])), default=None)
+
+
+def _means(said: set[str], first: str, more: list[str]) -> bool:
+    """Whether the words of a name are those of a device: its maker and model, or a model of some length."""
+    device = more[0] if more else first
+    return device in said and (len(device) > 2 or first in said)
 
 
 def _camera(model: mujoco.MjModel, camera: str, name: str) -> Iterator[str]:
@@ -64,12 +85,12 @@ def _camera(model: mujoco.MjModel, camera: str, name: str) -> Iterator[str]:
     yield ""
 
 
-def _site_camera(site: str, name: str) -> Iterator[str]:
+def _site_camera(site: str, name: str, device: str) -> Iterator[str]:
     yield f"  - name: {_quoted(name)}"
     yield "    type: depth_camera"
-    yield "    preset: realsense_d435    # any key beside it overrides the preset; `rigcast presets` lists them"
+    yield f"    preset: {device}    # any key beside it overrides the preset; `rigcast presets` lists them"
     yield f"    mount: {{site: {_quoted(site)}}}    # looks along the site's +x, with +z up"
-    yield "    rate_hz: 30"
+    yield f"    rate_hz: {_rate_hz(device, 30):g}"
     yield ""
 
 
@@ -85,17 +106,22 @@ def _lidar_on_body(model: mujoco.MjModel, sites: list[str], name: str) -> Iterat
     yield from _lidar(model, name, mount, moving[0])
 
 
-def _lidar(model: mujoco.MjModel, name: str, mount: str, body: int | None) -> Iterator[str]:
+def _lidar(model: mujoco.MjModel, name: str, mount: str, body: int | None, device: str = _LIDAR) -> Iterator[str]:
     root = None if body is None else model.body(model.body_rootid[body]).name
     yield f"  - name: {_quoted(name)}"
     yield "    type: lidar"
-    yield "    preset: velodyne_vlp16    # any key beside it overrides the preset; `rigcast presets` lists them"
+    yield f"    preset: {device}    # any key beside it overrides the preset; `rigcast presets` lists them"
     yield f"    mount: {mount}"
-    yield "    rate_hz: 10"
+    yield f"    rate_hz: {_rate_hz(device, 10):g}"
     if root and root != "world":
         own = f"{{exclude_bodies: [{_quoted(root)}], exclude_subtree: true}}"
         yield f"    filter: {own}    # the robot does not see itself"
     yield ""
+
+
+def _rate_hz(device: str, usual: float) -> float:
+    """The rate of a preset [Hz], or the usual one if its device has several."""
+    return sensor_of_preset(device).rate_hz or usual
 
 
 def _site_body(model: mujoco.MjModel, site: str) -> int:

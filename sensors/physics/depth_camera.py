@@ -14,7 +14,7 @@ from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.hits.reading import bound, read
 from rigcast.kernels.packing.steered import steered
-from rigcast.kernels.rays.arrays import Rays
+from rigcast.kernels.rays.arrays import BYTES_PER_DIRECTION, Rays
 from rigcast.sensors.scene.rays.given import upload
 from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
@@ -74,7 +74,7 @@ class DepthPhysics:
         random numbers."""
         flight = self._spec.time_of_flight
         casts = 4 if flight is None else 2 + flight.subrays**2
-        return casts * (BYTES_PER_HIT + 24) + BYTES_PER_DRAW
+        return casts * (BYTES_PER_HIT + BYTES_PER_DIRECTION) + BYTES_PER_DRAW
 
     @property
     def kept_bytes_per_ray(self) -> int:

@@ -14,7 +14,7 @@ from rigcast.kernels.effects.random import RandomSource
 from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays
 from rigcast.kernels.hits.reading import read
 from rigcast.kernels.packing.steered import steered
-from rigcast.kernels.rays.arrays import Rays
+from rigcast.kernels.rays.arrays import BYTES_PER_DIRECTION, Rays
 from rigcast.sensors.scene.looks import Looks
 from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.lidars.effects import Noise, Weather
@@ -36,15 +36,15 @@ class LidarPhysics:
     """The effects in the specification of a lidar of `count` rays, prepared on a scene's device."""
 
     def __init__(self, scene: Stage, spec: Lidar, count: int) -> None:
-        self.scene, self.spec, self.count = scene, spec, count
+        self._scene, self._spec, self._count = scene, spec, count
         noise = spec.noise or Noise()
         angles, weights = _sub_rays(spec)
-        self.sub_rays = len(weights)
+        self._sub_rays = len(weights)
         self._angles = wp.array(angles, dtype=wp.vec2, device=scene.device)
         self._angle_std = math.radians(noise.angle_std_deg)
-        self._spread = SubRays(self.sub_rays, lambda rays: beams.aim(rays, self._angles, RandomSource(), 0.0))
-        self._travelled = wp.zeros(self.count * self.sub_rays, dtype=float, device=scene.device)
-        self._share = wp.array(np.tile(weights, self.count), dtype=float, device=scene.device)
+        self._spread = SubRays(self._sub_rays, lambda rays: beams.aim(rays, self._angles, RandomSource(), 0.0))
+        self._travelled = wp.zeros(self._count * self._sub_rays, dtype=float, device=scene.device)
+        self._share = wp.array(np.tile(weights, self._count), dtype=float, device=scene.device)
         self._extinction = _extinction(spec.weather or Weather())
         self._rain = weather.rain_of(spec.weather.rain_rate if spec.weather else 0.0, _divergence(spec))
         self._fog = weather.fog_of(_fog_response(spec, self._extinction), scene.device)
@@ -53,13 +53,13 @@ class LidarPhysics:
     @property
     def bytes_per_ray(self) -> int:
         """Upper bound on the memory [bytes] of a reading per ray: hits, sub-rays, paths, echoes, random numbers."""
-        spec, returns_kept = self.spec, 2 if self.spec.returns == "dual" else 1
-        ways = self.sub_rays * (1 + (spec.max_surfaces > 1) + spec.mirrors)
-        slots = self.sub_rays * (spec.max_surfaces + spec.mirrors) + 2 * (spec.weather is not None)
-        aimed = self.sub_rays * 24 if self._angle_std > 0 else 0
+        spec, returns_kept = self._spec, self._spec.returns_per_ray
+        ways = self._sub_rays * (1 + (spec.max_surfaces > 1) + spec.mirrors)
+        slots = self._sub_rays * (spec.max_surfaces + spec.mirrors) + 2 * (spec.weather is not None)
+        aimed = self._sub_rays * BYTES_PER_DIRECTION if self._angle_std > 0 else 0
         return (
             aimed
-            + self.sub_rays * BYTES_PER_HIT
+            + self._sub_rays * BYTES_PER_HIT
             + ways * echoes.BYTES_PER_PATH
             + (slots + returns_kept) * echoes.BYTES_PER_ECHO
             + returns_kept * BYTES_PER_DRAW
@@ -68,12 +68,12 @@ class LidarPhysics:
     @property
     def kept_bytes_per_ray(self) -> int:
         """Memory [bytes] per ray that is kept with the frame: the intensity of its returns."""
-        return 4 * (2 if self.spec.returns == "dual" else 1)
+        return 4 * self._spec.returns_per_ray
 
     def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
         """One reading of the scene with the sensor's rays at its current pose."""
-        spec, count = self.spec, self.count * rays.worlds
-        sub_rays = rays if self.sub_rays == 1 else self._spread.of(rays)
+        spec, count = self._spec, self._count * rays.worlds
+        sub_rays = rays if self._sub_rays == 1 else self._spread.of(rays)
         if self._angle_std > 0:
             sub_rays = steered(sub_rays, beams.aim(rays, self._angles, source, self._angle_std, rays.worlds))
         found = self._echoes(sub_rays, visible, source)
@@ -88,12 +88,12 @@ class LidarPhysics:
 
     def _echoes(self, rays: Rays, visible: wp.array, source: RandomSource) -> echoes.Echoes:
         """All echoes: of successive surfaces, of what a mirror shows, of rain and fog."""
-        spec, looks, device = self.spec, self.scene.looks(), self.scene.device
-        beams_cast = self.count * rays.worlds
-        count = beams_cast * self.sub_rays
+        spec, looks, device = self._spec, self._scene.looks(), self._scene.device
+        beams_cast = self._count * rays.worlds
+        count = beams_cast * self._sub_rays
         layers = spec.max_surfaces if looks.has_transparent else 1
         shows_mirrors = spec.mirrors and looks.has_mirrors
-        slots = self.sub_rays * (layers + shows_mirrors)
+        slots = self._sub_rays * (layers + shows_mirrors)
         found = echoes.new_echoes(slots + 2 * (spec.weather is not None), beams_cast, device)
         setting = self._setting(looks, rays)
         nowhere = echoes.new_paths(0, device)
@@ -101,12 +101,12 @@ class LidarPhysics:
         paths = echoes.started(rays, self._travelled, self._share)
         for layer in range(layers):
             beyond = echoes.new_paths(count, device) if layer + 1 < layers else nowhere
-            hits = self.scene.cast_rays(rays if layer == 0 else _along(paths, rays), visible, spec.max_range)
-            echoes.reflect(setting, hits, paths, layer * self.sub_rays, found, beyond, aside)
+            hits = self._scene.cast_rays(rays if layer == 0 else _along(paths, rays), visible, spec.max_range)
+            echoes.reflect(setting, hits, paths, layer * self._sub_rays, found, beyond, aside)
             paths = beyond
         if shows_mirrors:
-            hits = self.scene.cast_rays(_along(aside, rays), visible, spec.max_range)
-            echoes.reflect(setting, hits, aside, layers * self.sub_rays, found, nowhere, nowhere)
+            hits = self._scene.cast_rays(_along(aside, rays), visible, spec.max_range)
+            echoes.reflect(setting, hits, aside, layers * self._sub_rays, found, nowhere, nowhere)
         if spec.weather is not None:
             weather.add_weather(self._rain, self._fog, source, self._extinction, found, beams_cast, slots)
         return found
@@ -115,10 +115,10 @@ class LidarPhysics:
         """The setting of a reading. Surfaces are opaque and no mirrors unless the specification enables these."""
         surfaces, none = echoes.SurfaceArrays(), wp.zeros_like(looks.reflectivity)
         surfaces.reflectivity = looks.reflectivity
-        surfaces.transmission = looks.surfaces.transmission if self.spec.max_surfaces > 1 else none
-        surfaces.mirror = looks.surfaces.mirror if self.spec.mirrors else none
-        lobe = math.radians(self.spec.mirror_lobe_deg)
-        return echoes.Setting(surfaces, rays, self.spec.max_range, self._extinction, lobe, self.sub_rays)
+        surfaces.transmission = looks.surfaces.transmission if self._spec.max_surfaces > 1 else none
+        surfaces.mirror = looks.surfaces.mirror if self._spec.mirrors else none
+        lobe = math.radians(self._spec.mirror_lobe_deg)
+        return echoes.Setting(surfaces, rays, self._spec.max_range, self._extinction, lobe, self._sub_rays)
 
 
 def _copied(values: wp.array, out: wp.array | None) -> wp.array:

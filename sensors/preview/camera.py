@@ -21,10 +21,21 @@ _SMALL_WIDTH = WIDTH - 2 * MARGIN - _MAIN[0] - BAR_SPACE - MARGIN
 
 
 def draw_camera(
-    sensor: str, time: float, depth: NDArray[np.float32], normals: NDArray[np.float32], geoms: NDArray[np.int32]
+    sensor: str,
+    time: float,
+    depth: NDArray[np.float32],
+    distance: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    geoms: NDArray[np.int32],
 ) -> Image.Image:
-    """Draw z-depth (H, W) [m] over the 1st to 96th percentile; beside it normals (optical frame) and geom ids."""
+    """Draw z-depth (H, W) [m] over the 1st to 96th percentile; beside it normals (optical frame) and geom ids.
+
+    distance: (H, W) [m], the ranges, which are drawn in its place if a lens sees behind the camera, where z-depth is
+    negative and says little of what is near.
+    """
     rows, columns = depth.shape
+    sees_behind = bool(np.any(np.isfinite(depth) & (depth < 0)))
+    shown, name = (distance, "range") if sees_behind else (depth, "depth")
     width, height = _fit(columns, rows, _MAIN)
     small = _fit(columns, rows, (_SMALL_WIDTH, (height - CAPTION_HEIGHT) // 2))
     top = TITLE_HEIGHT + CAPTION_HEIGHT
@@ -32,13 +43,13 @@ def draw_camera(
     page = Page(
         top + height + LEGEND_HEIGHT,
         title,
-        "z-depth in metres, near is warm, the farthest 4 % are of one colour",
+        f"{'range' if sees_behind else 'z-depth'} in metres, near is warm, the farthest 4 % are of one colour",
     )
 
-    scale = Scale.of(depth, reverse=True)
-    page.picture(MARGIN, top, scale.colours(depth), (width, height))
-    page.colour_bar(MARGIN + width + 14, top, height, scale, "depth [m]")
-    page.legend(MARGIN, top + height + LEGEND_HEIGHT // 2, depth)
+    scale = Scale.of(shown, reverse=True)
+    page.picture(MARGIN, top, scale.colours(shown), (width, height))
+    page.colour_bar(MARGIN + width + 14, top, height, scale, f"{name} [m]")
+    page.legend(MARGIN, top + height + LEGEND_HEIGHT // 2, shown)
 
     left, below = WIDTH - MARGIN - small[0], top + height - small[1]
     page.text(left, top - 8, "normals", size=16, colour=FAINT, anchor="ls")

@@ -36,7 +36,7 @@ def draw_lidar(
     height = int(np.clip(distance.shape[0] * 6, 120, 300))
     top = TITLE_HEIGHT + CAPTION_HEIGHT
     below = top + height + 2 * CAPTION_HEIGHT + LEGEND_HEIGHT
-    rays = "{} beams x {} columns".format(*distance.shape) if is_table else f"{distance.size} rays"
+    rays = _table_of_rays(*distance.shape) if is_table else f"{distance.size} rays"
     title = f"{sensor} · lidar {rays} · {seconds(time)}"
     page = Page(below + MAP_HEIGHT + MARGIN, title, "range image, and the points from above")
     draw_ranges = _range_image if is_table else _range_scatter
@@ -44,6 +44,10 @@ def draw_lidar(
     page.legend(MARGIN, top + height + CAPTION_HEIGHT + LEGEND_HEIGHT // 2, distance)
     _from_above(page, below, points[np.isfinite(every)])
     return page.image
+
+
+def _table_of_rays(beams: int, columns: int) -> str:
+    return f"{beams} {'beam' if beams == 1 else 'beams'} x {columns} columns"
 
 
 def first_returns(every: NDArray[np.float32], pattern: Pattern) -> NDArray[np.float32]:

@@ -11,17 +11,17 @@ from rigcast.sensors.errors import InputError, require_type
 
 from .frame import Frame
 
-MOST_RAYS = 2**31 - 2**20
+MOST_RAYS_OF_FRAME = 2**31 - 2**20
 """Most rays of a frame: kernels count them in 32 bits, and threads that find none left count on, up to 128 each."""
 
 
 def require_countable(worlds: int, rays: Mapping[str, int]) -> None:
     """Raise InputError if `worlds` worlds have too many rays. rays: per world, by sensor."""
     for name, of_each in rays.items():
-        if worlds * of_each > MOST_RAYS:
+        if worlds * of_each > MOST_RAYS_OF_FRAME:
             raise InputError(
                 f"Rig.sense: {worlds} worlds of sensor {name!r} have {worlds * of_each} rays, expected at most "
-                f"{MOST_RAYS}: {MOST_RAYS // of_each} worlds"
+                f"{MOST_RAYS_OF_FRAME}: {MOST_RAYS_OF_FRAME // of_each} worlds"
             )
 
 

@@ -18,7 +18,6 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.scene.cache.packets import cached_packets
 from rigcast.sensors.scene.rays.given import lend
 from rigcast.sensors.scene.rays.placed import rays_in_frame
-from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
@@ -67,8 +66,8 @@ class DevicePattern:
     @cached_property
     def frame_shape(self) -> tuple[int, ...]:
         """Shape of a frame's fields: that of the rays, with a last axis for several returns."""
-        copies = _returns(self.spec)
-        return self.shape if copies == 1 else (*self.shape, copies)
+        returns = self.spec.returns_per_ray
+        return self.shape if returns == 1 else (*self.shape, returns)
 
     def rays_along(self, track: Track) -> Rays:
         """The rays of a moving sensor, at its poses on this track at the times of its firings."""
@@ -159,14 +158,9 @@ def _upload(values: NDArray[np.generic] | None, dtype: type, spec: SensorSpec, d
     """Per-ray values on the device, repeated for each return; None for None."""
     if values is None:
         return None
-    copies = _returns(spec)
-    every = values if copies == 1 else np.repeat(values[..., None], copies, axis=-1)
+    returns = spec.returns_per_ray
+    every = values if returns == 1 else np.repeat(values[..., None], returns, axis=-1)
     return wp.array(every, dtype=dtype, device=device)
-
-
-def _returns(spec: SensorSpec) -> int:
-    """Number of returns per ray in a frame."""
-    return 2 if isinstance(spec, Lidar) and spec.returns == "dual" else 1
 
 
 def _same_in_each(values: wp.array | None, worlds: int) -> wp.array | None:

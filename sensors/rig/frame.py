@@ -249,11 +249,11 @@ class Frame:
             return self._arrays.shape_hit
         return self._values(f"{owner}_id", partial(ids.look_up, owner, self._arrays.hits.shape))
 
-    def _values(self, name: str, work_out: Callable[[wp.array | None], wp.array]) -> wp.array:
-        return self._arrays.fields.get(name, work_out, self._arrays.in_shape)
+    def _values(self, name: str, compute: Callable[[wp.array | None], wp.array]) -> wp.array:
+        return self._arrays.fields.get(name, compute, self._arrays.in_shape)
 
-    def _of_rays(self, name: str, work_out: Callable[..., wp.array]) -> wp.array:
-        return self._values(name, partial(work_out, self._arrays.hits.distance, self._arrays.rays))
+    def _of_rays(self, name: str, compute: Callable[..., wp.array]) -> wp.array:
+        return self._values(name, partial(compute, self._arrays.hits.distance, self._arrays.rays))
 
 
 @dataclass(eq=False, repr=False)
@@ -329,7 +329,8 @@ class CameraFrame(Frame):
     def _drawn(self) -> "Image.Image":
         from rigcast.sensors.preview.camera import draw_camera
 
-        return draw_camera(self.sensor, self.time, self.depth.numpy(), self.normal.numpy(), self.geom_id.numpy())
+        fields = (self.depth, self.range, self.normal, self.geom_id)
+        return draw_camera(self.sensor, self.time, *(field.numpy() for field in fields))
 
     def _plot(self, axes: "Axes") -> None:
         from rigcast.sensors.preview.plot import plot_depth

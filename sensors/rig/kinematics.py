@@ -27,7 +27,7 @@ class Kinematics:
         self._model = model
         self._stages = _STAGES if model.ncam or model.nflex else _STAGES[:1]
         self._optics = {camera: _optics(model, camera) for camera in cameras}
-        self._work_out()
+        self._compute()
 
     def update(self, data: mujoco.MjData) -> None:
         """Take the poses at `data.time`; `data` is only read."""
@@ -35,7 +35,7 @@ class Kinematics:
             # else bodies that sleep or cannot move would keep poses from before an edit of the model
             mujoco.mj_resetData(self._model, self.data)
         mujoco.mj_copyState(self._model, data, self.data, _STATE)
-        self._work_out()
+        self._compute()
 
     def are_of(self, data: mujoco.MjData) -> bool:
         """Whether the poses of geoms in `data` are those at `data.time`, which are taken."""
@@ -60,7 +60,7 @@ class Kinematics:
                 name = self._model.camera(camera).name
                 raise InputError(f"Rig: the optics of camera {name!r} of the model have changed; make a new Rig")
 
-    def _work_out(self) -> None:
+    def _compute(self) -> None:
         for stage in self._stages:
             stage(self._model, self.data)
 

@@ -18,7 +18,7 @@ from .arrays.frame_arrays import FrameArrays
 from .capacity import require_countable, require_memory, require_out
 from .frame import Frame
 from .mounted import Aim, Mounted
-from .reading import Asked, frame_of, read
+from .reading import Request, frame_of, read
 
 BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA = 2**24, 2**28
 """Memory for poses, trees and errors of the worlds that are read at one time; at least one world is read. A GPU needs
@@ -83,12 +83,12 @@ class ReadingOfWorlds:
         """The sensor with its next pattern, and the number of the reading. Readings refused earlier are not counted."""
         return self._mounted.next_of_worlds(self._worlds), next(self._mounted.frames)
 
-    def ask(self, posed: PosedWorlds) -> Asked:
+    def request(self, posed: PosedWorlds) -> Request:
         """A request to read the worlds at which the scene stands now. Reading a world again gives the same values."""
         arrays, (fired, number) = self._arrays.of_worlds(posed.part), self._fired
         rays = fired.aim_in_worlds(posed, arrays)
         name, of_each = fired.spec.name, math.prod(fired.pattern.shape)
-        return Asked(fired, rays, arrays, partial(random_source, self._seed, name, number, posed.ids, of_each))
+        return Request(fired, rays, arrays, partial(random_source, self._seed, name, number, posed.ids, of_each))
 
     def take(self, posed: PosedWorlds, brightness: Brightness | None, *used: object) -> None:
         """Take over the readings of these worlds, and hold what a CUDA graph that repeats them needs."""
@@ -110,9 +110,9 @@ class ReadingOfWorlds:
 
 def read_worlds(readings: Sequence[ReadingOfWorlds], posed: PosedWorlds) -> None:
     """Read the worlds at which the scene stands now."""
-    asked = [reading.ask(posed) for reading in readings]
-    brightness, used = read(asked)
-    for reading, each, bright in zip(readings, asked, brightness, strict=True):
+    requests = [reading.request(posed) for reading in readings]
+    brightness, used = read(requests)
+    for reading, each, bright in zip(readings, requests, brightness, strict=True):
         reading.take(posed, bright, each, used)
 
 

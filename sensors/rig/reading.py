@@ -17,7 +17,7 @@ from .frame import CameraFrame, Frame, LidarFrame
 from .mounted import Aim, Mounted
 
 
-class Asked(NamedTuple):
+class Request(NamedTuple):
     """A request to read a sensor along these rays, into these arrays, with random numbers from `random`."""
 
     mounted: Mounted
@@ -28,14 +28,14 @@ class Asked(NamedTuple):
 
 def read_frames(aimed: Sequence[tuple[Mounted, Aim]], seed: int) -> list[Frame]:
     """Frames of sensors in the world at which their scene stands. seed: for the errors of all readings."""
-    asked = [
-        Asked(m, aim.rays, aim.arrays, partial(random_source, seed, m.spec.name, next(m.frames))) for m, aim in aimed
+    requests = [
+        Request(m, aim.rays, aim.arrays, partial(random_source, seed, m.spec.name, next(m.frames))) for m, aim in aimed
     ]
-    brightness, _ = read(asked)
+    brightness, _ = read(requests)
     return [frame_of(m, aim, bright) for (m, aim), bright in zip(aimed, brightness, strict=True)]
 
 
-def read(asked: Sequence[Asked]) -> tuple[list[Brightness | None], object]:
+def read(requests: Sequence[Request]) -> tuple[list[Brightness | None], object]:
     """Make these readings: sensors without errors all at once, the others one after the other.
 
     Returns the intensity of each, None where it follows from the hits; and what a CUDA graph that repeats the casts of
@@ -44,7 +44,7 @@ def read(asked: Sequence[Asked]) -> tuple[list[Brightness | None], object]:
     brightness: list[Brightness | None] = []
     used: list[object] = []
     casts: dict[str, Readings] = {}
-    for mounted, rays, arrays, random in asked:
+    for mounted, rays, arrays, random in requests:
         spec, visible = mounted.spec, mounted.visible()
         if mounted.physics is None:
             if spec.name in casts:  # arrays of one sensor may share their launches
@@ -77,6 +77,6 @@ def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame
         frame = CameraFrame(*common, pattern.intrinsics, pattern.lens, spec.depth_scale, bright)
     else:
         frame = Frame(*common)
-    for field in arrays.fields.asked:
+    for field in arrays.fields.requested:
         getattr(frame, field)  # computed into the array that it had
     return frame

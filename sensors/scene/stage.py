@@ -14,7 +14,7 @@ from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_NONE
-from rigcast.kernels.single.alone import CastsAlone
+from rigcast.kernels.single.reused import ReusedCasts
 from rigcast.kernels.world.world import World
 from rigcast.sensors.captured import is_captured, require_as_before, require_on_device
 from rigcast.sensors.errors import InputError
@@ -71,7 +71,7 @@ class Stage:
         # where poses of geoms are taken to, to be used there if there is nothing else
         self._in_place = self._geoms.poses if self._device.is_cpu and self._parts == [self._geoms] else None
         self._world = self._make_world()
-        self._alone = CastsAlone(self._world.geometry)
+        self._single_casts = ReusedCasts(self._world.geometry)
         owners, ids = owners_and_ids(self._parts)
         self._shape_ids = ShapeIds.of(owners, ids, self._device)
         bodies = np.concatenate([part.bodies for part in self._parts])
@@ -293,9 +293,9 @@ class Stage:
         geometry = self._world.geometry
         if rays.packets is not None or not self._device.is_cpu or geometry.instants > 1:
             return cast(geometry, visible, rays, max_distance, cull, out)
-        if self._alone.geometry is not geometry:
-            self._alone = CastsAlone(geometry)
-        return self._alone.cast(visible, rays, max_distance, cull, out)
+        if self._single_casts.geometry is not geometry:
+            self._single_casts = ReusedCasts(geometry)
+        return self._single_casts.cast(visible, rays, max_distance, cull, out)
 
     def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
         """A cast whose hits are readings within these limits [m], valid while `visible` returns this array."""

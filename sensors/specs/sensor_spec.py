@@ -21,7 +21,7 @@ from .filter import Filter
 from .mount import Mount
 from .pattern import Pattern
 from .presets import load_preset, preset_names
-from .spec import Keys, Spec, Takes, folder_of, optional
+from .spec import Keys, Share, Spec, Takes, folder_of, optional
 
 
 def no_default(schema: JsonDict) -> None:
@@ -71,7 +71,7 @@ class SensorSpec(Spec):
     jitter: float = Field(
         default=0.0, ge=0, description="largest time by which a reading begins early or late [s], uniformly distributed"
     )
-    frame_loss: float = Field(default=0.0, ge=0, le=1, description="share of readings lost at random")
+    frame_loss: Share = Field(default=0.0, description="share of readings lost at random")
     min_range: float = Field(default=0.0, ge=0, description="nearer hits read as -inf [m]")
     max_range: float = Field(
         default=math.inf,
@@ -98,6 +98,11 @@ class SensorSpec(Spec):
     def moves(self) -> bool:
         """Whether sensor and geoms move during a reading; else the world stands still."""
         return False
+
+    @property
+    def returns_per_ray(self) -> int:
+        """Number of returns of each ray in a frame."""
+        return 1
 
     @abstractmethod
     def pattern(self, model: mujoco.MjModel) -> Pattern:

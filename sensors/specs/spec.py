@@ -67,6 +67,7 @@ Numbers = Sequence[float] | NDArray[np.floating[Any] | np.integer[Any]]
 Integers = Sequence[int] | NDArray[np.integer[Any]]
 Keys = dict[str, Any]
 """The arguments of a specification, given in its place."""
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 def optional(**options: Any) -> Any:

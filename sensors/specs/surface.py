@@ -1,7 +1,6 @@
 """Reflectance of surfaces, where the model's colours do not determine it."""
 
 from collections.abc import Sequence
-from typing import Annotated
 
 import mujoco
 from pydantic import Field, model_validator
@@ -9,9 +8,8 @@ from pydantic import Field, model_validator
 from rigcast.sensors.faults import Fault
 from rigcast.sensors.names import expected_one_of, model_names
 
-from .spec import Spec
+from .spec import Share, Spec
 
-_Share = Annotated[float, Field(ge=0, le=1)]
 _OBJECTS = {
     "geom": (mujoco.mjtObj.mjOBJ_GEOM, "ngeom"),
     "material": (mujoco.mjtObj.mjOBJ_MATERIAL, "nmat"),
@@ -37,8 +35,8 @@ class Surface(Spec):
         ge=0,
         description="share of the light reflected diffusely; above 1 for retro-reflectors",
     )
-    transmission: _Share | None = Field(default=None, description="share of the light transmitted")
-    mirror: _Share | None = Field(
+    transmission: Share | None = Field(default=None, description="share of the light transmitted")
+    mirror: Share | None = Field(
         default=None, description="share of the light that is not transmitted which is reflected as by a mirror"
     )
 

@@ -1,14 +1,16 @@
 """Reading of YAML files as plain values, and as nodes with their positions."""
 
 import io
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.error import MarkedYAMLError, StringMark, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.tokens import AnchorToken, TagToken
 
 from rigcast.sensors.errors import InputError
@@ -17,6 +19,8 @@ from rigcast.sensors.faults import Fault, Where, path_text
 from .limits import require_extent, shallow_tokens
 from .places import Placed, error_at, nearest, placed
 
+_INCLUDED = "; a file is built on with `extends: FILE`"
+_INDENT = re.compile(r"\s*")
 _CORE = {f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str")}
 
 
@@ -62,10 +66,11 @@ def parse_yaml(source: str, text: str, shown: str | None = None) -> tuple[Node, 
         refused = _refused(source, text)
         root = _yaml().compose(_stream(source, text))
     except MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        raise error_at(texts, [Placed(source, mark.line, mark.column, f"not valid YAML: {_problem(error)}")]) from None
-    except YAMLError as error:
-        raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from None
+        mark, problem = _problem(error, text)
+        raise error_at(texts, [Placed(source, mark.line, mark.column, f"not valid YAML: {problem}")]) from None
+    except ReaderError as error:
+        message = f"not valid YAML: got the character U+{error.character:04X}, expected printable text"
+        raise error_at(texts, [Placed(source, *_line_and_column(text[: error.position]), message)]) from None
     if root is None:
         raise InputError(f"{source}: the file is empty")
     require_extent(source, root)
@@ -76,11 +81,26 @@ def parse_yaml(source: str, text: str, shown: str | None = None) -> tuple[Node, 
     return root, content
 
 
-def _problem(error: MarkedYAMLError) -> str:
+def _problem(error: MarkedYAMLError, text: str) -> tuple[StringMark, str]:
+    """The place of what the parser could not read, and what is wrong with it."""
+    mark, problem = error.problem_mark or error.context_mark, error.problem or ""
+    if problem.startswith("found unexpected end of stream") and "quoted" in (error.context or ""):
+        return error.context_mark, "the text that begins here has no closing quotation mark"
+    if problem.startswith("could not find expected ':'"):
+        return error.context_mark, "expected a key and its value, with a colon and a space between them"
+    lines = text.splitlines()
+    indent = _INDENT.match(lines[mark.line]) if mark.line < len(lines) else None
+    strange = [sign for sign in indent.group() if sign != " "] if indent else []
+    if problem.startswith("found character '\\t'"):
+        return mark, "got a tab, expected spaces as indentation"
+    if strange and problem.startswith("expected <block end>"):
+        return mark, f"got the character U+{ord(strange[0]):04X}, expected spaces as indentation"
+    return mark, _in_words(error)
+
+
+def _in_words(error: MarkedYAMLError) -> str:
     """The parser's problem, and the beginning of what it was reading."""
     problem, context = error.problem or "", error.context or ""
-    if problem.startswith("found character '\\t'"):
-        return "got a tab, expected spaces as indentation"
     if problem.startswith("but "):
         return f"{context}, {problem}"
     start, end = error.context_mark, error.problem_mark
@@ -136,7 +156,13 @@ class _Reader:
             if not isinstance(key_node, ScalarNode):
                 self._note(key_node, where, "a key must be text")
             elif key in values:
-                self._note(key_node, (*where, key), f"duplicate key {key!r}")
+                first = next(other for other, _ in node.value if str(other.value) == key)
+                message = f"duplicate key {key!r}, which stands in line {first.start_mark.line + 1} already"
+                self._note(key_node, (*where, key), message)
+            elif key == "<<":
+                self._note(
+                    key_node, where, "got a merge key <<, which is not of YAML 1.2; expected the keys themselves"
+                )
             values[key] = self.value(value_node, (*where, key))
         return values
 
@@ -164,7 +190,15 @@ def _read_text(path: Path) -> str:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text: byte {error.start}; expected YAML in UTF-8") from None
+        before = error.object[: error.start].decode("utf-8", "replace")
+        line, column = _line_and_column(before)
+        wrong = f"byte {error.start} is 0x{error.object[error.start]:02X}"
+        raise InputError(f"{path}:{line + 1}:{column + 1}: not UTF-8 text: {wrong}; expected YAML in UTF-8") from None
+
+
+def _line_and_column(before: str) -> tuple[int, int]:
+    """Line and column, from 0, of what follows this text."""
+    return before.count("\n"), len(before) - before.rfind("\n") - 1
 
 
 def _refused(source: str, text: str) -> list[Placed]:
@@ -174,7 +208,8 @@ def _refused(source: str, text: str) -> list[Placed]:
     for token in shallow_tokens(_yaml(), text):
         message = None
         if isinstance(token, TagToken):
-            message = "got a tag, expected a plain value"
+            name = "".join(part or "" for part in token.value)
+            message = f"got the tag {name}, expected a plain value{_INCLUDED if 'include' in name else ''}"
         elif isinstance(token, AnchorToken) and token.value in anchors:
             message = f"got the anchor &{token.value} a second time, expected another name"
         elif isinstance(token, AnchorToken):

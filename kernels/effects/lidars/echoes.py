@@ -23,7 +23,7 @@ from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.hits.out import Out
 from rigcast.kernels.launching.slices import launch_over_runs
 from rigcast.kernels.rays.arrays import RayArrays, Rays, firing_of
-from rigcast.kernels.vectors import of_ray, to_double, within
+from rigcast.kernels.vectors import modulo, of_ray, to_double
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -92,7 +92,7 @@ class Setting:
 @wp.func
 def stopped() -> wp.vec3d:
     """The direction, NaN, of light that has ended."""
-    return wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
+    return wp.vec3d(wp.float64(wp.nan))
 
 
 @wp.func
@@ -119,8 +119,8 @@ def go_on(paths: Paths, j: int, direction: wp.vec3d, distance: float, share: flo
     """
     out.direction[j] = direction
     out.origin[j] = of_ray(paths.origin, j) + wp.float64(distance) * of_ray(paths.direction, j)
-    out.travelled[j] = paths.travelled[within(j, paths.travelled.shape[0])] + distance
-    out.share[j] = paths.share[within(j, paths.share.shape[0])] * share * share
+    out.travelled[j] = paths.travelled[modulo(j, paths.travelled.shape[0])] + distance
+    out.share[j] = paths.share[modulo(j, paths.share.shape[0])] * share * share
 
 
 @wp.struct
@@ -177,7 +177,7 @@ def reflect_path(meeting: Meeting, j: int, echoes: Echoes, beyond: Paths, aside:
             echoes.distance[slot] = hits.distance[j]  # +inf, or NaN
         return
     distance = hits.distance[j]
-    travelled = paths.travelled[within(j, paths.travelled.shape[0])] + distance
+    travelled = paths.travelled[modulo(j, paths.travelled.shape[0])] + distance
     if travelled > meeting.limit:
         return
     rotation = meeting.rays.rotation[firing_of(meeting.rays, j)]
@@ -191,7 +191,7 @@ def reflect_path(meeting: Meeting, j: int, echoes: Echoes, beyond: Paths, aside:
     reflected = diffuse_share(surfaces, hit, cosine)
     if cosine >= meeting.lobe_cosine:
         reflected += mirrored
-    share = paths.share[within(j, paths.share.shape[0])]
+    share = paths.share[modulo(j, paths.share.shape[0])]
     echoes.distance[slot] = travelled
     echoes.power[slot] = spread_power(share * reflected, travelled, meeting.extinction)
     echoes.shape[slot] = hit

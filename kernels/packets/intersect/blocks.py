@@ -10,7 +10,7 @@ from rigcast.kernels.geometry import TriangleBlock
 from rigcast.kernels.hits.hit import APART
 from rigcast.kernels.inline import inlined
 from rigcast.kernels.packets.lanes import far_of, near_of, vector_of_lane
-from rigcast.kernels.packets.packet import TileRays, decide_lane_of_packet, farthest, offer
+from rigcast.kernels.packets.packet import TileRays, decide_lane_of_packet, max_of_lanes, offer
 from rigcast.kernels.shapes.patches import compose
 from rigcast.kernels.trees.nodes import FIRST_PATCH, WIDTH
 from rigcast.kernels.vectors import count_bits, lowest_bit
@@ -52,7 +52,7 @@ def visit_block_lane_by_lane(
                 decide_lane_of_packet(local.packet.tile, slot, i, near[j], far[j], local.shape, index * WIDTH + j)
     if some == 0:
         return reach
-    return APART * farthest(local.packet.best[slot].far)
+    return APART * max_of_lanes(local.packet.best[slot].far)
 
 
 @inlined

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
 from rigcast.export.files import make_room_for, replacing
 from rigcast.sensors.errors import InputError
@@ -25,6 +26,7 @@ JsonFile = Annotated[
 ]
 
 _STANDARD_OUTPUT = Path("-")
+_WIDEST = 1000  # columns of a table that is not on a terminal
 
 
 def console_beside(json_file: Path | None) -> Console:
@@ -49,6 +51,17 @@ def require_png(option: str, picture: Path | None) -> None:
 def say(console: Console, line: str) -> None:
     """Print a line as it is, without markup and without wrapping."""
     console.print(line, markup=False, soft_wrap=True)
+
+
+def show(console: Console, table: Table) -> None:
+    """Print a table without cutting names short: on a terminal they are folded, elsewhere it is as wide as it needs."""
+    for column in table.columns:
+        if not column.no_wrap:
+            column.overflow = "fold"
+    if not console.is_terminal:
+        widest = console.measure(table, options=console.options.update_width(_WIDEST)).maximum
+        console.width = max(console.width, widest)
+    console.print(table)
 
 
 def counted(count: int, noun: str) -> str:

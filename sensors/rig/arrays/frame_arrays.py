@@ -71,7 +71,7 @@ class FrameArrays:
         """Begin another reading whose frame has the fields that were requested of the last one."""
         unanswered = self.fields.unanswered
         self.start()
-        self.fields.ask_again(unanswered)
+        self.fields.request_again(unanswered)
 
     def aim(
         self, fixed: Rays, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData

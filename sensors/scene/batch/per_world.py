@@ -41,6 +41,6 @@ class PerWorld(Generic[Value]):
             if faults := value.faults(model):
                 refuse(f"{what}: world {self.of_world.index(k)}", faults)
 
-    def each(self, worked_out: Callable[[Value], NDArray[Any]]) -> NDArray[Any]:
+    def each(self, compute: Callable[[Value], NDArray[Any]]) -> NDArray[Any]:
         """An array (nworld, ...) of a function's result for each world's value."""
-        return np.array([worked_out(value) for value in self.values])[list(self.of_world)]
+        return np.array([compute(value) for value in self.values])[list(self.of_world)]

@@ -93,7 +93,7 @@ class DepthCamera(SensorSpec):
     @property
     def takes_optics(self) -> bool:
         """Whether it uses the optics of the MJCF camera on which it is mounted."""
-        return self.mount.camera is not None and all(getattr(self, key) is None for key in (*_VIEW, *_FOCAL))
+        return all(getattr(self, key) is None for key in (*_VIEW, *_FOCAL))  # mounted elsewhere, it has some
 
     @field_validator("resolution")
     @classmethod

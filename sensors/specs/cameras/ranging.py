@@ -1,14 +1,12 @@
 """Principles by which depth cameras measure depth, and their errors. Every error is off unless it is set."""
 
 import math
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from rigcast.sensors.specs.sensor_spec import no_default
-from rigcast.sensors.specs.spec import Spec
-
-Share = Annotated[float, Field(ge=0, le=1)]
+from rigcast.sensors.specs.spec import Share, Spec
 
 
 class Ranging(Spec):

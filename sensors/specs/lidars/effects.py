@@ -6,9 +6,8 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from rigcast.sensors.specs.sensor_spec import no_default
-from rigcast.sensors.specs.spec import Numbers, Spec, Takes, optional
+from rigcast.sensors.specs.spec import Numbers, Share, Spec, Takes, optional
 
-_Share = Annotated[float, Field(ge=0, le=1)]
 _Angle = Annotated[float, Field(gt=0, le=10)]
 
 
@@ -26,8 +25,8 @@ class Noise(Spec):
         le=10,
         description="standard deviation of the ray's azimuth on the sphere and elevation [deg]",
     )
-    dropout: _Share = Field(default=0.0, description="probability that a return is lost")
-    dark_dropout: _Share = Field(
+    dropout: Share = Field(default=0.0, description="probability that a return is lost")
+    dark_dropout: Share = Field(
         default=0.0, description="probability that a return of intensity 0 is lost; it falls linearly with intensity"
     )
     dark_limit: float = Field(default=0.8, gt=0, description="intensity from which on dark_dropout loses no returns")

@@ -227,6 +227,11 @@ class Lidar(SensorSpec):
         return self.motion
 
     @property
+    def returns_per_ray(self) -> int:
+        """Number of returns of each ray in a frame: 2 with `returns: dual`."""
+        return 2 if self.returns == "dual" else 1
+
+    @property
     def _beams(self) -> BeamTable:
         return BeamTable(**{key: getattr(self, key) for key in _TABLE}, rate_hz=self.rate_hz)
 

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from rigcast.kernels.cast import cast
 from rigcast.kernels.launching import slices
-from rigcast.kernels.packing.bundling import MOST, sort_into_bundles
+from rigcast.kernels.packing.bundling import BUNDLE, sort_into_bundles
 from rigcast.kernels.packing.firings import same_rows
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_FRONT, CULL_NONE
@@ -78,7 +78,7 @@ def test_every_ray_is_in_one_place(name: str) -> None:
     origins = ORIGINS[name]
     group = np.random.default_rng(1).integers(0, 3, len(origins)).astype(np.int32)
     bundles = sort_into_bundles(origins, group).rays.numpy()
-    assert bundles.shape[1] == MOST
+    assert bundles.shape[1] == BUNDLE
     assert sorted(bundles[bundles >= 0]) == list(range(len(origins)))
     for rays in bundles:
         count = (rays >= 0).sum()

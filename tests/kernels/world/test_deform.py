@@ -91,5 +91,5 @@ def test_vertex_that_cannot_be_is_refused_and_the_tree_stays_as_it_was(bad: floa
 
 @pytest.mark.parametrize("corner", [-1, 3])
 def test_face_of_a_vertex_that_is_not_there_is_refused(corner: int) -> None:
-    with pytest.raises(ValueError, match=f"face 1: got vertices .*{corner}.*, expected 0 to 2"):
+    with pytest.raises(ValueError, match=f"face 1: got vertex {corner}, expected 0 to 2"):
         DeformingTree(np.eye(3), [[0, 1, 2], [0, corner, 1]])

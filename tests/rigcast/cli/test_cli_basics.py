@@ -15,11 +15,13 @@ from typing import IO, Any, NoReturn
 import pytest
 import warp as wp
 from rich.console import Console
+from rich.table import Table
 from typer.testing import CliRunner
 
 import rigcast.cli.presets
 from rigcast.cli import app
 from rigcast.cli.common import ready
+from rigcast.cli.common.options import show
 from rigcast.rig_file import RigConfig
 from rigcast.rig_file.file import RigFile
 from rigcast.sensors.specs.presets import load_preset, preset_names
@@ -106,7 +108,10 @@ def test_a_sensor_that_reads_more_often_than_the_model_steps_is_named(rig: Path)
 
 
 def test_a_sensor_within_a_geom_of_its_own_body_is_named(rig: Path) -> None:
-    word = "of body 'torso', which hides from it what is outside; exclude_bodies: [torso] in its filter leaves that out"
+    word = (
+        "of body 'torso' or on its surface, which hides from it what is outside; "
+        "exclude_bodies: [torso] in its filter leaves that out"
+    )
     for command in (("validate", rig), ("check", rig, "--rays", "20")):
         code, output = call(*command)
         assert code == 0, output
@@ -128,7 +133,7 @@ def test_validate_takes_another_model(rig: Path) -> None:
         ("robot.xml", "rig.yaml", "rig.yaml: a YAML file, expected a MuJoCo model"),
         ("torso", "torsoo", ":3:68: sensors[0].mount.body: no body 'torsoo'"),
         ("[64, 48]", "[0, 48]", ":4:63: sensors[1].resolution[0]: must be greater than or equal to 1, got 0"),
-        ("58", "!!float 58", ":4:83: got a tag"),
+        ("58", "!!float 58", ":4:83: got the tag !!float"),
         ("front", "top", ":4:12: sensors[1].name: 'top' is the name of sensors[0] already"),
         ("sensors:", "sensors: [", "not valid YAML"),
         ("58", ".nan", "sensors[1].fov_y_deg: must be"),
@@ -148,6 +153,29 @@ def test_bad_input_goes_to_stderr_without_a_traceback(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr == f"{tmp_path / 'no.yaml'}: cannot be read: No such file or directory\n"
+
+
+def test_a_fault_of_rigcast_itself_is_no_wrong_ray(rig: Path) -> None:
+    faulty = "import rigcast.cli.validate as v; v.open_rig = lambda *_: 1 / 0; from rigcast.cli import main; main()"
+    command = [sys.executable, "-c", faulty, "validate", str(rig)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (70, "")
+    assert done.stderr.endswith("ZeroDivisionError: division by zero\n")
+
+
+LONG = "a_sensor_with_a_name_of_some_length_which_is_not_cut"
+
+
+def test_names_in_tables_are_not_cut(rig: Path) -> None:
+    rig.write_text(RIG.replace("name: front", f"name: {LONG}"))
+    assert f"│ {LONG} │ depth_camera │" in call("validate", rig)[1]
+    narrow = Console(file=io.StringIO(), width=40, force_terminal=True, color_system=None)
+    table = Table("sensor", "type")
+    table.add_row(LONG, "depth_camera")
+    show(narrow, table)
+    lines = narrow.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert max(map(len, lines)) <= 40
+    assert "".join(line.split("│")[1].strip() for line in lines if "│" in line) == LONG
 
 
 def run_main(*arguments: str, stdout: int | IO[bytes]) -> tuple[int, str]:
@@ -315,6 +343,24 @@ def test_a_folder_in_place_of_a_file_is_told_at_once(
     assert call(*arguments) == (2, f"{name}: is a folder, expected the name of a file")
 
 
+@pytest.mark.parametrize(
+    ("angles", "told"),
+    [
+        ("[0, 0, 1.5708]", "euler_deg has 1.5708, which is pi / 2 to 4 digits: it is in degrees"),
+        ("[-3.14159, 0, 0]", "euler_deg has -3.14159, which is -pi to 4 digits: it is in degrees"),
+        ("[0.785398, 0, 90]", "euler_deg has 0.785398, which is pi / 4 to 4 digits: it is in degrees"),
+        ("[0, 1.5, 90]", None),
+        ("[0, 0, 0]", None),
+    ],
+)
+def test_angles_that_seem_to_be_radians_are_told(rig: Path, angles: str, told: str | None) -> None:
+    rig.write_text(RIG.replace("mount: {}", f"mount: {{euler_deg: {angles}}}"))
+    code, output = call("validate", rig)
+    assert code == 0
+    assert ("euler_deg" in output) == (told is not None)
+    assert told is None or f"sensor 'front': {told}" in output
+
+
 @pytest.mark.parametrize("command", ["run", "check"])
 def test_kernels_that_cannot_be_written_are_told_with_their_folder(
     rig: Path, monkeypatch: pytest.MonkeyPatch, command: str
@@ -328,6 +374,26 @@ def test_kernels_that_cannot_be_written_are_told_with_their_folder(
     code, output = call(command, rig)
     assert code == 2
     assert f"{wp.config.kernel_cache_dir}: kernels cannot be written there: No space left on device; WARP_" in output
+
+
+@pytest.mark.parametrize(
+    "error", [Exception("Failed to load CPU module 'it' (device='cpu')"), json.JSONDecodeError("Unterminated", "", 0)]
+)
+def test_damaged_kernels_are_told_with_their_folder(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """What Warp raises for a file of its cache that is cut off."""
+
+    folder, wp.config.kernel_cache_dir = wp.config.kernel_cache_dir, None
+
+    def load(*_arguments: object) -> NoReturn:
+        wp.config.kernel_cache_dir = folder  # as Warp does when it starts
+        raise error
+
+    monkeypatch.setattr(RigConfig, "build", load)
+    code, output = call("check", rig)
+    told = f"{wp.config.kernel_cache_dir}: a kernel there is damaged: {error}; delete the folder, and kernels are"
+    assert (code, told in output) == (2, True), output
 
 
 @pytest.mark.parametrize("arguments", [["validat"], ["validate"], ["presets", "--bogus"]])

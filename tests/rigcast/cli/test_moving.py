@@ -39,6 +39,12 @@ def nothing(model, seed):
 
 def raising(model, seed):
     return lambda data: 1 / 0
+
+def interrupting(model, seed):
+    def control(data):
+        if data.time > 0.05:
+            raise KeyboardInterrupt
+    return control
 """
 
 
@@ -73,6 +79,12 @@ def test_recorded_positions_are_played_back_for_as_long_as_they_last() -> None:
     assert "0.1 s on" in output
     expected = {0.02: 0.4, 0.04: 0.8, 0.06: 1.1, 0.08: 1.3, 0.1: 1.5}
     assert positions() == pytest.approx(expected)
+
+
+def test_after_ctrl_c_the_frames_from_before_are_told() -> None:
+    code, output = run("--controller", "pushing:interrupting", "--duration", "1")
+    assert (code, output.splitlines()[-2:]) == (130, ["2 frames from before Ctrl-C are in o", "interrupted"])
+    assert list(positions()) == [0.02, 0.04]
 
 
 @pytest.mark.parametrize(("seed", "force"), [((), 3.0), (("--seed", "5"), 5.0)])

@@ -158,7 +158,13 @@ def test_a_sensor_that_was_never_due_is_said_to_have_no_frame(folder: Path) -> N
     code, output = run("cart.yaml", "--duration", "0.03", "--out", "o")
     assert code == 0
     assert sorted(written(folder / "o")) == ["frames.npz", "ids.json", "top/000000.ply", "top/preview.png"]
-    assert output.count("no frame fell due") == 2
+    assert output.count("(no frame: the first is complete after 0.04 s)") == 2
+
+
+def test_a_sweep_that_the_run_was_too_short_for_is_said_to_have_no_frame() -> None:
+    swept = ["--set", "sensors.top.motion=true", "--set", "sensors.top.latency=0.1"]
+    _, output = run("cart.yaml", "--duration", "0.03", "--out", "o", *swept)
+    assert "(no frame: the first is complete after 0.1394 s)" in output  # 35 of 36 columns of the second 0.02 s
 
 
 def test_all_formats_can_be_asked_for(folder: Path) -> None:

@@ -103,6 +103,7 @@ ROBOT = """
 </mujoco>
 """
 STILL = "<mujoco><worldbody><geom type='plane' size='0 0 1'/></worldbody></mujoco>"
+ONE_STATE = STILL.replace("</mujoco>", "<keyframe><key name='home'/></keyframe></mujoco>")
 PLAIN = """
 <mujoco>
   <worldbody>
@@ -113,6 +114,7 @@ PLAIN = """
 STARTERS = {
     "robot": (ROBOT, ["true", "side", "depth_", "front_lidar", "front_lidar_2"], "others are other"),
     "still": (STILL, ["lidar"], "fixed to the world"),
+    "one state": (ONE_STATE, ["lidar"], "keyframe: home    # the state to start from\n"),
     "plain": (PLAIN, ["lidar"], "Sites that a sensor can be mounted on: tip."),
 }
 
@@ -128,6 +130,26 @@ def test_the_first_rig_of_a_model_is_valid(kind: str, tmp_path: Path) -> None:
     assert [sensor.name for sensor in config.sensors] == names
     assert remark in (tmp_path / "rig.yaml").read_text()
     assert "model: models/it.xml " in (tmp_path / "rig.yaml").read_text()
+
+
+# (the site, and what the first rig has on it: preset and rate)
+SITES = [
+    ("mid360", "livox_mid360", 10),
+    ("front_D455-frame", "realsense_d455", 30),
+    ("os1_lidar", "ouster_os1_128", 10),
+    ("velodyne_vlp32c", "velodyne_vlp32c", 10),
+    ("kinect_v2", "kinect_v2", 30),
+    ("utm30lx", "hokuyo_utm30lx", 40),
+    ("laser_a1", "velodyne_vlp16", 10),
+    ("camera_d", "realsense_d435", 30),
+]
+
+
+@pytest.mark.parametrize(("site", "preset", "rate_hz"), SITES, ids=[site for site, *_ in SITES])
+def test_the_first_rig_has_the_device_that_a_site_is_named_after(site: str, preset: str, rate_hz: float) -> None:
+    model = mujoco.MjModel.from_xml_string(PLAIN.replace('"tip"', f'"{site}"'))
+    (sensor, *_) = YAML(typ="safe", pure=True).load(starter_rig(model, "it.xml", "s.json"))["sensors"]
+    assert (sensor["preset"], sensor["mount"], sensor["rate_hz"]) == (preset, {"site": site}, rate_hz)
 
 
 def test_the_first_rig_leaves_the_robot_out() -> None:

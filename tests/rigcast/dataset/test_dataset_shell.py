@@ -110,6 +110,14 @@ def test_a_function_with_which_every_episode_fails_is_told_before_any(folder: Pa
     assert f"set.yaml: scene '{scene}': {MODULE_NAME}.py:{line}: {MODULE_NAME}:{name}: {words}" in output
 
 
+def test_a_folder_that_cannot_be_written_is_told_before_functions_are_tried(folder: Path) -> None:
+    edited(folder / f"{MODULE_NAME}.py", "def room(seed):\n", "def room(seed):\n    1 / 0\n")
+    (folder / "full").write_text("no folder")
+    code, output = call("--out", "full/set", "--device", "cpu")
+    told = f"{folder / 'full'}: the output folder cannot be written: File exists"
+    assert (code, output.endswith(told)) == (2, True), output
+
+
 def test_a_function_that_fails_with_one_seed_fails_that_episode(folder: Path) -> None:
     first = read_dataset(Path("set.yaml")).unit("made", 0).seed
     del sys.modules[MODULE_NAME]

@@ -15,6 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import laspy
 import made_frames
 import mujoco
 import numpy as np
@@ -68,6 +69,9 @@ def test_one_run_can_be_written_in_every_format(tmp_path: Path) -> None:
         expected = {f"{k:06d}{suffix}" for k in range(3) for suffix in suffixes.split()} | {"preview.png"}
         assert {path.name for path in (tmp_path / sensor).iterdir()} == expected, sensor
     assert sorted(path.name for path in (tmp_path / "cameras").iterdir()) == [f"{k:06d}.exr" for k in range(3)]
+    for suffix in ("las", "laz"):
+        with laspy.open(tmp_path / "top" / f"000000.{suffix}") as reader:
+            assert reader.header.are_points_compressed == (suffix == "laz")
     assert clouds_in(tmp_path / "rosbag2_mcap") == clouds_in(tmp_path / "rosbag2_sqlite3") == 3
     assert rows_in(tmp_path / "frames.zarr") == 3
     assert not (tmp_path / "unfinished").exists()

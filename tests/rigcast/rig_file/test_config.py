@@ -125,25 +125,28 @@ FAULTS = [
     ("", "the file is empty"),
     ("# nothing\n", "the file is empty"),
     ("a: [1, 2\nb§: 3\n", r"not valid YAML: expected ',' or '\]', but got ':' while .*, which begins at 1:4"),
-    ("a: 'x\n§", "not valid YAML: found unexpected end of stream"),
+    ("a: §'x\n", "not valid YAML: the text that begins here has no closing quotation mark"),
     ("a: 1\n§---\nb: 2\n", "not valid YAML: expected a single document in the stream, but found another document"),
     ("a:\n§\tb: 1\n", "not valid YAML: got a tab, expected spaces"),
     ("a:\n    b: 1\n  §c: 2\n", "not valid YAML: not indented like the rest of its .*, which begins at 1:1"),
-    ("a: 1\nb 2\n§c: 3\n", "not valid YAML: could not find expected ':' .*, which begins at 2:1"),
+    ("a: 1\n§b:2\nc: 3\n", "not valid YAML: expected a key and its value, with a colon and a space between them"),
+    ("a:\n  b: 1\n §\u00a0c: 1\n", r"not valid YAML: got the character U\+00A0, expected spaces as indentation"),
     ("a: §*x\n", "not valid YAML: found undefined alias 'x'"),
-    ("a: \x01\n", "not valid YAML: .*special characters are not allowed"),
-    ("seed: 1\n§seed: 2\n", "seed: duplicate key 'seed'"),
+    ("a: 1\nb: §\x01\n", r"not valid YAML: got the character U\+0001, expected printable text"),
+    ("seed: 1\n§seed: 2\n", "seed: duplicate key 'seed', which stands in line 1 already"),
     (ONE + ", min_range: 1, §min_range: 2}", r"sensors\[0\].min_range: duplicate key 'min_range'"),
-    ("seed: §!!int 3\n", "got a tag, expected a plain value"),
+    ("seed: §!!int 3\n", "got the tag !!int, expected a plain value"),
+    ("sensors: §!include a.yaml\n", "got the tag !include, expected a plain value; .* `extends: FILE`"),
     ("seed: &x 1\nkeyframe: §&x home\n", "got the anchor &x a second time, expected another name"),
-    ("a: §!!python/object/apply:os.system [ls]\n", "got a tag, expected a plain value"),
+    ("a: §!!python/object/apply:os.system [ls]\n", "got the tag !!python/object/apply:os.system, expected a plain"),
     ("? §[a, b]\n: c\n", "a key must be text"),
     # the file as a rig
     ("§3\n", "must be a mapping of extends, model, .*, got 3"),
     ("§- a\n", "must be a mapping of extends, model, .*, got"),
     ("§sed: 3\n" + ONE + "}", "sed: unknown key 'sed', expected one of .*; did you mean 'seed'?"),
     ("§3: 3\n" + ONE + "}", "3: unknown key '3'"),
-    ("§<<: {seed: 3}\n" + ONE + "}", "<<: unknown key '<<'"),
+    ("§<<: {seed: 3}\n" + ONE + "}", "got a merge key <<, which is not of YAML 1.2; expected the keys themselves"),
+    ("§include: a.yaml\n" + ONE + "}", "unknown key 'include', .*did you mean 'extends'?"),
     ("§model: models/robot.xml\n", "sensors: required, but not given"),
     (HEAD + "sensors: §[]\n", "sensors: must have at least 1 sensor, got none"),
     (HEAD + "sensors: §{a: 1}\n", "sensors: must be a list, got"),
@@ -170,6 +173,8 @@ FAULTS = [
     (ONE + ", §spacing: 0.1}", r"unknown key 'spacing', which height_scan has, expected one of"),
     (ONE.replace("{name", "{§resolution: [4, 3], name") + "}", r"'resolution', which depth_camera has, expected"),
     (CAMERA.replace("§", "").replace("name: a", "name: a, §rosette: 1"), r"'rosette', which lidar has, expected"),
+    (ONE + ", §dropout: 0.1}", r"sensors\[0\].dropout: unknown key 'dropout', which belongs in 'noise'"),
+    (ONE + ", §pos: [0, 0, 1]}", r"sensors\[0\].pos: unknown key 'pos', which belongs in 'mount'"),
     (ONE + ", §preset: x}", r"sensors\[0\].preset: duplicate key"),
     (ONE + ", max_range: §100 m}", r"max_range: must be a number, got '100 m' \(.*\[m\]"),
     (ONE + ", max_range: §.nan}", "max_range: must be .*, got nan"),
@@ -178,10 +183,15 @@ FAULTS = [
     (ONE.replace("{n", "§{n") + ", min_range: 200}", "max_range: must be above min_range, 200 m, got 100 m"),
     (ONE + ", rate_hz: §10Hz}", r"rate_hz: must be a number, got '10Hz' \(.*\[Hz\]"),
     (ONE + ", rate_hz: §1:30}", "rate_hz: must be a number, got '1:30'"),
+    (ONE + ", max_range: §−5}", r"max_range: must be a number, got '−5' with U\+2212 MINUS SIGN \(.*\[m\]"),
     (ONE + ", columns: §0}", "columns: must be greater than or equal to 1, got 0"),
     (ONE + ", elevation_deg: [1, §x]}", r"sensors\[0\].elevation_deg\[1\]: must be a number, got 'x'"),
     (ONE + ", §filter: }", r"sensors\[0\].filter: must be a mapping of geom_groups, .*, got nothing \(null\)"),
-    (ONE + ", filter: {static: §2020-01-01}}", "filter.static: must be a boolean, got '2020-01-01'"),
+    (ONE + ", filter: {static: §2020-01-01}}", "filter.static: must be true or false, got '2020-01-01'"),
+    (
+        ONE + ", filter: {§rate_hz: 3}}",
+        "filter.rate_hz: unknown key 'rate_hz', which belongs beside 'filter', not in it",
+    ),
     (ONE + "}\n  - {name: §a, " + LIDAR + ", mount: {}}", "'a' is the name of sensors.0. already"),
     (ONE.replace("torso", "torso, pos: §[1, 2]") + "}", "mount.pos: must have 3 values, got 2"),
     (ONE.replace("body", "§bdy") + "}", r"sensors\[0\].mount.bdy: unknown key 'bdy', .*'body'?"),
@@ -223,6 +233,12 @@ def test_the_line_is_shown_with_a_caret(folder: Path) -> None:
     line, caret = error_of(path).splitlines()[1:]
     assert line == "      - {name: a, type: lidar, preset: velodyne_vlp16, mount: {bdy: torso}}"
     assert caret == " " * line.index("bdy") + "^"
+
+
+def test_an_unknown_key_is_told_beside_a_sensor_that_is_no_mapping(folder: Path) -> None:
+    error = error_of(write(folder, "sed: 3\n" + HEAD + "sensors: [3]\n"))
+    assert "sed: unknown key 'sed'" in error
+    assert "sensors[0]: must be a mapping, got 3" in error
 
 
 def test_all_faults_are_told_at_once_in_the_files_order(folder: Path) -> None:
@@ -298,10 +314,10 @@ def test_odd_yaml_is_refused_like_any_other(folder: Path, text: str, message: st
 def test_unreadable_files_are_named(tmp_path: Path) -> None:
     assert error_of(tmp_path / "rig.yaml") == f"{tmp_path / 'rig.yaml'}: cannot be read: No such file or directory"
     assert error_of(tmp_path) == f"{tmp_path}: cannot be read: Is a directory"
-    (tmp_path / "latin.yaml").write_bytes(b"a: caf\xe9\n")
+    (tmp_path / "latin.yaml").write_bytes(b"b: 1\r\na: caf\xe9\n")
     assert (
         error_of(tmp_path / "latin.yaml")
-        == f"{tmp_path / 'latin.yaml'}: not UTF-8 text: byte 6; expected YAML in UTF-8"
+        == f"{tmp_path / 'latin.yaml'}:2:7: not UTF-8 text: byte 12 is 0xE9; expected YAML in UTF-8"
     )
 
 
@@ -346,6 +362,7 @@ def test_links_that_a_urdf_loses_are_explained(tmp_path: Path, given: bool) -> N
         open_rig(rig, model)
     kept = '<mujoco><compiler fusestatic="false" discardvisual="false"/></mujoco>'
     assert "no body 'eye' in the model" in str(caught.value)
+    assert (": model: MuJoCo merges" in str(caught.value)) != given
     assert "MuJoCo merges links of a URDF that are fixed to another, and leaves out visuals" in str(caught.value)
     assert f"within <robot> {kept} keeps both" in str(caught.value)
     (tmp_path / "r.urdf").write_text(robot.format(kept))

@@ -4,9 +4,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
+from ruamel.yaml import YAML
 
 from rigcast.rig_file import open_rig, read_rig
+from rigcast.schema import rig_schema
 from rigcast.sensors.errors import InputError
 
 MODEL = """
@@ -109,6 +112,15 @@ def test_a_sensor_is_repeated_for_each_row(folder: Path) -> None:
     assert [getattr(s, "columns", None) for s in sensors] == [4, 8]
 
 
+def test_lists_and_mappings_are_repeated_where_they_stand_alone(folder: Path) -> None:
+    text = TOF.replace("columns: [4, 8]}", "columns: [4, 8], pos: [[1, 0, 0], [0, 1, 0]], mine: [{static: false}, {}]}")
+    text = text.replace("euler_deg", "pos: $pos, euler_deg").replace("rate_hz: 10", "filter: $mine")
+    sensors = open_rig(write(folder, text))[0].sensors
+    assert [s.mount.pos for s in sensors] == [(1, 0, 0), (0, 1, 0)]
+    assert [s.filter.static for s in sensors] == [False, True]
+    jsonschema.validate(YAML(typ="safe", pure=True).load(text), rig_schema())
+
+
 def test_copies_are_overridden_by_name(folder: Path) -> None:
     write(folder, TOF, "tof.yaml")
     path = write(folder, "extends: tof.yaml\nsensors: [{name: tof_right, rate_hz: 20}]\n")
@@ -158,7 +170,7 @@ SET_FAULTS = [
     ("seed.§x=3", "seed: must be an integer"),
     ("sensors.top.mount.body=§legg", r"no body 'legg' in the model"),
     ("seed=[1,§", "not valid YAML"),
-    ("seed=§!!int 3", "got a tag"),
+    ("seed=§!!int 3", "got the tag !!int, expected a plain value"),
 ]
 
 
@@ -196,11 +208,21 @@ FAULTS = [
     ("extends: §rig.yaml\n", "extends: .*rig.yaml -> .*rig.yaml is a circle"),
     ("extends: §3\n" + BASE.replace("robot", "base/robot"), "extends: must be the name of a file, or a list of them"),
     ("extends: base/base.yaml\nsensors: [{name: top, §rat: 3}]\n", r"sensors\[0\].rat: unknown key"),
+    (
+        "extends: base/base.yaml\nsensors: [{name: top}, {name: §top, type: height_scan, mount: {}, size: [1, 1], "
+        "spacing: 1}]\n",
+        r"'top' is the name of sensors.\d. already",
+    ),
     ("extends: base/base.yaml\nsensors: §3\n", "sensors: must be a list"),
     ("extends: base/base.yaml\nsensors: [§{type: lidar}]\n", r"sensors\[0\].(name|mount): required"),
     (TOF.replace("[0, 0, $yaw]", "[0, 0, §$yav]"), "no .yav in repeat, expected one of side, yaw, .*'yaw'"),
     (TOF.replace("name: tof_$side", "name: §tof_$"), "a . must be followed by a name of repeat"),
-    (TOF.replace("{side: [left, right]", "§{side: [left, right, up]"), "as many in each"),
+    (TOF.replace("{side", "§{side").replace("[90", "[90, 0"), "equal length, got 2 of side, 3 of yaw, 2 of columns"),
+    (
+        TOF.replace("4, 8", "4, {a: 1}").replace("columns: $", "columns: §$"),
+        r"columns: must be an integer, got \{'a': 1\}",
+    ),
+    (TOF.replace("tof_$side,", "§tof_$side$columns,").replace("4, 8", "[4], 8"), "list or mapping, expected it alone"),
     (TOF.replace("{side: [left, right], yaw: [90, -90], columns: [4, 8]}", "§3"), "repeat: must be names with lists"),
     (TOF.replace("{side: [left, right], yaw: [90, -90], columns: [4, 8]}", "§{}"), "repeat: must be names with lists"),
     (TOF.replace("name: tof_$side", "name: §tof"), "'tof' is the name of sensors.0. already"),

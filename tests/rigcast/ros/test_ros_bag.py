@@ -179,12 +179,11 @@ def test_the_metadata_describe_the_bag(recording: Recording) -> None:
     about = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
     assert about["message_count"] == len(recording.messages)
     assert about["relative_file_paths"] == [path.name for path in recording.folder.iterdir() if path.suffix != ".yaml"]
-    durable = {
-        entry["topic_metadata"]["name"]
-        for entry in about["topics_with_message_count"]
-        if entry["topic_metadata"]["offered_qos_profiles"][0]["durability"] == "transient_local"
-    }
-    assert durable == {"/tf_static", "/rigcast/ids"}
+    for entry in about["topics_with_message_count"]:
+        topic = entry["topic_metadata"]
+        (qos,) = topic["offered_qos_profiles"]
+        latched = topic["name"] in ("/tf_static", "/rigcast/ids")
+        assert (qos["durability"], qos["depth"]) == (("transient_local", 1) if latched else ("volatile", 10))
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lidars.lidar import Lidar
 from rigcast.sensors.specs.mount import Mount
+from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 MODEL = made_frames.model()
@@ -172,6 +173,8 @@ def test_a_plane_scanner_gives_a_laser_scan() -> None:
     got = [scan.angle_min, scan.angle_max, scan.angle_increment, scan.time_increment, scan.scan_time]
     np.testing.assert_allclose(got, [0, 7 * step, step, 0.005, 0.05], rtol=1e-4, atol=1e-7)
     np.testing.assert_allclose([scan.range_min, scan.range_max], [0.1, 30], rtol=1e-7)
+    at_every_step = SCANNER.model_copy(update={"rate_hz": None})
+    assert sent(at_every_step, frame)["/scan/scan"].scan_time == 0
 
 
 @pytest.mark.parametrize(
@@ -183,16 +186,25 @@ def test_a_plane_scanner_gives_a_laser_scan() -> None:
         ({"elevation_deg": (0.0,), "azimuth_offset_deg": (30.0,)}, True),
         ({"elevation_deg": (1.0,)}, False),
         ({"elevation_deg": (0.0, 0.0)}, False),
+        ({"elevation_deg": (0.0,), "columns": 1}, False),
     ],
 )
 def test_the_angles_of_a_plane_scanner_are_those_of_its_rays(given: dict[str, Any], planar: bool) -> None:
-    pattern = Lidar(name="a", mount=Mount(), columns=90, **given).pattern(MODEL)
+    pattern = Lidar(name="a", mount=Mount(), **{"columns": 90, **given}).pattern(MODEL)
     angles = planar_angles(pattern)
     assert (angles is not None) == planar
     if angles is not None:
         rays = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)
         np.testing.assert_allclose(rays, pattern.directions[0], atol=1e-12)
         assert (np.diff(angles) > 0).all()
+
+
+def test_rays_in_a_row_are_a_plane_scanner_too() -> None:
+    azimuth = np.linspace(0, 1, 5)
+    rays = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1)
+    angles = planar_angles(Pattern(rays))
+    assert angles is not None
+    np.testing.assert_allclose(angles, azimuth, atol=1e-12)
 
 
 def test_a_scan_of_two_returns_has_the_first_of_each() -> None:

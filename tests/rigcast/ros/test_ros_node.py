@@ -81,9 +81,9 @@ def test_the_node_publishes_what_the_bag_holds(rclpy: Any, rig_file: Path, tmp_p
     for topic, publisher in ros_node.publishers.items():
         recorded = [read.message for read in bag if read.topic == topic]
         assert list(map(repr, recorded)) == list(map(repr, decoded(publisher))), topic
-        assert publisher.qos.durability.name == (
-            "TRANSIENT_LOCAL" if topic in ("/tf_static", "/rigcast/ids") else "VOLATILE"
-        )
+        latched = topic in ("/tf_static", "/rigcast/ids")
+        assert publisher.qos.durability.name == ("TRANSIENT_LOCAL" if latched else "VOLATILE")
+        assert publisher.qos.depth == (1 if latched else 10)
     points = cloud(decoded(ros_node.publishers["/top/points"])[0])
     assert points["range"].shape == (2, 12)
     np.testing.assert_array_equal(points["column"][0], np.arange(12))

@@ -146,7 +146,16 @@ def test_a_page_of_nothing_is_refused(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "given", [["--duration", "4"], ["--model", "other.xml"], ["--device", "cpu"], ["--set", "seed=3"]], ids=" ".join
+    "given",
+    [
+        ["--duration", "4"],
+        ["--model", "other.xml"],
+        ["--device", "cpu"],
+        ["--seed", "4"],
+        ["--motion", "m.npy"],
+        ["--set", "seed=3"],
+    ],
+    ids=" ".join,
 )
 def test_options_of_a_rig_are_refused_where_a_run_is_shown(tmp_path: Path, given: list[str]) -> None:
     code, output = call("view", tmp_path, *given, "--save", tmp_path / "page.html")
@@ -198,7 +207,7 @@ def test_a_run_that_hit_nothing_is_read_back(folder: Path, formats: str) -> None
     [
         (["."], "frames.npz: cannot be read: No such file or directory; expected a folder of rigcast run"),
         (["cart.yaml", "--save", "x.png"], "--save: got 'x.png', expected a name that ends in .html or .rrd"),
-        (["cart.yaml", "--duration", "0.02", "--save", "x.html"], "cart.yaml: no frame fell due in 0.02 s"),
+        (["cart.yaml", "--duration", "0.02", "--save", "x.html"], "cart.yaml: no frame was complete in 0.02 s"),
         (["gone.yaml", "--save", "x.html"], "gone.yaml: cannot be read: No such file"),
     ],
 )
@@ -228,6 +237,15 @@ def test_a_data_set_in_place_of_a_run_is_told_apart(tmp_path: Path, name: str) -
     np.savez(tmp_path / "frames.npz", np.ones(3))
     code, output = call("view", tmp_path, "--save", tmp_path / "x.html")
     assert (code, "a data set, or an episode of one, which rigcast.open_dataset reads; expected" in output) == (2, True)
+
+
+def test_a_rig_is_shown_as_a_recorded_motion_moves_it(folder: Path, tmp_path: Path) -> None:
+    np.save(tmp_path / "motion.npy", [[0.0], [1.0], [1.0]])
+    moved: tuple[str | Path, ...] = ("--motion", tmp_path / "motion.npy", "--motion-rate", "20")
+    code, output = call("view", folder / "cart.yaml", *moved, "--save", tmp_path / "page.html")
+    assert (code, output.splitlines()[-1]) == (0, f"{tmp_path / 'page.html'}: 4 frames"), output
+    shots = data_of(tmp_path / "page.html")["shots"]
+    assert [shot["origin"][0] for shot in shots if shot["sensor"] == "top"] == pytest.approx([1.0, 1.0])
 
 
 def test_without_rerun_a_page_is_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,17 @@ def test_the_range_has_a_normal_error(radius: float, std: float) -> None:
     assert_uncorrelated(got[:, 1:], got[:, :-1], "columns")
 
 
+def test_two_returns_of_a_ray_err_independently() -> None:
+    panes = wall("glass", 5, "0.5 0.5 0.5 0.5") + wall("behind", 10)
+    model = model_of(panes)
+    ideal, got = (
+        sense(model, wide(max_surfaces=2, returns="dual", noise=noise)) for noise in (None, Noise(range_std=0.02))
+    )
+    errors = (got.range.numpy() - ideal.range.numpy()).reshape(-1, 2)
+    assert errors.std(axis=0).min() > 0.01
+    assert_uncorrelated(errors[:, 0], errors[:, 1], "returns")
+
+
 @pytest.mark.parametrize(("radius", "grey"), [(10, 0.1), (20, 0.1), (10, 0.4), (40, 1.0)])
 def test_the_error_grows_as_the_power_falls(radius: float, grey: float) -> None:
     """sigma = accuracy sqrt(P_accuracy / P), P = rho / R^2: LISA's dR / sqrt(2 SNR), whatever P_min."""
@@ -97,6 +108,12 @@ def test_ranges_are_whole_multiples_of_the_resolution(resolution: float) -> None
     assert np.abs(got - ideal).max() > 0.49 * resolution
 
 
+def test_a_lidar_at_a_surface_reads_nothing_but_0() -> None:
+    detection = Detection(range=40, accuracy=0.02, accuracy_range=10)
+    frame = sense(model_of(wall("wall", 0)), wide(detection=detection))
+    np.testing.assert_array_equal(frame.range.numpy(), 0)
+
+
 def test_the_ray_errs_and_the_point_lies_on_the_ray_that_the_sensor_believes_in() -> None:
     """At a wall at x, the range of the ray along +x is x / cos(angle); azimuth and elevation angles are normal."""
     std = math.radians(0.5)
@@ -124,6 +141,9 @@ def test_measured_ranges_are_held_to_the_limits() -> None:
     got = sense(model_of(bubble(10)), wide(noise=Noise(range_std=std), max_range=10.05)).range.numpy()
     assert_share(np.isposinf(got), NormalDist().cdf(-0.5))
     assert got[np.isfinite(got)].max() <= np.float32(10.05)
+    whole = wide(noise=Noise(range_resolution=0.5), min_range=10.0, max_range=10.2)
+    got = sense(model_of(bubble(10.1)), whole).range.numpy()
+    np.testing.assert_array_equal(got, 10, err_msg="a limit itself is within")
 
 
 @pytest.mark.parametrize(("rate", "radius"), [(1, 20), (30, 5)])

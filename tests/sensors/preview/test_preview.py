@@ -174,6 +174,16 @@ def test_a_camera_pixel_is_where_the_image_has_it(row: int, column: int) -> None
     assert shown == pytest.approx((112 + (row + 0.5) * 18, 24 + (column + 0.5) * 18), abs=2)
 
 
+def test_of_a_lens_that_sees_behind_the_ranges_are_drawn() -> None:
+    """Its z-depths are negative there, which would be the warmest colour."""
+    depth, distance = np.full((30, 40), -3.0, np.float32), np.full((30, 40), 4.0, np.float32)
+    depth[0], distance[0] = 1.0, 1.0
+    page = np.asarray(make_frame(CameraFrame, distance, depth=depth).picture())
+    near, far = (page[112 + row * 18, 24 + 20 * 18] for row in (0, 20))
+    np.testing.assert_array_equal(near, turbo(np.array(1.0)))
+    np.testing.assert_array_equal(far, turbo(np.array(0.0)))
+
+
 @pytest.mark.parametrize("azimuth", [-170, -90, -45, 0, 30, 90, 175])
 @pytest.mark.parametrize("beam", [0, 1, 2])
 def test_a_range_is_drawn_at_its_azimuth_left_to_the_left_and_its_elevation(azimuth: int, beam: int) -> None:

@@ -130,7 +130,7 @@ def test_unknown_bodies_are_all_named(model: mujoco.MjModel) -> None:
         ({"exclude_subtree": True}, "exclude_subtree needs exclude_bodies"),
         ({"exclude_bodies": "torso"}, "exclude_bodies: must be a list, got 'torso'"),
         ({"geometry": "visul"}, "geometry: must be 'all', 'visual' or 'collision', got 'visul'"),
-        ({"static": 1}, "static: must be a boolean, got 1"),
+        ({"static": 1}, "static: must be true or false, got 1"),
         ({"exclude_body": ["a"]}, "unknown key 'exclude_body', .*did you mean 'exclude_bodies'?"),
     ],
 )

@@ -138,6 +138,8 @@ def test_a_fisheye_looks_backwards_too() -> None:
         (BrownConrady(k1=-0.1), 1.21716, True),  # the same in r, and above it a branch from beyond the fold
         (BrownConrady(k1=-0.1), 1.21717, False),
         (BrownConrady(k1=-0.1, k2=0.002), 1.6, False),  # reached again from beyond the fold
+        (BrownConrady(k3=-0.1), 0.90964, True),  # r (1 - r^6 / 10) is at most 0.909641, at 1.06125
+        (BrownConrady(k3=-0.1), 0.90965, False),
     ],
 )
 def test_pixels_beyond_the_fold_look_nowhere(lens: Lens, radius: float, is_seen: bool) -> None:

@@ -67,7 +67,7 @@ def begin_cuda(source_of: Callable[[wp.Kernel], CudaSource], monkeypatch: pytest
         return lambda: launch(source_of(kernel), geometry, inputs)
 
     def begin() -> None:
-        monkeypatch.setattr(cast, "_prepare_alone", cast._in_threads)
+        monkeypatch.setattr(cast, "_prepare_singles", cast._in_threads)
         monkeypatch.setattr(launches, "recorded", record)
 
     return begin

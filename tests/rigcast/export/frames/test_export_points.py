@@ -110,8 +110,10 @@ def test_las_and_laz_come_back(tmp_path: Path, frame: Any, compress: bool) -> No
         np.testing.assert_allclose(read.intensity, expected, rtol=0, atol=0.51)
     for k, axis in enumerate("xyz"):
         expect(read[f"normal_{axis}"], points["normal"][:, k], axis)
-    for name in set(EXTRAS) - {"intensity", "return_number"} & points.keys():
+    extras = set(EXTRAS) - {"intensity", "return_number"} & points.keys()
+    for name in extras:
         expect(read[name], points[name], name)
+    assert set(read.point_format.extra_dimension_names) == {"normal_x", "normal_y", "normal_z", *extras}
 
 
 def test_las_numbers_the_returns_of_a_ray_that_are_there(tmp_path: Path) -> None:
@@ -124,7 +126,7 @@ def test_las_numbers_the_returns_of_a_ray_that_are_there(tmp_path: Path) -> None
         assert list(zip(read.return_number, read.number_of_returns, strict=True)) == expected
 
 
-@pytest.mark.parametrize("farthest", [1.0, 2000.0, 3e4, 1e7])
+@pytest.mark.parametrize("farthest", [1.0, 2000.0, 3e4, 1e7, 2.0**31])
 def test_las_takes_the_smallest_step_in_which_points_fit(tmp_path: Path, farthest: float) -> None:
     points = np.array([[[farthest, -farthest, 0.1]]], np.float32)
     frame = make_frame(LidarFrame, np.ones((1, 1), np.float32), points=points)

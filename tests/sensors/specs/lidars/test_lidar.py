@@ -99,6 +99,11 @@ MS = 1e-3
             id="rows in turn",
         ),
         pytest.param(
+            {"rate_hz": 10, "azimuth_deg": [0, 180], "elevation_deg": [0, 1], "columns": 1, "firing_time_us": [0, 6e4]},
+            [[0], [60 * MS]],
+            id="a sector of one column",
+        ),
+        pytest.param(
             {"elevation_deg": [0, 1], "columns": 2, "firing_time_us": [0, 500]},
             [[0, 0], [0.5 * MS, 0.5 * MS]],
             id="rows in turn, no rate",

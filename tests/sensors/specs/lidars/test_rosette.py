@@ -193,9 +193,16 @@ def test_bad_rosettes_are_refused(given: dict[str, Any], message: str) -> None:
         livox("livox_mid40", **given)
 
 
-def test_wedges_that_reflect_are_refused() -> None:
+@pytest.mark.parametrize(
+    "wedges",
+    [
+        [wedge(tilt_deg=45)],
+        [wedge(tilt_deg=30), wedge(tilt_deg=-30, rpm=-60)],  # only where both bend it to one side: half a turn later
+    ],
+)
+def test_wedges_that_reflect_are_refused(wedges: list[Wedge]) -> None:
     with pytest.raises(InputError, match="the wedges reflect the beam"):
-        Rosette(wedges=[wedge(tilt_deg=45, index=1.5)], sample_rate_hz=10)
+        Rosette(wedges=wedges, sample_rate_hz=10)
 
 
 def test_a_fault_in_a_wedge_has_its_place() -> None:

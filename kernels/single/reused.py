@@ -9,10 +9,10 @@ from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.launching.slices import OverTiles
 from rigcast.kernels.rays.arrays import Rays
 
-from .cast import RAYS_PER_RUN, Alone, Job, cast_turns
+from .cast import RAYS_PER_TILE, InSingles, Job, cast_singles
 
 
-class CastsAlone:
+class ReusedCasts:
     """Casts at a geometry that is known at one instant, as it stands when each cast is made.
 
     A launch is reused once it is done. Casts made at the same time in several Python threads use a launch each.
@@ -39,16 +39,16 @@ class _Cast:
     """A launch that holds no reference to the rays and hits of its cast; the caller must keep these arrays alive."""
 
     def __init__(self, geometry: Geometry) -> None:
-        self._geometry, self._job, self._alone = geometry, Job(), Alone()
-        self.tiles = OverTiles(cast_turns, 0, self._inputs)
+        self._geometry, self._job, self._these = geometry, Job(), InSingles()
+        self.tiles = OverTiles(cast_singles, 0, self._inputs)
 
     def turn_to(self, visible: wp.array, rays: Rays, limit: float, cull: int, hits: HitArrays) -> None:
         job = self._job.__ctype__()
         job.rays, job.visible = rays.arrays.__ctype__(), visible.__ctype__()
         job.limit, job.cull = limit, cull
         hits.lend(job.out)
-        self._alone.count, self.tiles.count = rays.total, -(-rays.total // RAYS_PER_RUN)
+        self._these.count, self.tiles.count = rays.total, -(-rays.total // RAYS_PER_TILE)
 
     def _inputs(self, threads: int) -> list[Any]:
-        self._alone.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
-        return [self._geometry, self._job, self._alone]
+        self._these.copies = wp.empty((threads, 1), dtype=Geometry, device="cpu")
+        return [self._geometry, self._job, self._these]

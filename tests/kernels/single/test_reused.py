@@ -11,7 +11,7 @@ from rigcast.kernels.cast import cast
 from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.kernels.shapes.triangle import CULL_BACK, CULL_NONE
-from rigcast.kernels.single.alone import CastsAlone
+from rigcast.kernels.single.reused import ReusedCasts
 from rigcast.kernels.world.world import World
 
 COUNTS = (3000, 1, 0, 700, 3000, 40)
@@ -31,11 +31,11 @@ def rays(seed: int, count: int) -> Rays:
 
 def test_any_number_of_rays_in_turn() -> None:
     world = random_plan(1).world()
-    alone, visible = CastsAlone(world.geometry), all_of(world)
+    casts, visible = ReusedCasts(world.geometry), all_of(world)
     kept = []
     for seed, count in enumerate(COUNTS):
         limit, cull = (np.inf, CULL_NONE) if seed % 2 else (5.0, CULL_BACK)
-        kept.append((alone.cast(visible, rays(seed, count), limit, cull), limit, cull))
+        kept.append((casts.cast(visible, rays(seed, count), limit, cull), limit, cull))
     for seed, (hits, limit, cull) in enumerate(kept):  # none is written over by a later one
         expected = cast(world.geometry, visible, rays(seed, COUNTS[seed]), limit, cull)
         assert_same(as_numpy(hits), as_numpy(expected), f"seed {seed}")
@@ -44,27 +44,27 @@ def test_any_number_of_rays_in_turn() -> None:
 def test_into_given_arrays() -> None:
     world = random_plan(2).world()
     out = HitArrays.empty(500, "cpu")
-    assert CastsAlone(world.geometry).cast(all_of(world), rays(0, 500), np.inf, CULL_NONE, out) is out
+    assert ReusedCasts(world.geometry).cast(all_of(world), rays(0, 500), np.inf, CULL_NONE, out) is out
     assert_same(as_numpy(out), as_numpy(cast(world.geometry, all_of(world), rays(0, 500), np.inf, CULL_NONE)))
 
 
 def test_shapes_are_where_they_stand_by_then() -> None:
     plan = random_plan(3)
     world, (position, rotation) = plan.world(), plan.poses()
-    alone, visible = CastsAlone(world.geometry), all_of(world)
+    casts, visible = ReusedCasts(world.geometry), all_of(world)
     for step in range(3):
         world.update(position + step, rotation)
         expected = as_numpy(cast(world.geometry, visible, rays(step, 900), np.inf, CULL_NONE))
-        assert_same(as_numpy(alone.cast(visible, rays(step, 900), np.inf, CULL_NONE)), expected, f"step {step}")
+        assert_same(as_numpy(casts.cast(visible, rays(step, 900), np.inf, CULL_NONE)), expected, f"step {step}")
 
 
 @pytest.mark.parametrize("threads", [2, 5])
 def test_in_several_threads_at_once(threads: int) -> None:
     world = random_plan(4).world()
-    alone, visible = CastsAlone(world.geometry), all_of(world)
+    casts, visible = ReusedCasts(world.geometry), all_of(world)
 
     def hits_of(seed: int) -> Hits:
-        return as_numpy(alone.cast(visible, rays(seed, 2000), np.inf, CULL_NONE))
+        return as_numpy(casts.cast(visible, rays(seed, 2000), np.inf, CULL_NONE))
 
     with ThreadPoolExecutor(threads) as pool:
         found = list(pool.map(hits_of, range(30)))
