@@ -69,6 +69,15 @@ def test_the_clock_is_told_once_per_period(times: list[float], expected: list[fl
     assert told == expected
 
 
+def test_a_frame_is_sent_when_it_arrives_and_stamped_with_its_own_time() -> None:
+    stream = MessageStream(MODEL, [LIDAR], IdTable.of(MODEL), Export())
+    data = mujoco.MjData(MODEL)
+    data.time = START + 0.5
+    *_, points = messages_of_step = stream.step(data, [lidar_frame(False)])
+    assert {message.time for message in messages_of_step} == {data.time}
+    assert seconds(decode("sensor_msgs/msg/PointCloud2", points.data).header.stamp) == START
+
+
 DENSE = {
     "velodyne": [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("intensity", 12, 7), ("ring", 16, 4), ("time", 18, 7)],
     "livox": [
