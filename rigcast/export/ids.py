@@ -67,6 +67,14 @@ class IdTable:
             columns[f"{kind}_class"] = np.array(given, dtype=np.int32)
         return cls(**columns, class_name=_strings(["", *classes]))
 
+    @classmethod
+    def from_json(cls, text: str) -> "IdTable":
+        """The table that `json` wrote."""
+        lists: dict[str, list[Any]] = json.loads(text)
+        kinds = {name: np.str_ if name.endswith("_name") else np.int32 for name in lists}
+        columns: dict[str, NDArray[Any]] = {name: np.array(lists[name], kind) for name, kind in kinds.items()}
+        return cls(**columns)
+
     def lists(self) -> dict[str, list[str] | list[int]]:
         """The columns by name, as plain lists."""
         return {name: column.tolist() for name, column in vars(self).items()}

@@ -51,7 +51,7 @@ class Rig:
         surfaces: reflectance of parts of the model and of props, as for `Scene`.
         on_unsupported: "error" or "warn", as for `Scene`.
 
-    A sensor inside a geom of its own body, or of a body fixed to that, sees little else; it is named in a warning.
+    A sensor inside or on a geom of its own body, or of a body fixed to that, sees little else: a warning names it.
 
     Attributes: `model`, `sensors`, `props` and `seed` as given, and `scene`, on which the rig casts. None can be
     assigned: others need a new rig, another seed `reset`.
@@ -259,7 +259,7 @@ class Rig:
     def _due(self, sensor: Sensor, now: float) -> list[float]:
         """The times [s] of the readings that there are now, of what fell due since the last call."""
         due = self._schedules[sensor.name].due(now)
-        if not due or sensor.rate_hz is None or sensor.moves:
+        if not due or sensor.moves:
             return due
         timestep = self._model.opt.timestep
         given = times_of_one_state(sensor, due, now, timestep)

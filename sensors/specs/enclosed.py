@@ -1,9 +1,10 @@
-"""Detection of sensors inside a geom of their own body, which hides everything else."""
+"""Detection of sensors inside or on a geom of their own body, which hides everything else."""
 
 from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from rigcast.sensors.meshes import mesh_of_model
@@ -11,10 +12,11 @@ from rigcast.sensors.meshes import mesh_of_model
 from .sensor_spec import SensorSpec
 
 _GEOM = mujoco.mjtGeom
+_MARGIN = 1e-6  # [m] from a surface, where rays start on it: they hit it at 0, for mj_ray as well
 
 
 def enclosed(model: mujoco.MjModel, data: mujoco.MjData, sensors: Iterable[SensorSpec]) -> Iterator[str]:
-    """A warning for each sensor whose rays begin inside a geom that they can hit and that moves with the sensor.
+    """A warning for each sensor whose rays begin inside or on a geom that they can hit and that moves with the sensor.
 
     Their relative pose never changes, so any poses in `data` will do.
     """
@@ -25,8 +27,8 @@ def enclosed(model: mujoco.MjModel, data: mujoco.MjData, sensors: Iterable[Senso
             name, of_body = model.geom(geom).name, model.body(body).name
             remedy = f"exclude_bodies: [{of_body}]" if of_body else "geom_groups"  # only names can be excluded
             yield (
-                f"sensor {sensor.name!r} is within geom {name or geom!r} of body {of_body or body!r}, which hides from "
-                f"it what is outside; {remedy} in its filter leaves that out"
+                f"sensor {sensor.name!r} is within geom {name or geom!r} of body {of_body or body!r} or on its "
+                f"surface, which hides from it what is outside; {remedy} in its filter leaves that out"
             )
 
 
@@ -49,13 +51,13 @@ def _moving_with(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
 
 
 def _contains(model: mujoco.MjModel, geom: int, point: NDArray[np.float64]) -> bool:
-    """Whether a point (3,) [m] in the geom's frame is inside the geom."""
-    size, away = model.geom_size[geom], np.abs(point)
+    """Whether a point (3,) [m] in the geom's frame is inside the geom or on its surface."""
+    size, away = model.geom_size[geom] + _MARGIN, np.abs(point)
     match model.geom_type[geom]:
         case _GEOM.mjGEOM_SPHERE:
             return bool(np.linalg.norm(point) < size[0])
         case _GEOM.mjGEOM_CAPSULE:
-            return bool(np.hypot(np.linalg.norm(point[:2]), max(0.0, away[2] - size[1])) < size[0])
+            return bool(np.hypot(np.linalg.norm(point[:2]), max(0.0, away[2] - model.geom_size[geom, 1])) < size[0])
         case _GEOM.mjGEOM_ELLIPSOID:
             return bool(np.linalg.norm(point / size) < 1.0)
         case _GEOM.mjGEOM_CYLINDER:
@@ -63,22 +65,35 @@ def _contains(model: mujoco.MjModel, geom: int, point: NDArray[np.float64]) -> b
         case _GEOM.mjGEOM_BOX:
             return bool((away < size).all())
         case _GEOM.mjGEOM_MESH:
-            return _is_in_box(model.geom_aabb[geom], point) and _turns_around(model, geom, point) > 0.5
+            return _is_in_box(model.geom_aabb[geom], point) and _mesh_contains(model, geom, point)
     return False
 
 
 def _is_in_box(box: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
-    return bool((np.abs(point - box[:3]) <= box[3:]).all())
+    return bool((np.abs(point - box[:3]) <= box[3:] + _MARGIN).all())
 
 
-def _turns_around(model: mujoco.MjModel, geom: int, point: NDArray[np.float64]) -> float:
-    """Winding number of a mesh about a point: solid angles of its faces over 4 pi; 1 inside a closed mesh, else 0.
+def _mesh_contains(model: mujoco.MjModel, geom: int, point: NDArray[np.float64]) -> bool:
+    vertices, faces = mesh_of_model(model, model.geom_dataid[geom])
+    corners = vertices[faces].astype(np.float64)
+    return _is_on_surface(corners, point) or _turns_around(corners, point) > 0.5
+
+
+def _is_on_surface(corners: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
+    """Whether one of the faces (n, 3, 3) is within the margin of a point."""
+    low, high = corners.min(1) - _MARGIN, corners.max(1) + _MARGIN
+    near = corners[((low <= point) & (point <= high)).all(1)]
+    nearest = trimesh.triangles.closest_point(near, np.broadcast_to(point, (len(near), 3)))
+    return bool((np.linalg.norm(nearest - point, axis=1) <= _MARGIN).any())
+
+
+def _turns_around(corners: NDArray[np.float64], point: NDArray[np.float64]) -> float:
+    """Winding number of faces (n, 3, 3) about a point: their solid angles over 4 pi; 1 inside a closed mesh, else 0.
 
     For a face a, b, c relative to the point, tan(angle / 2) = a . (b x c) / (|a||b||c| + a.b |c| + b.c |a| + c.a |b|)
     (van Oosterom and Strackee, 1983).
     """
-    vertices, faces = mesh_of_model(model, model.geom_dataid[geom])
-    a, b, c = np.moveaxis(vertices[faces].astype(np.float64) - point, 1, 0)
+    a, b, c = np.moveaxis(corners - point, 1, 0)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
     volume = (a * np.cross(b, c)).sum(1)
     about = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb

@@ -3,6 +3,7 @@
 import weakref
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property
 from io import BufferedReader
 from typing import Any, Protocol
 
@@ -10,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.dataset.storage.manifest import shard_name
-from rigcast.dataset.storage.shards import FRAMES_NAME
+from rigcast.dataset.storage.shards import FRAMES_NAME, IDS_NAME
 from rigcast.dataset.storage.stores import Store
+from rigcast.export.ids import IdTable
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
 
@@ -76,8 +78,23 @@ class _ZarrArchive:
         return sorted([*group.array_keys(), *(name for name in group.attrs if name not in ("type", "spec"))])
 
 
-def archive_of(store: Store, entry: Mapping[str, Any]) -> Archive:
-    """The archive of a shard. Raises InputError for a damaged file or a missing library; OSError as the store does."""
+class Shard:
+    """The files of an episode: its entry in the manifest, its arrays, and the meaning of its ids.
+
+    Raises InputError for a damaged file or a missing library; OSError as the store does.
+    """
+
+    def __init__(self, store: Store, entry: Mapping[str, Any]) -> None:
+        self.entry, self.archive = entry, _archive_of(store, entry)
+        self._store = store
+
+    @cached_property
+    def ids(self) -> IdTable:
+        with self._store.open(f"{shard_name(self.entry)}/{IDS_NAME}") as file:
+            return IdTable.from_json(file.read().decode())
+
+
+def _archive_of(store: Store, entry: Mapping[str, Any]) -> Archive:
     kinds: dict[str, Callable[[Store, str], Archive]] = {"npz": _NpzArchive, "zarr": _ZarrArchive}
     (form,) = [name for name, file in FRAMES_NAME.items() if file in entry["files"]]
     name = f"{shard_name(entry)}/{FRAMES_NAME[form]}"

@@ -3,11 +3,14 @@
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from copy import copy
+from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from zipfile import BadZipFile
 
+import numpy as np
 from numpy.typing import NDArray
 
 from rigcast.dataset.storage.manifest import MANIFEST_NAME, read_manifest, shard_name
@@ -16,10 +19,13 @@ from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.names import expected_one_of
 
-from .archives import Archive, archive_of
+from .archives import Shard
 
 if TYPE_CHECKING:
     from .in_torch import TorchFrames
+
+
+_CLASS_ID = "class_id"  # not written: it follows from the ids and ids.json
 
 
 class _Place(NamedTuple):
@@ -37,32 +43,46 @@ class StoredFrame(Mapping[str, NDArray[Any]]):
     sensor, time [s]: as in Frame. scene, episode, seed: what it was made from. `frame["range"]`, `frame["pose"]` and
     the other fields that were written have the shapes, units and miss values of Frame. Frames of depth cameras also
     have `intrinsics` (3, 3), `depth_scale` () and, with a lens, `distortion_model` () and `distortion`, in OpenCV's
-    order.
+    order. Frames with `geom_id` also have `class_id`, int32 of the same shape: the class of what was hit, a row of
+    `names["class_name"]`, 0 for none and for a miss.
     """
 
-    def __init__(self, place: _Place, entry: Mapping[str, Any], archive: Archive) -> None:
+    def __init__(self, place: _Place, shard: Shard) -> None:
         self.sensor, self.time = place.sensor, place.time
-        self.scene: str = entry["scene"]
-        self.episode: int = entry["episode"]
-        self.seed: int = entry["seed"]
-        self._number, self._archive = place.number, archive
+        self.scene: str = shard.entry["scene"]
+        self.episode: int = shard.entry["episode"]
+        self.seed: int = shard.entry["seed"]
+        self._number, self._shard = place.number, shard
+
+    @property
+    def names(self) -> dict[str, list[str] | list[int]]:
+        """The meaning of ids, the contents of ids.json: `class_name`, `geom_name`, `geom_class`, `body_name`..."""
+        return self._shard.ids.lists()
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         try:
-            return self._archive.read(self.sensor, self._number, name)
+            return self._class_id() if name == _CLASS_ID else self._read(name)
         except KeyError:
             raise KeyError(f"{self!r} has no {name!r}, {expected_one_of(name, list(self))}") from None
         except BadZipFile as error:
             raise InputError(f"{self!r}: {name}: cannot be read: {error}; verify() names the file") from None
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._archive.names(self.sensor, self._number))
+        names = list(self._shard.archive.names(self.sensor, self._number))
+        return iter(sorted([*names, _CLASS_ID]) if "geom_id" in names else names)
 
     def __len__(self) -> int:
         return len(list(iter(self)))
 
     def __repr__(self) -> str:
         return f"<frame of {self.sensor!r} at {self.time:g} s in episode {self.episode} of {self.scene!r}>"
+
+    def _read(self, name: str) -> NDArray[Any]:
+        return self._shard.archive.read(self.sensor, self._number, name)
+
+    def _class_id(self) -> NDArray[np.int32]:
+        ids = {name: self._read(name) for name in self if name in ("geom_id", "flex_id", "skin_id", "prop_id")}
+        return self._shard.ids.class_of(ids)
 
 
 class Dataset(Sequence[StoredFrame]):
@@ -71,11 +91,11 @@ class Dataset(Sequence[StoredFrame]):
     manifest: the contents of dataset.json: statistics, provenance, previews, failed episodes. See `open_dataset`.
     """
 
-    def __init__(self, store: Store, manifest: Mapping[str, Any], sensors: Sequence[str] | None = None) -> None:
+    def __init__(self, store: Store, manifest: Mapping[str, Any]) -> None:
         self.manifest, self._store = manifest, store
-        self._shards: list[dict[str, Any]] = manifest["shards"]
-        self._places = [place for k, entry in enumerate(self._shards) for place in _places(k, entry, sensors)]
-        self._open: tuple[int, int, Archive] | None = None
+        self._entries: list[dict[str, Any]] = manifest["shards"]
+        self._places = [place for k, entry in enumerate(self._entries) for place in _places(k, entry)]
+        self._open: tuple[int, int, Shard] | None = None
 
     def __repr__(self) -> str:
         frames = Counter(place.sensor for place in self._places)
@@ -84,28 +104,45 @@ class Dataset(Sequence[StoredFrame]):
     def __len__(self) -> int:
         return len(self._places)
 
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self, number: Any) -> Any:
         """One frame, or those of a slice as a list."""
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if isinstance(index, str):
-            raise InputError(f"Dataset: got {index!r}, expected the number of a frame; of({index!r})[0] is the first")
-        place = self._places[index]
-        return StoredFrame(place, self._shards[place.shard], self._archive(place.shard))
+        if isinstance(number, slice):
+            return [self[i] for i in range(*number.indices(len(self)))]
+        if isinstance(number, str):
+            raise InputError(f"Dataset: got {number!r}, expected the number of a frame; of({number!r})[0] is the first")
+        place = self._places[number]
+        return StoredFrame(place, self._shard(place.shard))
 
-    def of(self, *sensors: str) -> "Dataset":
-        """The frames of these sensors only. Raises InputError for one that is not in the data set."""
-        known = list(self.manifest["statistics"])
-        for name in sensors:
-            require_type("Dataset.of: name of a sensor", name, str)
-            if name not in known:
-                where = self._store.where(MANIFEST_NAME)
-                raise InputError(f"{where}: no sensor {name!r}, {expected_one_of(name, known)}")
-        return Dataset(self._store, self.manifest, sensors)
+    def of(
+        self, *sensors: str, scenes: Collection[str] | None = None, episodes: Iterable[int] | None = None
+    ) -> "Dataset":
+        """Of these frames those of some sensors, scenes and episodes; all where none are given.
+
+        Episodes of a scene are independent of each other, so a split is a choice of their numbers. Those that the data
+        set does not have, perhaps because they failed, give no frames.
+
+        Raises InputError for a sensor or scene that is not in the data set, or numbers that are not whole.
+
+        >>> train = rigcast.open_dataset("out/rooms").of("top", episodes=range(80))
+        """
+        self._require_known("sensor", sensors, list(self.manifest["statistics"]))
+        if isinstance(scenes, str):
+            raise InputError(f"Dataset.of: scenes: got {scenes!r}, expected a list of names, such as [{scenes!r}]")
+        self._require_known("scene", () if scenes is None else scenes, list(self.manifest["scenes"]))
+        numbers = None if episodes is None else _episode_numbers(episodes)
+        chosen = copy(self)
+        chosen._places = [
+            place
+            for place in self._places
+            if (not sensors or place.sensor in sensors)
+            and (scenes is None or self._entries[place.shard]["scene"] in scenes)
+            and (numbers is None or self._entries[place.shard]["episode"] in numbers)
+        ]
+        return chosen
 
     def verify(self) -> list[str]:
         """A line for each file that is missing or differs from what was written."""
-        faults = [fault for entry in self._shards for fault in _shard_faults(self._store, entry)]
+        faults = [fault for entry in self._entries for fault in _shard_faults(self._store, entry)]
         return faults + [fault for scene in self.manifest["scenes"] for fault in self._scene_faults(scene)]
 
     def torch(self, *fields: str) -> "TorchFrames":
@@ -127,16 +164,23 @@ class Dataset(Sequence[StoredFrame]):
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_open": None}
 
-    def _archive(self, shard: int) -> Archive:
-        """The shard's archive, kept open until another shard is accessed; a forked process opens it anew."""
-        if self._open is None or self._open[:2] != (os.getpid(), shard):
-            self._open = (os.getpid(), shard, archive_of(self._store, self._shards[shard]))
+    def _shard(self, number: int) -> Shard:
+        """A shard, kept open until another one is accessed; a forked process opens it anew."""
+        if self._open is None or self._open[:2] != (os.getpid(), number):
+            self._open = (os.getpid(), number, Shard(self._store, self._entries[number]))
         return self._open[2]
+
+    def _require_known(self, kind: str, names: Collection[str], known: list[str]) -> None:
+        for name in names:
+            require_type(f"Dataset.of: name of a {kind}", name, str)
+            if name not in known:
+                where = self._store.where(MANIFEST_NAME)
+                raise InputError(f"{where}: no {kind} {name!r}, {expected_one_of(name, known)}")
 
     def _scene_faults(self, scene: str) -> list[str]:
         if self.manifest["scenes"][scene]["file"] is None:
             return []  # a function makes a different model for each episode
-        digests = {entry["scene_sha256"] for entry in self._shards if entry["scene"] == scene}
+        digests = {entry["scene_sha256"] for entry in self._entries if entry["scene"] == scene}
         return [f"{scene}: its model changed while the data set was made"] if len(digests) > 1 else []
 
 
@@ -166,14 +210,21 @@ def open_dataset(path: str | Path, *, verify: bool = False) -> Dataset:
     return dataset
 
 
-def _places(shard: int, entry: Mapping[str, Any], sensors: Sequence[str] | None) -> list[_Place]:
+def _places(shard: int, entry: Mapping[str, Any]) -> list[_Place]:
     places = [
         _Place(shard, name, number, time)
         for name, sensor in entry["sensors"].items()
-        if sensors is None or name in sensors
         for number, time in enumerate(sensor["times"])
     ]
     return sorted(places, key=lambda place: place.time)
+
+
+def _episode_numbers(episodes: Iterable[int]) -> frozenset[int]:
+    try:
+        return frozenset(map(index, episodes))
+    except TypeError:
+        expected = "expected their numbers, such as range(80) or [0, 2]"
+        raise InputError(f"Dataset.of: episodes: got {episodes!r:.80}, {expected}") from None
 
 
 def _shard_faults(store: Store, entry: Mapping[str, Any]) -> Iterator[str]:

@@ -40,6 +40,7 @@ from rigcast.sensors.rig.rig import Rig
 from .statistics import SensorStatistics
 
 ENTRY_NAME = "entry.json"
+IDS_NAME = "ids.json"
 UNFINISHED_NAME = "unfinished"
 FRAMES_NAME = {"npz": "frames.npz", "zarr": "frames.zarr.zip"}
 
@@ -63,7 +64,7 @@ class Shard:
         self._ids = IdTable.of(rig.model, classes, rig.props)
         self._statistics = {spec.name: SensorStatistics(spec.type) for spec in rig.sensors}
         self._latest: dict[str, Frame] = {}
-        (folder / "ids.json").write_text(self._ids.json())
+        (folder / IDS_NAME).write_text(self._ids.json())
         self._frames: _Frames = (
             _NpzFrames(folder / FRAMES_NAME["npz"], output.fields)
             if output.format == "npz"

@@ -305,21 +305,25 @@ def test_normal_at_known_points(kind: int, size: Point, point: Point, expected: 
 
 
 @pytest.mark.parametrize(
-    ("kind", "size", "point", "direction", "expected"),
+    ("kind", "size", "point", "direction", "distance", "expected"),
     [
-        (BOX, (1, 1, 1), (-1, 0, 1), (1, 0, 0), (-1, 0, 0)),
-        (BOX, (1, 1, 1), (-1, 0, 1), (1, 0, -1e-8), (-1, 0, 0)),
-        (BOX, (1, 2, 3), (1, 2, -1), (0, -1, 0), (0, 1, 0)),
-        (BOX, (1, 2, 3), (1, 2, -3), (0.1, 0, 1), (0, 0, -1)),
-        (CYLINDER, (1, 2, 0), (-1, 0, 2), (1, 0, 0), (-1, 0, 0)),
-        (CYLINDER, (1, 2, 0), (-1, 0, 2), (0, 0, -1), (0, 0, 1)),
+        (BOX, (1, 1, 1), (-1, 0, 1), (1, 0, 0), 1, (-1, 0, 0)),
+        (BOX, (1, 1, 1), (-1, 0, 1), (1, 0, -1e-8), 1, (-1, 0, 0)),
+        (BOX, (1, 1, 1), (-1.0001, 0, 1), (1, 0, 0), 1000, (-1, 0, 0)),  # rounded, so far away
+        (BOX, (1, 1, 1), (-1.0001, 0, 1), (1, 0, 0), 1, (0, 0, 1)),
+        (BOX, (1, 2, 3), (1, 2, -1), (0, -1, 0), 1, (0, 1, 0)),
+        (BOX, (1, 2, 3), (1, 2, -3), (0.1, 0, 1), 1, (0, 0, -1)),
+        (CYLINDER, (1, 2, 0), (-1, 0, 2), (1, 0, 0), 1, (-1, 0, 0)),
+        (CYLINDER, (1, 2, 0), (-1.0001, 0, 2), (1, 0, 0), 1000, (-1, 0, 0)),
+        (CYLINDER, (1, 2, 0), (-1, 0, 2), (0, 0, -1), 1, (0, 0, 1)),
     ],
 )
 def test_a_ray_within_a_face_hits_the_face_that_it_crosses(
-    kind: int, size: Point, point: Point, direction: Point, expected: Point
+    kind: int, size: Point, point: Point, direction: Point, distance: float, expected: Point
 ) -> None:
     """The point, on an edge, tells nothing."""
-    np.testing.assert_allclose(launchers.normal_at(kind, size, point, direction)[0], expected, atol=2 * EPS)
+    got = launchers.normal_at(kind, size, point, direction, distance)[0]
+    np.testing.assert_allclose(got, expected, atol=2 * EPS)
 
 
 @by_name

@@ -3,6 +3,7 @@
 u = eps / 2 = 2^-24 is the error of one rounding. Bounds are to first order in u and taken times 1.1 for the rest.
 """
 
+from itertools import permutations
 from typing import NamedTuple
 
 import launchers
@@ -18,6 +19,7 @@ U = EPS / 2
 INF = np.inf
 PAIRS = 200_000
 SEED = 7
+ORDERS = list(permutations(range(3)))
 
 
 class Pairs(NamedTuple):
@@ -184,6 +186,17 @@ def test_float64_decides_like_numpy_but_for_its_tilt(pairs: Pairs) -> None:
     ratio = np.where(hit, np.abs(np.where(hit, t, 0) - pairs.t), 0) / (np.where(is_plain, 1e-14, 1e-9) * size)
     assert ratio.max() <= 1.1, worst(ratio, "|t - t_ref|")
     assert (hit & is_plain).mean() > 0.1
+
+
+def test_a_distance_has_the_same_bits_for_any_order_of_the_vertices() -> None:
+    """Of triangles on a grid, whose vertices share coordinates."""
+    rng = np.random.default_rng(SEED)
+    corners = (1 + 0.7 * rng.integers(0, 3, (10_000, 3, 3))).astype(np.float32)
+    direction = unit(corners.mean(axis=1, dtype=np.float64))
+    a, *others = (launchers.decide((0, 0, 0), direction, *corners[:, k].swapaxes(0, 1)) for k in ORDERS)
+    assert (a < INF).mean() > 0.8
+    for order, b in zip(ORDERS[1:], others, strict=True):
+        assert (a == b).all(), first(a != b, f"otherwise in the order {order}")
 
 
 def test_the_cast_is_float64s_but_for_a_billionth_around_the_edges(pairs: Pairs) -> None:

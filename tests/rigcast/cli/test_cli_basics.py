@@ -108,7 +108,10 @@ def test_a_sensor_that_reads_more_often_than_the_model_steps_is_named(rig: Path)
 
 
 def test_a_sensor_within_a_geom_of_its_own_body_is_named(rig: Path) -> None:
-    word = "of body 'torso', which hides from it what is outside; exclude_bodies: [torso] in its filter leaves that out"
+    word = (
+        "of body 'torso' or on its surface, which hides from it what is outside; "
+        "exclude_bodies: [torso] in its filter leaves that out"
+    )
     for command in (("validate", rig), ("check", rig, "--rays", "20")):
         code, output = call(*command)
         assert code == 0, output

@@ -108,6 +108,12 @@ def test_ranges_are_whole_multiples_of_the_resolution(resolution: float) -> None
     assert np.abs(got - ideal).max() > 0.49 * resolution
 
 
+def test_a_lidar_at_a_surface_reads_nothing_but_0() -> None:
+    detection = Detection(range=40, accuracy=0.02, accuracy_range=10)
+    frame = sense(model_of(wall("wall", 0)), wide(detection=detection))
+    np.testing.assert_array_equal(frame.range.numpy(), 0)
+
+
 def test_the_ray_errs_and_the_point_lies_on_the_ray_that_the_sensor_believes_in() -> None:
     """At a wall at x, the range of the ray along +x is x / cos(angle); azimuth and elevation angles are normal."""
     std = math.radians(0.5)

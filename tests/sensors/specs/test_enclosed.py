@@ -54,6 +54,26 @@ def test_a_sensor_within_a_geom_of_its_body_is_named(
     assert words(model, lidar(Mount(body="torso", pos=outside))) == []
 
 
+ON_SURFACE = {
+    "sphere": ('size="0.2"', (0.12, 0.16, 0.0)),
+    "ellipsoid": ('type="ellipsoid" size="0.1 0.2 0.3"', (0.0, 0.0, 0.3)),
+    "capsule": ('type="capsule" size="0.1 0.2"', (0.0, 0.0, 0.3)),
+    "cylinder, cap": ('type="cylinder" size="0.1 0.2"', (0.02, 0.03, 0.2)),
+    "cylinder, side": ('type="cylinder" size="0.1 0.2"', (0.06, 0.08, -0.1)),
+    "box": ('type="box" size="0.1 0.2 0.3"', (0.1, 0.07, 0.3)),
+    "mesh": ('type="mesh" mesh="cube" euler="0 0 45"', (0.03, 0.04, -0.2)),
+}
+
+
+@pytest.mark.parametrize(("geom", "place"), ON_SURFACE.values(), ids=ON_SURFACE.keys())
+def test_a_sensor_on_the_surface_of_a_geom_of_its_body_is_named(geom: str, place: tuple[float, float, float]) -> None:
+    """All that it would read is 0."""
+    model = model_of(geom)
+    assert len(words(model, lidar(Mount(body="torso", pos=place)))) == 1
+    outwards = np.array(place) / np.linalg.norm(place)
+    assert words(model, lidar(Mount(body="torso", pos=place + 1e-4 * outwards))) == []
+
+
 SPHERE = GEOMS["sphere"][0]
 MOUNTS = {
     "a body fixed to the geom's": (lidar(Mount(body="link")), True),
@@ -78,7 +98,7 @@ def test_what_has_no_name_is_called_by_its_number() -> None:
         '<mujoco><worldbody><body><freejoint/><geom size="1"/><site name="in"/></body></worldbody></mujoco>'
     )
     (word,) = words(model, lidar(Mount(site="in")))
-    assert word.startswith("sensor 'top' is within geom 0 of body 1, which")
+    assert word.startswith("sensor 'top' is within geom 0 of body 1 or on its surface, which")
     assert word.endswith("; geom_groups in its filter leaves that out")
 
 

@@ -12,6 +12,7 @@ import pytest
 from small_datasets import edited, make
 
 import rigcast
+from rigcast.dataset.reading import Dataset
 from rigcast.export.fields import field_names
 from rigcast.sensors.errors import InputError
 
@@ -46,8 +47,9 @@ def test_a_frame_has_what_its_sensor_gives(whole_folder: Path) -> None:
     assert top["pose"].shape == (4, 4)
     assert float(top["time"]) == top.time
     elsewhere = {"flex_id", "skin_id", "prop_id"}  # fields of other scenes
-    assert set(top) == {"time", "pose", *field_names("lidar")} - elsewhere
-    assert set(front) == {"time", "pose", "intrinsics", "depth_scale", *field_names("depth_camera")} - elsewhere
+    common = {"time", "pose", "class_id"}
+    assert set(top) == {*common, *field_names("lidar")} - elsewhere
+    assert set(front) == {*common, "intrinsics", "depth_scale", *field_names("depth_camera")} - elsewhere
     assert "intrinsics" not in top
     with pytest.raises(KeyError, match=r"'top' at 0.02 s in episode 0 .* has no 'rnage', .*did you mean 'range'"):
         top["rnage"]
@@ -73,6 +75,66 @@ def test_zarr_holds_the_same_as_npz(path: Path, whole_folder: Path) -> None:
         assert list(one) == list(other) == sorted(one)
         for name in one:
             np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+@pytest.mark.parametrize("form", ["npz", "zarr"])
+def test_a_frame_knows_the_classes_of_what_it_sees(path: Path, form: str) -> None:
+    classes = "classes: {ground: [floor], thing: [table, sign]}\n"
+    (path.parent / "rig.yaml").write_text((path.parent / "rig.yaml").read_text() + classes)
+    path.write_text(path.read_text() + f"output: {{format: {form}, fields: {{top: [range, geom_id]}}}}\n")
+    make(path)
+    seen = set()
+    for frame in rigcast.open_dataset(path.parent / "out").of("top"):
+        names: Any = frame.names
+        assert names["class_name"] == ["", "ground", "thing"]
+        assert frame["class_id"].dtype == np.int32
+        for geom, label in zip(frame["geom_id"].ravel(), frame["class_id"].ravel(), strict=True):
+            body = names["body_name"][names["geom_body"][geom]]
+            of_body = 2 if body in ("table", "sign") else 0
+            assert label == (0 if geom < 0 else 1 if names["geom_name"][geom] == "floor" else of_body)
+            seen.add(int(label))
+    assert seen == {0, 1, 2}
+
+
+def test_without_geom_ids_there_are_no_classes(path: Path) -> None:
+    path.write_text(path.read_text() + "output: {fields: {top: [range]}}\n")
+    make(path)
+    frame = rigcast.open_dataset(path.parent / "out").of("top")[0]
+    assert "class_id" not in frame
+    with pytest.raises(KeyError, match="has no 'class_id', expected one of pose, range, time"):
+        frame["class_id"]
+
+
+def test_scenes_and_episodes_are_selected_alone_and_together(whole_folder: Path) -> None:
+    frames = rigcast.open_dataset(whole_folder)
+
+    def places(some: Dataset) -> set[tuple[str, int, str]]:
+        return {(frame.scene, frame.episode, frame.sensor) for frame in some}
+
+    rooms, first = frames.of(scenes=["room"]), frames.of("top", episodes=range(1))
+    assert places(rooms) == {("room", k, name) for k in (0, 1) for name in ("top", "front")}
+    assert places(first) == {(scene, 0, "top") for scene in ("room", "made")}
+    assert places(rooms.of("top").of(episodes=np.array([1, 7]))) == {("room", 1, "top")}
+    assert len(frames.of(episodes=[])) == 0
+    assert len(frames) == len(frames.of(episodes=[0])) + len(frames.of(episodes=[1]))
+    last = frames.of("top", scenes=["room"], episodes=[1])[-1]
+    np.testing.assert_array_equal(rooms.of("top")[-1]["range"], last["range"])
+
+
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        ({"scenes": ["rom"]}, r"dataset\.json: no scene 'rom', expected one of .*; did you mean 'room'"),
+        ({"scenes": "room"}, r"Dataset\.of: scenes: got 'room', expected a list of names, such as \['room'\]"),
+        ({"scenes": [3]}, r"Dataset\.of: name of a scene: got int, expected str"),
+        ({"episodes": 3}, r"Dataset\.of: episodes: got 3, expected their numbers, such as range\(80\) or \[0, 2\]"),
+        ({"episodes": "3"}, r"Dataset\.of: episodes: got '3', expected their numbers"),
+        ({"episodes": [0.5]}, r"Dataset\.of: episodes: got \[0\.5\], expected their numbers"),
+    ],
+)
+def test_a_wrong_selection_is_refused(whole_folder: Path, chosen: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        rigcast.open_dataset(whole_folder).of(**chosen)
 
 
 def test_a_sensor_that_is_not_there_is_named(whole_folder: Path) -> None:
