@@ -161,7 +161,8 @@ def test_a_mocap_body_is_turned_as_its_data_say(recording: Recording) -> None:
     turned = [
         t.transform for read in recording.on("/tf") for t in read.message.transforms if t.child_frame_id == "person"
     ]
-    np.testing.assert_allclose(matrix(turned[-1])[:3, :3], [[-0.28, -0.96, 0], [0.96, -0.28, 0], [0, 0, 1]], atol=1e-12)
+    expected = [[-0.28, -0.96, 0.0], [0.96, -0.28, 0.0], [0.0, 0.0, 1.0]]
+    np.testing.assert_allclose(matrix(turned[-1])[:3, :3], expected, atol=1e-12)
 
 
 def test_the_clock_goes_forward_at_its_rate_and_at_every_frame(recording: Recording) -> None:
