@@ -259,10 +259,13 @@ def test_faults_of_several_files_are_told_at_once(folder: Path) -> None:
     assert places == [(str(path), "2:1"), (base, "8:5"), (base, "8:73"), ("--set", "1:10")]
 
 
-def test_a_bomb_of_repeats_does_not_go_off(folder: Path) -> None:
-    rows = ", ".join(["0"] * 5000)
-    body = ", ".join(["1"] * 5000)
-    text = f"sensors:\n  - {{repeat: {{k: [{rows}]}}, name: a$k, type: lidar, elevation_deg: [{body}]}}\n"
+@pytest.mark.parametrize(
+    ("rows", "body"),
+    [(["0"] * 5000, ["1"] * 5000), ([f"[{', '.join(['1'] * 100)}]"] * 10, ["$k"] * 200)],
+    ids=["of the sensor's own values", "of a row's"],
+)
+def test_a_bomb_of_repeats_does_not_go_off(folder: Path, rows: list[str], body: list[str]) -> None:
+    text = f"sensors:\n  - {{repeat: {{k: [{', '.join(rows)}]}}, name: a, elevation_deg: [{', '.join(body)}]}}\n"
     assert "repeat: stands for more than 100000 values" in error_of(write(folder, text))
 
 
