@@ -1,5 +1,6 @@
 """Cards of presets, computed from their rays: for `rigcast presets NAME` and its picture."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,8 +13,10 @@ from rigcast.rig_file import sensor_of_preset
 from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
 from rigcast.sensors.specs.presets import Preset, load_preset
 from rigcast.sensors.specs.sensor_spec import SensorSpec
+from rigcast.sensors.specs.spec import Spec
 
 _SHOWN = 8  # values of a list before it is cut short
+_UNIT = re.compile(r"\[(.+?)\]")  # as the description of a key has it
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,7 @@ class Card:
         given = {key for preset in self.preset.lineage() for key in preset.sensor}
         for key in type(self.spec).model_fields:
             if key in given and getattr(self.spec, key) is not None:
-                yield key, _shown(getattr(self.spec, key))
+                yield key, _with_unit(type(self.spec), key, getattr(self.spec, key))
         for key, value in self.preset.all_figures().items():
             yield key, _shown(value)
 
@@ -82,9 +85,16 @@ def arc_deg(azimuth_deg: NDArray[np.float64]) -> float:
     return 360.0 if gap <= 5 else 360.0 - gap
 
 
+def _with_unit(spec: type[Spec], key: str, value: Any) -> str:
+    """A value as text, with the unit of its key unless the key itself ends in it."""
+    unit = _UNIT.search(spec.model_fields[key].description or "")
+    return _shown(value) if unit is None or key.endswith(("_deg", "_hz", "_us")) else f"{_shown(value)} {unit[1]}"
+
+
 def _shown(value: Any) -> str:
-    if hasattr(value, "model_dump"):
-        return ", ".join(f"{key}: {_shown(item)}" for key, item in value.model_dump(exclude_unset=True).items())
+    if isinstance(value, Spec):
+        given = value.model_dump(exclude_unset=True)
+        return ", ".join(f"{key}: {_with_unit(type(value), key, item)}" for key, item in given.items())
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {_shown(item)}" for key, item in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):

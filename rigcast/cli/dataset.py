@@ -11,7 +11,7 @@ from rich.table import Table
 
 from rigcast.cli.common.options import Device, counted, say, show
 from rigcast.cli.common.progress import progress
-from rigcast.cli.common.ready import word_if_compiling
+from rigcast.cli.common.ready import warnings_as_words, word_if_compiling
 from rigcast.dataset.description.config import DatasetConfig, read_dataset
 from rigcast.dataset.making.engines import Engine, InProcess, Processes, Ray
 from rigcast.dataset.making.episode import Result
@@ -66,14 +66,16 @@ def dataset(
     say(console, f"{config}: {len(missing)} of {count} episodes to make, {chosen.workers} at a time, in {folder}")
     for place in without_entry(folder, [unit.name for unit in missing]):
         say(console, f"{place}: has no {ENTRY_NAME}, so it is incomplete: made again")
+    told = set[str]()
     if missing:
         make_writable(next(place for place in (folder, *folder.parents) if place.exists()))
-        with word_if_compiling(console):
+        with word_if_compiling(console), warnings_as_words(console, told):
             rehearse(read, folder, device)
     with progress(console, max(1, len(missing)) * read.file.episodes.duration) as report:
         reported = _counting(report, read.file.episodes.duration)
         try:
-            done = make_dataset(read, folder, chosen, device=device, part=part, report=reported)
+            with warnings_as_words(console, told):
+                done = make_dataset(read, folder, chosen, device=device, part=part, report=reported)
         except KeyboardInterrupt:
             say(console, f"{folder}: finished episodes are kept; run the same command again to continue")
             raise

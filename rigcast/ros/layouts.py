@@ -109,9 +109,7 @@ def _of_maker(rays: Fields, layout: str) -> NDArray[np.void]:
         "t": rays["stamp_ns"],
         "reflectivity": np.rint(intensity),
         "ambient": nothing,
-        "range": np.where(
-            np.isfinite(rays["range"]), np.rint(1000.0 * np.nan_to_num(rays["range"], posinf=0, neginf=0)), 0
-        ),
+        "range": np.where(np.isfinite(rays["range"]), np.rint(1000.0 * rays["range"]), 0),
     }
     return _filled(_MAKERS[layout], values)
 

@@ -223,6 +223,9 @@ class Rig:
                 first is gone or the other's clock is behind.
         """
         with self._in_use:
+            if is_batch(data):
+                got = f"got many worlds ({type(data).__name__})"
+                raise InputError(f"Rig.step: data: {got}, expected one MjData; sense reads many worlds when you ask")
             self._kinematics.require_own(data)
             self._require_one_clock(data)
             if not data.time >= self._clock:

@@ -44,6 +44,19 @@ def test_the_card_says_what_the_rays_are() -> None:
     assert "field of view: 74.91 deg across, elevation -32.45 to 32.45 deg" in call("presets", "azure_kinect_nfov")[1]
 
 
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("azure_kinect_nfov", "max_range: 3.86 m"),
+        ("azure_kinect_nfov", "resolution: [640, 576] pixels"),
+        ("azure_kinect_nfov", "rate_hz: 30"),
+        ("realsense_d435", "stereo: baseline: 0.05 m, disparity_std: 0.08 pixels, disparity_step: 0.03125 pixels, "),
+    ],
+)
+def test_figures_have_the_units_that_their_keys_do_not_name(name: str, line: str) -> None:
+    assert any(shown.startswith(line) for shown in call("presets", name)[1].splitlines())
+
+
 def test_the_card_is_drawn(tmp_path: Path) -> None:
     code, _ = call("presets", "livox_mid40", "--picture", str(tmp_path / "card.png"))
     assert code == 0
@@ -65,7 +78,7 @@ def test_a_users_preset_has_a_card(tmp_path: Path) -> None:
     for line in (
         "own: mine",
         "type: lidar",
-        "max_range: 30 (assumed)",
+        "max_range: 30 m (assumed)",
         "rate_hz: 20",
         "returns: 1",
         "source: measured",

@@ -27,18 +27,21 @@ def ready_rig(
 ) -> Rig:
     """The rig of a file with its kernels compiled by one cast in the state of `data`."""
     quiet_warp()
-    with word_if_compiling(console), _warnings_as_words(console), compiling():
+    with word_if_compiling(console), warnings_as_words(console, set()), compiling():
         rig = config.build(model, device, seed)
         rig.sense(data)
     return rig
 
 
 @contextmanager
-def _warnings_as_words(console: Console) -> Iterator[None]:
+def warnings_as_words(console: Console, told: set[str]) -> Iterator[None]:
+    """Print the warnings of the body at its end, without their place in the code, unless they are in `told` by then."""
     with warnings.catch_warnings(record=True, action="always", category=UserWarning) as caught:
         yield
-    for warning in caught:
-        say(console, str(warning.message))
+    for words in dict.fromkeys(str(warning.message) for warning in caught):
+        if words not in told:
+            told.add(words)
+            say(console, words)
 
 
 @contextmanager

@@ -61,6 +61,15 @@ def test_a_shard_without_its_entry_is_told(folder: Path) -> None:
     assert "has no entry.json" not in call("--device", "cpu")[1]
 
 
+def test_a_sensor_that_sees_only_its_own_body_is_told_once(folder: Path) -> None:
+    edited(folder / "rig.yaml", "pos: [0, 0, 0.5]", "pos: [0, 0, 0.2]")
+    code, output = call("--device", "cpu")
+    assert code == 0
+    assert output.count("sensor 'top' is within geom") == 1, "two scenes of two episodes"
+    assert output.index("sensor 'top' is within geom") < output.index("simulated")
+    assert "UserWarning" not in output
+
+
 def test_an_episode_that_fails_is_told_with_its_reason(folder: Path) -> None:
     edited(folder / "set.yaml", "seed: 3", "seed: 3\noutput: {fields: {top: [range]}}")
     edited(folder / "room.xml", 'damping="1"', 'stiffness="-1e9" springref="1"')

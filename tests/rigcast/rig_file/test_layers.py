@@ -101,8 +101,10 @@ def test_a_prop_is_found_beside_the_file_that_names_it(folder: Path) -> None:
     vertices = "".join(f"v {x}\n" for x in ("0 0 0", "1 0 0", "0 1 0"))
     (folder / "base" / "tile.obj").write_text(vertices + "f 1 2 3\n")
     write(folder / "base", BASE + "props: [{name: tile, file: tile.obj}]\n", "props.yaml")
-    config, _ = open_rig(write(folder, "extends: base/props.yaml\nprops: [{name: tile, scale: 2}]\n"))
+    more = "props: [{name: tile, scale: 2}]\nsurfaces: [{prop: tile, mirror: 0.5}]\n"
+    config, _ = open_rig(write(folder, f"extends: base/props.yaml\n{more}"))
     assert (config.props[0].file, config.props[0].scale) == (folder / "base" / "tile.obj", 2.0)
+    assert (config.surfaces[0].prop, config.surfaces[0].mirror) == ("tile", 0.5)
 
 
 def test_a_sensor_is_repeated_for_each_row(folder: Path) -> None:
@@ -214,6 +216,7 @@ FAULTS = [
         r"'top' is the name of sensors.\d. already",
     ),
     ("extends: base/base.yaml\nsensors: §3\n", "sensors: must be a list"),
+    ("extends: base/base.yaml\nsurfaces: [{prop: §tile, mirror: 0.5}]\n", r"surfaces\[0\].prop: no prop 'tile'"),
     ("extends: base/base.yaml\nsensors: [§{type: lidar}]\n", r"sensors\[0\].(name|mount): required"),
     (TOF.replace("[0, 0, $yaw]", "[0, 0, §$yav]"), "no .yav in repeat, expected one of side, yaw, .*'yaw'"),
     (TOF.replace("name: tof_$side", "name: §tof_$"), "a . must be followed by a name of repeat"),
@@ -256,10 +259,13 @@ def test_faults_of_several_files_are_told_at_once(folder: Path) -> None:
     assert places == [(str(path), "2:1"), (base, "8:5"), (base, "8:73"), ("--set", "1:10")]
 
 
-def test_a_bomb_of_repeats_does_not_go_off(folder: Path) -> None:
-    rows = ", ".join(["0"] * 5000)
-    body = ", ".join(["1"] * 5000)
-    text = f"sensors:\n  - {{repeat: {{k: [{rows}]}}, name: a$k, type: lidar, elevation_deg: [{body}]}}\n"
+@pytest.mark.parametrize(
+    ("rows", "body"),
+    [(["0"] * 5000, ["1"] * 5000), ([f"[{', '.join(['1'] * 100)}]"] * 10, ["$k"] * 200)],
+    ids=["of the sensor's own values", "of a row's"],
+)
+def test_a_bomb_of_repeats_does_not_go_off(folder: Path, rows: list[str], body: list[str]) -> None:
+    text = f"sensors:\n  - {{repeat: {{k: [{', '.join(rows)}]}}, name: a, elevation_deg: [{', '.join(body)}]}}\n"
     assert "repeat: stands for more than 100000 values" in error_of(write(folder, text))
 
 

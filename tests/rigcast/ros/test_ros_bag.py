@@ -68,12 +68,12 @@ class Recording:
         data.qvel[:] = [0.5, 0.2, 0.0, 0.3, -0.2, 2.0, 1.5]
         rig = rigcast.Rig(model, SENSORS, device="cpu")
         self.frames: list[Any] = []
-        self.bodies: dict[float, Any] = {}
         with rigcast.Recorder(folder, model, SENSORS, [storage], classes={"cart": ["cart"]}) as recorder:
             recorder.step(data, ())
             for step in range(STEPS):
                 mujoco.mj_step(model, data)
                 data.mocap_pos[0] = [2, 1 - 0.01 * step, 1]
+                data.mocap_quat[0] = [0.6, 0, 0, 0.8]
                 frames = rig.step(data)
                 recorder.step(data, frames)
                 self.frames += frames
@@ -155,6 +155,14 @@ def test_bodies_that_never_move_are_static_and_the_others_are_not(recording: Rec
         ("map", "cctv_optical_frame"),
         ("map", "feet_frame"),
     }
+
+
+def test_a_mocap_body_is_turned_as_its_data_say(recording: Recording) -> None:
+    turned = [
+        t.transform for read in recording.on("/tf") for t in read.message.transforms if t.child_frame_id == "person"
+    ]
+    expected = [[-0.28, -0.96, 0.0], [0.96, -0.28, 0.0], [0.0, 0.0, 1.0]]
+    np.testing.assert_allclose(matrix(turned[-1])[:3, :3], expected, atol=1e-12)
 
 
 def test_the_clock_goes_forward_at_its_rate_and_at_every_frame(recording: Recording) -> None:

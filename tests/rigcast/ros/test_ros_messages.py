@@ -4,6 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import made_frames
+import mujoco
 import numpy as np
 import pytest
 from made_frames import make_frame, random_range
@@ -47,8 +48,34 @@ def lidar_frame(intensity: bool, seed: int = 3) -> Any:
     """Fired column by column within 0.1 s; the rays of a column at once."""
     rng, shape = np.random.default_rng(seed), (3, 8)
     stamp = START + np.broadcast_to(np.linspace(0, 0.0875, 8), shape)
-    given = {"intensity": rng.uniform(0, 1.2, shape).astype(np.float32)} if intensity else {}
+    given = {"intensity": rng.uniform(0, 3, shape).astype(np.float32)} if intensity else {}
     return make_frame(LidarFrame, random_range(shape, seed), sensor="top", time=START, stamp=stamp, **given)
+
+
+@pytest.mark.parametrize(
+    ("times", "expected"),
+    [
+        ([0.0, 0.004, 0.008, 0.012, 0.02, 0.022], [0.0, 0.012, 0.022]),
+        ([0.01 * k for k in range(30)], [0.01 * k for k in range(30)]),
+        ([1.0, 0.995, 0.999, 1.007], [1.0, 0.995, 1.007]),  # it goes back
+    ],
+)
+def test_the_clock_is_told_once_per_period(times: list[float], expected: list[float]) -> None:
+    stream = MessageStream(MODEL, [LIDAR], IdTable.of(MODEL), Export(transform_rate_hz=100))
+    data = mujoco.MjData(MODEL)
+    told = []
+    for data.time in times:
+        told += [message.time for message in stream.step(data, []) if message.topic == "/clock"]
+    assert told == expected
+
+
+def test_a_frame_is_sent_when_it_arrives_and_stamped_with_its_own_time() -> None:
+    stream = MessageStream(MODEL, [LIDAR], IdTable.of(MODEL), Export())
+    data = mujoco.MjData(MODEL)
+    data.time = START + 0.5
+    *_, points = messages_of_step = stream.step(data, [lidar_frame(False)])
+    assert {message.time for message in messages_of_step} == {data.time}
+    assert seconds(decode("sensor_msgs/msg/PointCloud2", points.data).header.stamp) == START
 
 
 DENSE = {
@@ -92,7 +119,7 @@ def test_makers_clouds_hold_the_hits_in_the_order_of_firing(layout: str, intensi
     ring, stamp = frame.ring.numpy().T[order], frame.stamp.numpy().T[order]
     np.testing.assert_array_equal(read["line" if layout == "livox" else "ring"], ring)
     white = 150 if layout == "livox" else 100
-    expected = white * frame.intensity.numpy().T[order] if intensity else np.zeros(len(read))
+    expected = np.minimum(white * frame.intensity.numpy().T[order], 255) if intensity else np.zeros(len(read))
     np.testing.assert_array_equal(read["intensity"], expected)
     if layout == "velodyne":
         np.testing.assert_allclose(read["time"], stamp - START, atol=2e-9)
@@ -114,8 +141,9 @@ def test_an_ouster_cloud_has_every_ray_in_its_place() -> None:
     np.testing.assert_array_equal(read["range"], expected)
     np.testing.assert_allclose(read["t"], 1e9 * (frame.stamp.numpy() - START), atol=1)
     np.testing.assert_array_equal(read["ring"], frame.ring.numpy())
-    np.testing.assert_array_equal(read["intensity"], 100 * frame.intensity.numpy())
-    np.testing.assert_array_equal(read["reflectivity"], np.rint(100 * frame.intensity.numpy()))
+    intensity = np.minimum(100 * frame.intensity.numpy(), 255)
+    np.testing.assert_array_equal(read["intensity"], intensity)
+    np.testing.assert_array_equal(read["reflectivity"], np.rint(intensity))
 
 
 @pytest.mark.parametrize("kind", ["lidar", "height_scan"])

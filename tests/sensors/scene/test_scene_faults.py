@@ -39,6 +39,7 @@ def edited(geom: str, field: str, index: Any, value: Any) -> mujoco.MjModel:
 
 MESH, HILL = 'type="mesh" mesh="cube"', 'type="hfield" hfield="hill"'
 ANY: Any = None
+MANY: Any = [DATA]
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "no model": (lambda: Scene(ANY), "Scene: model: got NoneType, expected MjModel"),
     "data for a model": (lambda: Scene(DATA), "Scene: model: got MjData, expected MjModel"),
@@ -77,6 +78,10 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "None among names": (lambda: rig().sense(DATA, [ANY]), "name of a sensor: got NoneType, expected str"),
     "nothing to sense": (lambda: rig().sense(ANY), "Rig: data: got NoneType, expected MjData"),
     "nothing to step": (lambda: list(rig().step(ANY)), "Rig: data: got NoneType, expected MjData"),
+    "worlds to step": (
+        lambda: rig().step(MANY),
+        r"Rig.step: data: got many worlds \(list\), expected one MjData; sense reads many worlds",
+    ),
     "a clock of NaN": (lambda: Schedule(10, 0.01).due(NAN), "data.time: got nan s, expected a finite time"),
     "a clock of inf": (lambda: Schedule(None, 0.01).due(INF), "data.time: got inf s, expected a finite time"),
 }

@@ -35,6 +35,7 @@ from rigcast.sensors.errors import InputError
             "set.yaml:9:32",
             "no field 'dept' of a lidar, expected one",
         ),
+        ("seed: 3", "output: {fields: {top: [class_id]}}", "set.yaml:9:25", "did you mean 'geom_id'?"),
         ("sign: {pos", "sing: {pos", "set.yaml:7:64", "can be moved in the scene 'room', expected one of table, sign"),
         ("sign: {pos", "world: {pos", "set.yaml:7:64", "no body 'world' that can be moved"),
         ("count: 2", "count: 0", "set.yaml:5:19", "must be greater than or equal to 1"),

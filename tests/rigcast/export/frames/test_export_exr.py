@@ -115,6 +115,7 @@ def test_several_cameras_are_parts_of_one_file_each_with_its_own_size_and_header
     assert [part.name() for part in parts] == ["left", "right"]
     for part, frame in zip(parts, frames, strict=True):
         assert part.header["sensor"] == frame.sensor
+        assert np.array(part.header["displayWindow"]).tolist() == [[0, 0], [5, 4]], "of the largest width and height"
         assert part.header["time"].tolist() == [frame.time]
         np.testing.assert_array_equal(bits(part.channels["range"].pixels), bits(frame.range.numpy()), frame.sensor)
 

@@ -166,6 +166,16 @@ def test_nuscenes_and_its_labels_come_back(tmp_path: Path, frame: Any) -> None:
     expect(np.fromfile(tmp_path / "a_lidarseg.bin", "u1"), IDS.geom_class[points["geom_id"]], "class")
 
 
+def test_what_is_too_bright_for_a_format_has_its_most(tmp_path: Path) -> None:
+    frame = make_frame(LidarFrame, np.ones((1, 3), np.float32), intensity=np.full((1, 3), 1e4, np.float32))
+    write_kitti(tmp_path / "a.bin", frame)
+    write_nuscenes(tmp_path / "a.pcd.bin", frame)
+    write_las(tmp_path / "a.las", frame, IDS, compress=False)
+    assert np.fromfile(tmp_path / "a.bin", "<f4")[3::4].tolist() == [1] * 3
+    assert np.fromfile(tmp_path / "a.pcd.bin", "<f4")[3::5].tolist() == [255] * 3
+    assert np.asarray(laspy.read(tmp_path / "a.las").intensity).tolist() == [65535] * 3
+
+
 def test_ply_takes_the_fields_that_only_some_frames_have(tmp_path: Path) -> None:
     frame = rich_frame(LidarFrame)
     write_ply(tmp_path / "a.ply", frame)

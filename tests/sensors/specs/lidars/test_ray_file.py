@@ -56,6 +56,11 @@ def test_npy_is_the_same(tmp_path: Path, kind: type) -> None:
     np.testing.assert_array_equal(found.ring, [3, 2, 3])
 
 
+def test_rays_may_point_straight_up_and_down(tmp_path: Path) -> None:
+    found = pattern(write(tmp_path, "0,0,90\n1,0,-90\n"))
+    np.testing.assert_allclose(found.directions, [[0, 0, 1], [0, 0, -1]], atol=1e-15)
+
+
 # rows at 100 Hz: how many, rate of the readings -> readings in the file, rays in each
 @pytest.mark.parametrize(
     ("rows", "rate_hz", "readings", "rays"),
