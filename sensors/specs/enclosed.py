@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from rigcast.sensors.meshes import mesh_of_model
@@ -83,6 +82,10 @@ def _is_on_surface(corners: NDArray[np.float64], point: NDArray[np.float64]) -> 
     """Whether one of the faces (n, 3, 3) is within the margin of a point."""
     low, high = corners.min(1) - _MARGIN, corners.max(1) + _MARGIN
     near = corners[((low <= point) & (point <= high)).all(1)]
+    if not len(near):
+        return False
+    import trimesh  # imported here, because few sensors are so close to a mesh
+
     nearest = trimesh.triangles.closest_point(near, np.broadcast_to(point, (len(near), 3)))
     return bool((np.linalg.norm(nearest - point, axis=1) <= _MARGIN).any())
 

@@ -34,7 +34,7 @@ def test_modules_are_loaded_by_one_thread_at_a_time(how: Any, monkeypatch: pytes
     monkeypatch.setattr(wp, "launch", slow_launch)
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(lambda _: how(depth_along_z, 1, [0, 4, rays, distance], [depth], "cpu"), range(4)))
-    assert most == [1] * 4
+    assert set(most) == {1}, most  # a thread that is late finds the kernel loaded
 
 
 def test_a_launch_of_nothing_loads_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

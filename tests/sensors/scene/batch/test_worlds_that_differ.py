@@ -109,6 +109,7 @@ FILTERS = [
 ]
 
 
+@pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 def test_filters_may_differ(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
     chosen = {"lidar": FILTERS, "stereo": FILTERS[::-1], "weather": tuple(FILTERS)}
     for visible in (None, np.random.default_rng(3).random((COUNT, robot.ngeom)) < 0.7):
