@@ -30,9 +30,9 @@ class Lidar(SensorSpec):
     shape (beams, columns). Azimuth 0 is +x, counter-clockwise. Column k of n is at 360 k / n deg, or in a sector at
     from + (to - from) k / (n - 1), so that both ends are measured; a single column is at from. In a sector of 360 deg
     both ends are one direction, which is measured once: column k is at from + 360 k / n deg. `clockwise` reverses the
-    order: column k is at -360 k / n deg, or a sector begins at its other end. With `column_period_us` p
-    instead of `columns`, column k is at 360 k p rate_hz deg, and there are as many columns as fit into a turn. Readings
-    of the other patterns have shape (rays,).
+    order: column k is at -360 k / n deg, or a sector of several columns begins at its other end. With
+    `column_period_us` p instead of `columns`, column k is at 360 k p rate_hz deg, and there are as many columns as fit
+    into a turn. Readings of the other patterns have shape (rays,).
 
     Times: with `rate_hz` the head turns at that rate. Column k of n fires k / (n rate_hz) s after the first (in a
     sector, when the head gets there), and row i `firing_time_us[i]` later, when the head has turned further.
