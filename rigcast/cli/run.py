@@ -1,6 +1,5 @@
 """`rigcast run`: step the simulation, write every due frame, summarise what was written."""
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
@@ -26,6 +25,7 @@ from rigcast.recording.recorder import Recorder
 from rigcast.rig_file import open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
+from rigcast.sensors.rig.timing.schedule import Schedule
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 DURATION = 3.0
@@ -151,7 +151,7 @@ def _no_frame(spec: SensorSpec, model: mujoco.MjModel, started: float) -> str:
     """Why a run had no frame of a sensor: it ended before the first one's last ray, or the sensor lost all."""
     if spec.rate_hz is None:
         return "(no frame)"
-    due = spec.phase + (math.floor((started - spec.phase) * spec.rate_hz + 1e-6) + 1) / spec.rate_hz
+    due = Schedule(spec.rate_hz, model.opt.timestep, phase=spec.phase).after(started)
     fired = spec.pattern(model).duration if spec.moves else 0.0
     return f"(no frame: the first is complete after {due - started + fired + spec.latency:.4g} s)"
 

@@ -48,9 +48,8 @@ def _prepare(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
     launches = []
     for k, each in enumerate(casts):
         inputs = [k, each.geometry, each.job, each.which, each.count, held, shares, taken]
-        launches.append(
-            recorded(hold, 1, inputs, [], device, BLOCK)
-        )  # BLOCK, as Warp compiles the module for one block size
+        # in blocks of BLOCK threads, as Warp compiles the module for one block size
+        launches.append(recorded(hold, 1, inputs, [], device, BLOCK))
     first = casts[0]
     kernel, inputs = cast_rays, [first.geometry, held, first.job, first.which, first.count, taken]
     if len(casts) > 1:

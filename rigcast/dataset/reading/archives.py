@@ -78,7 +78,7 @@ class _ZarrArchive:
         return sorted([*group.array_keys(), *(name for name in group.attrs if name not in ("type", "spec"))])
 
 
-class Shard:
+class StoredShard:
     """The files of an episode: its entry in the manifest, its arrays, and the meaning of its ids.
 
     Raises InputError for a damaged file or a missing library; OSError as the store does.

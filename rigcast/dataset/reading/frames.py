@@ -19,7 +19,7 @@ from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.names import expected_one_of
 
-from .archives import Shard
+from .archives import StoredShard
 
 if TYPE_CHECKING:
     from .in_torch import TorchFrames
@@ -47,7 +47,7 @@ class StoredFrame(Mapping[str, NDArray[Any]]):
     `names["class_name"]`, 0 for none and for a miss.
     """
 
-    def __init__(self, place: _Place, shard: Shard) -> None:
+    def __init__(self, place: _Place, shard: StoredShard) -> None:
         self.sensor, self.time = place.sensor, place.time
         self.scene: str = shard.entry["scene"]
         self.episode: int = shard.entry["episode"]
@@ -95,7 +95,7 @@ class Dataset(Sequence[StoredFrame]):
         self.manifest, self._store = manifest, store
         self._entries: list[dict[str, Any]] = manifest["shards"]
         self._places = [place for k, entry in enumerate(self._entries) for place in _places(k, entry)]
-        self._open: tuple[int, int, Shard] | None = None
+        self._open: tuple[int, int, StoredShard] | None = None
 
     def __repr__(self) -> str:
         frames = Counter(place.sensor for place in self._places)
@@ -164,10 +164,10 @@ class Dataset(Sequence[StoredFrame]):
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_open": None}
 
-    def _shard(self, number: int) -> Shard:
+    def _shard(self, number: int) -> StoredShard:
         """A shard, kept open until another one is accessed; a forked process opens it anew."""
         if self._open is None or self._open[:2] != (os.getpid(), number):
-            self._open = (os.getpid(), number, Shard(self._store, self._entries[number]))
+            self._open = (os.getpid(), number, StoredShard(self._store, self._entries[number]))
         return self._open[2]
 
     def _require_known(self, kind: str, names: Collection[str], known: list[str]) -> None:

@@ -72,6 +72,13 @@ class Schedule:
             )
         return [self._time(k) for k in range(first, last + 1) if not self._lost(k)]
 
+    def after(self, time: float) -> float:
+        """The first due time [s] that the clock has not reached at `time` [s], perhaps of a reading that is lost.
+
+        For a schedule with a rate.
+        """
+        return self._time(self._count(time) + 1)
+
     def _count(self, time: float) -> int:
         """The last k whose due time the clock has reached at `time`."""
         assert self._rate_hz is not None

@@ -54,6 +54,14 @@ def test_the_first_call_looks_back_one_timestep(rate_hz: float | None, time: flo
     assert Schedule(rate_hz, 0.02).due(time) == due
 
 
+@pytest.mark.parametrize(
+    ("phase", "time", "due"),
+    [(0.0, 0.0, 0.1), (0.0, 0.05, 0.1), (0.0, 0.3 - 1e-9, 0.4), (0.04, 0.0, 0.04), (0.04, 0.04, 0.14)],
+)
+def test_the_next_due_time_is_after_what_the_clock_has_reached(phase: float, time: float, due: float) -> None:
+    assert Schedule(10.0, 0.02, phase=phase).after(time) == pytest.approx(due)
+
+
 @pytest.mark.parametrize("rate_hz", [50.0, 17.0, 3000.0, None])
 def test_the_same_time_twice_gives_nothing_the_second_time(rate_hz: float | None) -> None:
     schedule = Schedule(rate_hz, 0.002)
