@@ -185,12 +185,12 @@ def test_a_height_scan_is_aligned_as_it_says(seed: int) -> None:
     mujoco.mju_mat2Quat(data.qpos[3:], attitude.ravel())
     mujoco.mj_kinematics(model, data)
     heading = np.rad2deg(np.arctan2(attitude[1, 0], attitude[0, 0]))
-    expected = {"base": attitude, "yaw": Mount(euler_deg=(0, 0, heading)).offset[:3, :3], "world": np.eye(3)}
-    rotations: list[tuple[Alignment, NDArray[np.float64]]] = [*expected.items()]
+    level = Mount(euler_deg=(0, 0, heading)).offset[:3, :3]
+    rotations: dict[Alignment, NDArray[np.float64]] = {"base": attitude, "yaw": level, "world": np.eye(3)}
     grid: dict[str, Any] = {"mount": Mount(body="robot"), "size": (2, 1), "spacing": 0.25}
-    rig = Rig(model, [HeightScan(name=alignment, alignment=alignment, **grid) for alignment, _ in rotations])
+    rig = Rig(model, [HeightScan(name=alignment, alignment=alignment, **grid) for alignment in rotations])
     frames = rig.sense(data)
-    for alignment, rotation in rotations:
+    for alignment, rotation in rotations.items():
         frame, spec = frames[alignment], next(spec for spec in rig.sensors if spec.name == alignment)
         np.testing.assert_allclose(frame.pose[:3, :3], rotation, atol=1e-12, err_msg=f"{alignment}, seed {seed}")
         local = spec.pattern(model).origins
