@@ -449,7 +449,18 @@ def test_schema_knows_the_keys_and_explains_them() -> None:
     definitions = document["$defs"]
     assert set(document["properties"]) == set(RigFile.model_fields)
     of_all = {"Mount", "Filter", "Prop", "Surface", "Export"}
-    of_lidars = {"Lidar", "Rosette", "Wedge", "Nodding", "RayFile", "Noise", "Detection", "Beam", "Weather"}
+    of_lidars = {
+        "Lidar",
+        "Rosette",
+        "Wedge",
+        "Nodding",
+        "RayArrays",
+        "RayFile",
+        "Noise",
+        "Detection",
+        "Beam",
+        "Weather",
+    }
     of_cameras = {"DepthCamera", "BrownConrady", "KannalaBrandt", "Stereo", "TimeOfFlight"}
     assert set(definitions) == of_all | of_lidars | of_cameras | {"HeightScan"}
     for name, definition in {"RigFile": document, **definitions}.items():
