@@ -128,7 +128,7 @@ def test_what_stands_still_is_placed_once_and_hit_bit_for_bit_as_if_it_moved(pac
 
 @pytest.mark.parametrize("angle", [0.1, 1.0, 3.1])
 def test_no_hit_is_lost_however_far_shapes_turn(angle: float) -> None:
-    """Long and thin shapes, off their own origins, seen from close by; boxes of the ends alone would lose many."""
+    """Long and thin shapes off their own origins; boxes around both ends, without the bulge, would lose many hits."""
     rng = np.random.default_rng(0)
     plan = Plan()
     for _ in range(12):
@@ -166,7 +166,7 @@ def test_unbounded_planes_are_hit_while_they_slide(packets: bool) -> None:
 
 
 def test_an_unbounded_plane_that_is_turned_over_is_hit_on_the_way() -> None:
-    """It lies in the same thin box before and after, and stands upright halfway, its front to either side."""
+    """It has the same thin box before and after, and stands upright halfway."""
     plan = Plan()
     plan.add(PLANE, (0, 0, 0))
     world = World(plan.trees, plan.shapes, "cpu")
