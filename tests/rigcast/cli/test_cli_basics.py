@@ -1,4 +1,4 @@
-"""The shell gets tables, or one message and exit code 2, never a traceback."""
+"""Commands print tables, or one message with exit code 2, never a traceback."""
 
 import errno
 import io
@@ -204,7 +204,7 @@ def test_a_run_whose_words_nobody_reads_is_recorded_whole(rig: Path) -> None:
     os.close(read)
     out = rig.parent / "out"
     try:
-        outside = "sensors.top.mount.pos=[0, 0, 9]"  # of the torso, of which there would be a word before
+        outside = "sensors.top.mount.pos=[0, 0, 9]"  # outside the torso, about which a warning would be printed before
         code, _ = run_main("run", str(rig), "--device", "cpu", "--out", str(out), "--set", outside, stdout=write)
     finally:
         os.close(write)
@@ -248,7 +248,7 @@ def test_letters_that_the_terminal_does_not_have_are_escaped(rig: Path) -> None:
 
 
 def test_no_file_takes_the_number_of_a_closed_stream() -> None:
-    """What libraries print would get into it."""
+    """Else the output of libraries would be written to that file."""
     opens = "import os; from rigcast.cli.common.streams import prepare_streams; prepare_streams()"
     opens += "; os._exit(os.open(os.devnull, os.O_WRONLY))"
     command = ["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", sys.executable, "-c", opens]
@@ -279,6 +279,7 @@ def test_no_file_takes_the_number_of_a_closed_stream() -> None:
         (["dataset", "own.yaml"], "own.yaml:1:1: a preset, expected a data set; `rigcast presets own.yaml` shows it"),
         (["presets", "rig.yaml"], "rig.yaml:1:1: a rig, expected a preset; `rigcast validate rig.yaml` shows it"),
         (["presets", "set.yaml"], "set.yaml:1:1: a data set, expected a preset; `rigcast dataset set.yaml` makes it"),
+        (["presets", "half.yaml"], "preset 'half.yaml': elevation_deg: required where no preset gives it"),
         (["init", "rig.yaml"], "rig.yaml: a YAML file, expected a MuJoCo model: MJCF, URDF or MJB"),
         (["presets", "VLP-16"], "did you mean 'velodyne_vlp16'?"),
         (["presets", "Mid-360"], "did you mean 'livox_mid360'?"),
@@ -289,6 +290,7 @@ def test_what_newcomers_mistype_is_put_right(
 ) -> None:
     monkeypatch.chdir(rig.parent)
     Path("own.yaml").write_text("type: lidar\ndescription: our own\nsource: measured\n")
+    Path("half.yaml").write_text("type: lidar\ndescription: our own\nsource: measured\nsensor: {columns: 4}\n")
     Path("set.yaml").write_text("rig: rig.yaml\nscenes: [{name: a, file: robot.xml}]\n")
     code, output = call(*arguments)
     assert code == 2
@@ -382,7 +384,7 @@ def test_kernels_that_cannot_be_written_are_told_with_their_folder(
 def test_damaged_kernels_are_told_with_their_folder(
     rig: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
-    """What Warp raises for a file of its cache that is cut off."""
+    """Errors that Warp raises for a truncated file of its cache."""
 
     folder, wp.config.kernel_cache_dir = wp.config.kernel_cache_dir, None
 

@@ -1,4 +1,4 @@
-"""A recording that is long, interrupted, killed, or out of disk."""
+"""Recordings that are long, interrupted, killed, or out of disk space."""
 
 import gc
 import json
@@ -144,6 +144,33 @@ def test_a_recorder_finishes_once_and_takes_no_frame_after_that(tmp_path: Path) 
     assert sorted(path.name for path in (tmp_path / "top").iterdir()) == ["000000.npz", "preview.png"]
 
 
+def test_a_frame_that_fails_in_one_format_is_saved_in_none(tmp_path: Path) -> None:
+    data = mujoco.MjData(made_frames.model())
+    with Recorder(tmp_path, made_frames.model(), [CAMERA], ["ply", "exr_multipart"]) as recorder:
+        recorder.step(data, frames_at(0.1)[1:])
+        (tmp_path / "cameras" / "000002.exr").mkdir()
+        with pytest.raises(
+            rigcast.InputError, match=r"000002\.exr: cannot be written: .*; 1 frames from before are in"
+        ):
+            recorder.step(data, [frames_at(0.2)[1], frames_at(0.3)[1]])
+    assert indexed(tmp_path) == [("eye", 0)]
+    files = [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("0*") if path.is_file()]
+    assert sorted(files) == ["cameras/000000.exr", "eye/000000.ply"]
+
+
+def test_a_recording_that_cannot_be_completed_is_told_when_all_else_is_saved(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, made_frames.model(), [LIDAR], ["npz", "mcap", "zarr"])
+    recorder.step(mujoco.MjData(made_frames.model()), frames_at(0.1)[:1])
+    (tmp_path / "rosbag2_mcap" / "another").mkdir(parents=True)
+    message = "unfinished/rosbag2_mcap: cannot be completed: Directory not empty; 1 frames from before are in"
+    with pytest.raises(rigcast.InputError, match=message):
+        recorder.finish()
+    assert indexed(tmp_path) == [("top", 0)]
+    assert rows_in(tmp_path / "frames.zarr") == 1
+    assert (tmp_path / "top" / "preview.png").exists()
+    assert clouds_in(tmp_path / "unfinished" / "rosbag2_mcap") == 1
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -197,7 +224,7 @@ def test_a_library_that_is_missing_is_named_with_what_brings_it(
 @pytest.mark.usefixtures("no_older_objects")
 @pytest.mark.parametrize("name", ALL)
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path, name: str) -> None:
-    """A frame takes 4 kB here. What stays, 235 bytes of each, is an MCAP's index, which is written at its end."""
+    """A frame takes 4 kB here. What stays in memory is an MCAP's index, 235 bytes per frame, written at its end."""
     rig = [CAMERA] if FORMATS[name].images_only else [LIDAR]
     data = mujoco.MjData(made_frames.model())
     recorder = Recorder(tmp_path, made_frames.model(), rig, [name])
@@ -266,7 +293,7 @@ def test_a_run_that_is_killed_leaves_every_finished_frame_readable(tmp_path: Pat
 
 @pytest.fixture
 def ctrl_c_interrupts() -> Iterator[None]:
-    """Also in a process that was started in the background, where Ctrl-C is ignored."""
+    """Make Ctrl-C interrupt, also in a process that was started in the background, which ignores it."""
     usual = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, usual)
@@ -344,7 +371,7 @@ trap 'status=$?; cp -r disk/out kept; umount disk; exit $status' EXIT
 
 
 def test_a_really_full_disk_leaves_complete_files(tmp_path: Path) -> None:
-    """A run on a file system of 40 MB, mounted where the kernel lets this user do so."""
+    """A run on a file system of 40 MB; skipped where the user may not mount one."""
     (tmp_path / "room.xml").write_text(made_frames.MODEL_XML)
     (tmp_path / "rig.yaml").write_text(
         "model: room.xml\n"

@@ -38,7 +38,7 @@ SENSORS = st.builds(
 
 
 def mutated(originals: Sequence[bytes]) -> st.SearchStrategy[bytes]:
-    """One of the texts, with pieces put in place of some of its bytes."""
+    """One of the texts with some of its bytes replaced."""
     return st.builds(_edit, st.sampled_from(originals), EDITS)
 
 
@@ -50,6 +50,6 @@ def _edit(text: bytes, edits: list[tuple[float, int, bytes]]) -> bytes:
 
 
 def as_yaml(content: Any) -> bytes:
-    """Flow style, which JSON is but for the numbers that it does not have."""
+    """The content as YAML in flow style: JSON, with YAML's forms of infinity and NaN."""
     text = json.dumps(content).replace("-Infinity", "-.inf").replace("Infinity", ".inf").replace("NaN", ".nan")
     return text.encode()

@@ -1,4 +1,4 @@
-"""The numbers that each key takes, as the schema has them; a key without a line here takes any finite number."""
+"""Limits of the numeric keys, as in the schema; a key that is not listed here takes any finite number."""
 
 from typing import Any
 
