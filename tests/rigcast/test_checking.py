@@ -188,6 +188,34 @@ def test_the_command_names_wrong_rays_and_exits_with_1(rig_file: Path, monkeypat
         assert word in result.output
 
 
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ((np.inf, -1), "no hit"),
+        ((np.inf, 2), "no distance, geom 2 'post', normal ["),
+        ((1.5, -1), "1.5 m, id -1, normal ["),
+        ((1.5, 0), "1.5 m, geom 0 'floor', normal ["),
+    ],
+)
+def test_the_command_says_what_was_got_in_place_of_a_hit(
+    rig_file: Path, monkeypatch: pytest.MonkeyPatch, answer: tuple[float, int], words: str
+) -> None:
+    class Same(Rig):
+        """Has the same answer for every ray."""
+
+        def cast(self, *given: Any, **how: Any) -> Any:
+            found = super().cast(*given, **how)
+            for hits in found.values():
+                hits.distance.fill_(answer[0])
+                hits.geom_id.fill_(answer[1])
+            return found
+
+    monkeypatch.setattr("rigcast.sensors.rig.rig.Rig", Same)
+    result = invoke(str(rig_file), "--rays", "10")
+    assert result.exit_code == 1, result.output
+    assert f"  got      {words}" in result.output
+
+
 def test_pixels_that_a_fisheye_leaves_dark_are_not_judged() -> None:
     model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size="2"/></worldbody></mujoco>')
     optics: dict[str, Any] = {"resolution": (80, 80), "fx": 10.0, "fy": 10.0, "cx": 40.0, "cy": 40.0}

@@ -81,6 +81,12 @@ def test_recorded_positions_are_played_back_for_as_long_as_they_last() -> None:
     assert positions() == pytest.approx(expected)
 
 
+def test_a_slow_motion_is_played_back_slowly() -> None:
+    code, output = run("--motion", "motion.npy", "--motion-rate", "0.5", "--duration", "0.04")
+    assert code == 0, output
+    assert positions() == pytest.approx({0.02: 0.01, 0.04: 0.02})
+
+
 def test_after_ctrl_c_the_frames_from_before_are_told() -> None:
     code, output = run("--controller", "pushing:interrupting", "--duration", "1")
     assert (code, output.splitlines()[-2:]) == (130, ["2 frames from before Ctrl-C are in o", "interrupted"])
@@ -102,6 +108,7 @@ def test_a_controller_drives_the_robot_by_the_seed(seed: tuple[str, ...], force:
         (("--motion", "motion.npy"), "--motion and --motion-rate: expected both"),
         (("--motion-rate", "20"), "--motion and --motion-rate: expected both"),
         (("--motion", "motion.npy", "--motion-rate", "0"), "--motion-rate: got 0, expected a positive number"),
+        (("--motion", "motion.npy", "--motion-rate", "inf"), "--motion-rate: got inf, expected a positive number"),
         (("--motion", "other.npy", "--motion-rate", "9"), "other.npy: got rows of 2 numbers, expected nq = 1"),
         (("--motion", "absent.npy", "--motion-rate", "9"), "absent.npy: not an NPY file"),
         (

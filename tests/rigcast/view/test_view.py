@@ -248,6 +248,20 @@ def test_a_rig_is_shown_as_a_recorded_motion_moves_it(folder: Path, tmp_path: Pa
     assert [shot["origin"][0] for shot in shots if shot["sensor"] == "top"] == pytest.approx([1.0, 1.0])
 
 
+@pytest.mark.parametrize(("seed", "speed"), [((), 3.0), (("--seed", "5"), 5.0)])
+def test_a_rig_is_shown_as_a_controller_moves_it_by_the_seed_for_as_long_as_asked(
+    folder: Path, tmp_path: Path, seed: tuple[str, ...], speed: float
+) -> None:
+    (folder / "driving.py").write_text(
+        "def drive(model, seed):\n    def control(data):\n        data.qvel[:] = seed\n    return control\n"
+    )
+    every = ("--set", "seed=3", "--set", "sensors.top.rate_hz=null", "--controller", "driving:drive", *seed)
+    code, output = call("view", folder / "cart.yaml", "--duration", "0.03", *every, "--save", tmp_path / "page.html")
+    assert code == 0, output
+    shots = data_of(tmp_path / "page.html")["shots"]
+    assert [shot["origin"][0] for shot in shots] == pytest.approx([0.01 * speed, 0.02 * speed, 0.03 * speed])
+
+
 def test_without_rerun_a_page_is_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     monkeypatch.setattr("rigcast.cli.view.find_spec", lambda _name: None)
