@@ -1,6 +1,7 @@
 """`rigcast check`: right rigs pass, broken casters fail, and what is wrong can be replayed."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -175,6 +176,9 @@ def test_the_command_prints_a_table_writes_json_and_succeeds(rig_file: Path, tmp
     out = tmp_path / "check.json"
     result = invoke(str(rig_file), "--rays", "500", "--json", str(out))
     assert "|t - t_ref| [um] of rays that agree" in " ".join(result.output.split())
+    rows = [line.split()[0] for line in result.output.splitlines() if re.search(r" \d+\.\d%$", line.rstrip())]
+    assert len(rows) > 2
+    assert [name for name in rows if name == "lidar"] == rows[:1], "a sensor is named in its first row alone"
     assert result.exit_code == 0, result.output
     assert ": 0 of 500 rays are wrong, in 5 states" in " ".join(result.output.split())
     assert json.loads(out.read_text())["wrong"] == 0
