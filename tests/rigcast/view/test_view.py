@@ -88,11 +88,19 @@ def test_a_page_has_the_points_of_every_reading(folder: Path, frames: list[rigca
     document = data_of(folder / "all.html")
     assert document["title"] == "</script> & co"
     assert [(e["sensor"], e["time"]) for e in document["shots"]] == [(f.sensor, f.time) for f in frames]
+    far = []
+    low, high = document["scales"]["range"][::-1]
     for entry, frame in zip(document["shots"], frames, strict=True):
-        points = frame.points_world.numpy().reshape(-1, 3)
-        near = np.abs(points - np.add(document["low"], document["middle"])).max(axis=1) < 5 * document["reach"]
+        points, distance = frame.points_world.numpy().reshape(-1, 3), frame.range.numpy().ravel()
+        points, distance = points[np.isfinite(distance)], distance[np.isfinite(distance)]
+        from_middle = points - np.add(document["low"], document["middle"])
+        near = np.abs(from_middle).max(axis=1) < 5 * document["reach"]
         np.testing.assert_allclose(points_in(document, entry), points[near], atol=2e-3)
+        shown = np.frombuffer(base64.b64decode(entry["values"]["range"]), np.uint8)
+        np.testing.assert_allclose(shown, np.clip(255 * (high - distance[near]) / (high - low), 0, 255), atol=1)
         assert ("image" in entry) == (frame.sensor == "front")
+        far += np.linalg.norm(from_middle, axis=1).tolist()
+    assert np.percentile(far, 90) == pytest.approx(document["reach"] - 0.1), "nine in ten are within reach"
 
 
 def test_a_page_of_many_readings_is_thinned_out(folder: Path) -> None:
