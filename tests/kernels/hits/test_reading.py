@@ -53,6 +53,19 @@ def test_hits_nearer_than_the_least_range_are_minus_inf_and_normals_turn_into_th
     )
 
 
+def test_measured_distances_out_of_the_limits_are_no_hits() -> None:
+    distance = np.array([0.99, 1.0, 2.0, 5.0, 5.01, -3.0, INF, -INF, NAN], np.float32)
+    hits = HitArrays.empty(len(distance), "cpu")
+    hits.distance.assign(distance)
+    hits.shape.fill_(3)
+    hits.normal.fill_(wp.vec3(0.0, 0.6, 0.8))
+    bound(hits, 1.0, 5.0)
+    np.testing.assert_array_equal(hits.distance.numpy(), [-INF, 1, 2, 5, INF, -INF, INF, -INF, NAN])
+    kept = [False, True, True, True, False, False, False, False, False]
+    np.testing.assert_array_equal(hits.shape.numpy(), np.where(kept, 3, -1))
+    np.testing.assert_array_equal(np.any(hits.normal.numpy() != 0, axis=1), kept)
+
+
 @pytest.mark.parametrize("packed", [True, False], ids=["in packets", "alone"])
 def test_what_a_cast_reads_is_its_hits_read_afterwards(packed: bool) -> None:
     world, directions = random_plan(3).world(), unit(np.random.default_rng(0).normal(size=(3000, 3)))

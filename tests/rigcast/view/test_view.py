@@ -313,18 +313,44 @@ def test_a_browser_shows_clouds_that_turn_and_images(frames: list[rigcast.Frame]
     assert (np.ptp(seen["start"][60:300, 680:980], axis=-1) > 60).mean() > 0.3, "the depth image"
 
 
-def test_a_rerun_recording_has_clouds_images_and_bodies(folder: Path) -> None:
+SHAPES = {
+    "floor Boxes3D:half_sizes": [[20, 20, 0.001]],
+    "floor Boxes3D:centers": [[0, 0, -0.001]],
+    "wall Boxes3D:half_sizes": [[0.1, 3, 1]],
+    "wall InstancePoses3D:translations": [[4, 0, 1]],
+    "pillar Cylinders3D:lengths": [2],
+    "pillar Cylinders3D:radii": [0.3],
+    "pipe Capsules3D:lengths": [1],
+    "pipe Capsules3D:radii": [0.2],
+    "pipe Capsules3D:translations": [[0, 0, -0.5]],
+}
+
+
+def test_a_rerun_recording_has_clouds_images_and_bodies(folder: Path, frames: list[rigcast.Frame]) -> None:
     chunk = pytest.importorskip("rerun.chunk")
     code, output = call(
         "view", folder / "cart.yaml", "--duration", "0.1", "--save", folder / "c.rrd", "--device", "cpu"
     )
     assert code == 0, output
-    rows: dict[str, int] = {}
+    read: dict[str, list[Any]] = {}
     for piece in chunk.RrdReader(folder / "c.rrd").stream():
-        if not piece.is_static and "simulation" in piece.timeline_names:
-            rows[piece.entity_path] = rows.get(piece.entity_path, 0) + piece.num_rows
-    expected = ["/sensors/top/by_range", "/sensors/top/by_ring", "/sensors/top/by_geom_id", "/sensors/front/camera"]
-    assert all(rows[path] >= 2 for path in (*expected, "/sensors/top", "/bodies/cart")), rows
+        batch = piece.to_record_batch()
+        for name in (name for name in batch.schema.names if ":" in name):
+            read.setdefault(f"{piece.entity_path} {name}", []).extend(batch.column(name).to_pylist())
+    for name, value in SHAPES.items():
+        (got,) = read[f"/bodies/world/{name}"]
+        np.testing.assert_allclose(got, value, rtol=1e-6, err_msg=name)
+    np.testing.assert_allclose(np.ravel(read["/bodies/cart Transform3D:translation"]), [0.05, 0, 0.5, 0.1, 0, 0.5])
+    assert len(read["/sensors/front/camera DepthImage:buffer"]) == 2
+    first, second = (frame for frame in frames if frame.sensor == "top" and frame.time < 0.11)
+    for k, frame in enumerate((first, second)):
+        hit = np.isfinite(frame.range.numpy())
+        ids = frame.geom_id.numpy()[hit]
+        colours = read["/sensors/top/by_geom_id Points3D:colors"][k]
+        assert len(set(zip(ids.tolist(), colours, strict=True))) == len(set(ids.tolist())) == len(set(colours)), k
+        for path in ("by_range", "by_ring", "by_geom_id"):
+            cloud = read[f"/sensors/top/{path} Points3D:positions"][k]
+            np.testing.assert_allclose(cloud, frame.points.numpy()[hit], atol=1e-6, err_msg=path)
 
 
 def test_without_rerun_a_recording_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
