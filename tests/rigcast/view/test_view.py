@@ -24,7 +24,7 @@ MODEL = """
 <mujoco>
   <option timestep="0.01"/>
   <worldbody>
-    <geom name="floor" type="plane" size="0 0 1"/>
+    <geom name="floor" type="plane" size="0 30 1"/>
     <geom name="wall" type="box" pos="4 0 1" size="0.1 3 1"/>
     <geom name="pillar" type="cylinder" pos="2 1.5 1" size="0.3 1"/>
     <geom name="pipe" type="capsule" pos="2 -1.5 1" size="0.2 0.5"/>
@@ -314,7 +314,7 @@ def test_a_browser_shows_clouds_that_turn_and_images(frames: list[rigcast.Frame]
 
 
 SHAPES = {
-    "floor Boxes3D:half_sizes": [[20, 20, 0.001]],
+    "floor Boxes3D:half_sizes": [[20, 30, 0.001]],
     "floor Boxes3D:centers": [[0, 0, -0.001]],
     "wall Boxes3D:half_sizes": [[0.1, 3, 1]],
     "wall InstancePoses3D:translations": [[4, 0, 1]],
@@ -348,6 +348,9 @@ def test_a_rerun_recording_has_clouds_images_and_bodies(folder: Path, frames: li
         ids = frame.geom_id.numpy()[hit]
         colours = read["/sensors/top/by_geom_id Points3D:colors"][k]
         assert len(set(zip(ids.tolist(), colours, strict=True))) == len(set(ids.tolist())) == len(set(colours)), k
+        by_range = np.array(read["/sensors/top/by_range Points3D:colors"][k])[np.argsort(frame.range.numpy()[hit])]
+        red, blue = by_range >> 24, by_range >> 8 & 255
+        assert (red[0] > blue[0], red[-1] < blue[-1]) == (True, True), "near is warm"
         for path in ("by_range", "by_ring", "by_geom_id"):
             cloud = read[f"/sensors/top/{path} Points3D:positions"][k]
             np.testing.assert_allclose(cloud, frame.points.numpy()[hit], atol=1e-6, err_msg=path)
