@@ -80,7 +80,7 @@ def test_what_a_cast_reads_is_its_hits_read_afterwards(packed: bool) -> None:
     readings = prepare_readings(world.geometry, visible, rays, (near, far), no_bodies)
     readings.turn_to(got, rays, {})
     launch([readings])
-    assert {-INF, INF} < set(got.distance.numpy().tolist()), "seed 3: none is too near, or none too far"
+    assert {-INF, INF} < set(got.distance.numpy().tolist()), "seed 3: no ray is too near, or none is too far"
     for name in ("distance", "shape", "normal"):
         np.testing.assert_array_equal(getattr(got, name).numpy(), getattr(expected, name).numpy(), err_msg=name)
 
@@ -110,7 +110,7 @@ def test_depth_in_steps_is_rounded_and_0_where_16_bits_do_not_hold_it() -> None:
     np.testing.assert_array_equal(got, [0, 0, 1, 1, 65_535, 65_535, 0, 0, 0, 0, 0])
 
 
-def test_taken_is_what_the_table_holds_and_minus_1_of_minus_1() -> None:
+def test_looked_up_is_the_entry_of_the_table_and_minus_1_for_minus_1() -> None:
     got = look_up(device(np.array([10, 20, 30]), wp.int32), device(np.array([2, -1, 0, 0, 1, -1]), wp.int32)).numpy()
     np.testing.assert_array_equal(got, [30, -1, 10, 10, 20, -1])
 

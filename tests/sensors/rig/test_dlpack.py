@@ -1,4 +1,4 @@
-"""Frames go to numpy, torch and JAX as they are: the same memory, of the same kind and shape."""
+"""numpy, torch and JAX share the memory of frames, with the same type and shape."""
 
 import gc
 from typing import Any
@@ -56,6 +56,6 @@ def test_what_was_taken_outlives_its_frame(library: str) -> None:
     given = pytest.importorskip(library).from_dlpack(sense()["top"].range)
     expected = np.array(given)
     gc.collect()
-    for _ in range(5):  # would take the memory over if it had been given back
+    for _ in range(5):  # would reuse the memory if it had been released
         sense()
     np.testing.assert_array_equal(np.asarray(given), expected)
