@@ -313,7 +313,7 @@ def test_a_browser_shows_clouds_that_turn_and_images(frames: list[rigcast.Frame]
     assert (np.ptp(seen["start"][60:300, 680:980], axis=-1) > 60).mean() > 0.3, "the depth image"
 
 
-SHAPES = {
+SHAPES: dict[str, list[Any]] = {
     "floor Boxes3D:half_sizes": [[20, 30, 0.001]],
     "floor Boxes3D:centers": [[0, 0, -0.001]],
     "wall Boxes3D:half_sizes": [[0.1, 3, 1]],
