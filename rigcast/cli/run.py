@@ -14,11 +14,11 @@ from rich.table import Table
 
 from rigcast.cli.common.moving import Controller, Motion, MotionRate, moving
 from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say, show
-from rigcast.cli.common.progress import progress, step_count
+from rigcast.cli.common.progress import progress
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_writable
-from rigcast.motion.simulation import Diverged, Spent, initial_data
-from rigcast.motion.steps import Step
+from rigcast.motion.simulation import Spent, initial_data, step_count
+from rigcast.motion.steps import Diverged, Step
 from rigcast.recording.formats import FORMATS, choose_formats
 from rigcast.recording.layout import INDEX_NAME
 from rigcast.recording.recorder import Recorder

@@ -1,21 +1,8 @@
-"""Simulations run by commands: initial state, divergence, and time spent."""
+"""Simulations run by commands: initial state, length, and time spent."""
 
 from dataclasses import dataclass
 
 import mujoco
-import numpy as np
-
-from rigcast.sensors.errors import InputError
-
-_DIVERGED = {
-    mujoco.mjtWarning.mjWARN_BADQPOS: "position",
-    mujoco.mjtWarning.mjWARN_BADQVEL: "velocity",
-    mujoco.mjtWarning.mjWARN_BADQACC: "acceleration",
-}
-
-
-class Diverged(InputError):
-    """A simulation has diverged; the message says when and where."""
 
 
 @dataclass
@@ -42,16 +29,6 @@ def initial_data(model: mujoco.MjModel, keyframe: str | None) -> mujoco.MjData:
     return data
 
 
-def divergence(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> str | None:
-    """How the step from `time` [s] diverged, None if it did not.
-
-    MuJoCo reacts to NaN and huge values with a warning and a reset to its initial state.
-    """
-    for warning, quantity in _DIVERGED.items():
-        if data.warning[warning].number:
-            index = data.warning[warning].lastinfo
-            joints = model.jnt_qposadr if warning == mujoco.mjtWarning.mjWARN_BADQPOS else model.jnt_dofadr
-            joint = int(np.searchsorted(joints, index, side="right")) - 1
-            name = model.joint(joint).name or f"joint_{joint}"
-            return f"the simulation diverged at t = {time:.6g} s: NaN, infinite or huge {quantity} of joint {name!r}"
-    return None
+def step_count(model: mujoco.MjModel, duration: float) -> int:
+    """The number of the model's timesteps in `duration` [s], at least one."""
+    return max(1, round(duration / float(model.opt.timestep)))

@@ -12,7 +12,7 @@ import mujoco
 
 from rigcast.dataset.description.config import DatasetConfig, Unit
 from rigcast.dataset.storage.shards import Shard, appearing, model_digest
-from rigcast.motion.simulation import Spent, initial_data
+from rigcast.motion.simulation import Spent, initial_data, step_count
 from rigcast.rig_file import compile_model, open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
@@ -120,9 +120,8 @@ def open_episode(config: DatasetConfig, unit: Unit, device: str | None) -> Episo
         "rig": values,
         "poses": poses,
     }
-    steps = max(1, round(file.episodes.duration / float(model.opt.timestep)))
     step = stepper(config, model, data, unit.seed, poses)
-    return Episode(rig, data, steps, step, rig_config.classes, about)
+    return Episode(rig, data, step_count(model, file.episodes.duration), step, rig_config.classes, about)
 
 
 def _simulate(episode: Episode, shard: Shard, spent: Spent) -> None:

@@ -13,8 +13,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from rigcast.cli import app
-from rigcast.cli.common.progress import progress, step_count
-from rigcast.motion.simulation import initial_data
+from rigcast.cli.common.moving import Moving
+from rigcast.cli.common.progress import progress
+from rigcast.motion.simulation import initial_data, step_count
 from rigcast.sensors.errors import InputError
 
 MODEL = """
@@ -244,7 +245,7 @@ def test_a_run_has_whole_steps_and_at_least_one(duration: float, steps: int) -> 
 @pytest.mark.parametrize("duration", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_duration_that_is_none_is_refused(duration: float) -> None:
     with pytest.raises(InputError, match="--duration"):
-        step_count(mujoco.MjModel.from_xml_string(MODEL), duration)
+        Moving().duration(duration)
 
 
 @pytest.mark.parametrize(("keyframe", "time", "qpos"), [(None, 0.0, 0.0), ("rolling", 7.0, 1.0)])
