@@ -50,7 +50,7 @@ def test_a_filter_sees_what_mj_ray_sees(scene: rigcast.Scene, filter: Filter) ->
 def test_filters_change_what_is_hit() -> None:
     """The table above proves something only if its filters see different things."""
     origins, directions = scenes.rays(MODEL, DATA, SEED, 1, "towards")
-    everything = oracle.cast(MODEL, DATA, origins, directions)
+    everything = oracle.Oracle(MODEL, DATA).cast(origins, directions)
     for filter in (
         Filter(static=False),
         Filter(geometry="visual"),
@@ -58,5 +58,5 @@ def test_filters_change_what_is_hit() -> None:
         Filter(exclude_bodies=NAMED),
         Filter(exclude_bodies=NAMED, exclude_subtree=True),
     ):
-        seen = oracle.cast(MODEL, DATA, origins, directions, filter)
+        seen = oracle.Oracle(MODEL, DATA, filter).cast(origins, directions)
         assert (seen.geom_id != everything.geom_id).sum() > 20, str(filter)

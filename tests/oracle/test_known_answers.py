@@ -127,7 +127,7 @@ SHAPES = f"""
 def test_every_geom_type_from_outside(origin: Vector, direction: Vector, geom_id: int) -> None:
     """The rays of mujoco_warp's own tests, and more of their kind, at like shapes in the same places."""
     world = loaded(SHAPES)
-    expected = oracle.cast(world[0], world[1], origin, [direction])
+    expected = oracle.Oracle(*world[:2]).cast(origin, [direction])
     assert expected.geom_id[0] == geom_id
     check(world, (origin, direction), float(expected.distance[0]), geom_id)
 

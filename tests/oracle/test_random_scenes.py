@@ -56,6 +56,6 @@ def test_the_scenes_hold_every_supported_geom_type_seen_and_hidden() -> None:
     for seed in SEEDS:
         model = scenes.scene(seed)
         data = scenes.state(model, seed, 0)
-        got = oracle.cast(model, data, *scenes.rays(model, data, seed, 0, "towards"))
+        got = oracle.Oracle(model, data).cast(*scenes.rays(model, data, seed, 0, "towards"))
         hit |= set(model.geom_type[got.geom_id[got.geom_id >= 0]].tolist())
     assert hit == set(range(int(mujoco.mjtGeom.mjGEOM_MESH) + 1))

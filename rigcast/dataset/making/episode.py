@@ -1,6 +1,7 @@
 """The work of any engine's worker: one episode, from its seed to its shard."""
 
 import copy
+import hashlib
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -9,9 +10,10 @@ from time import perf_counter
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from rigcast.dataset.description.config import DatasetConfig, Unit
-from rigcast.dataset.storage.shards import Shard, appearing, model_digest
+from rigcast.dataset.storage.shards import Shard, appearing
 from rigcast.motion.simulation import Spent, initial_data, step_count
 from rigcast.rig_file import compile_model, open_rig
 from rigcast.sensors.errors import InputError
@@ -72,7 +74,7 @@ def _made(job: Job, unit: Unit) -> Result:
     began = perf_counter()
     episode = open_episode(job.config, unit, job.device)
     spent = Spent(loading=perf_counter() - began)
-    first = unit.number == 0
+    first = unit.episode == 0
     with appearing(job.folder, unit.name) as folder:
         shard = Shard(folder, episode.rig, episode.classes, job.config.file.output, pictured=first)
         try:
@@ -106,20 +108,13 @@ def open_episode(config: DatasetConfig, unit: Unit, device: str | None) -> Episo
     """
     file = config.file
     model = _compile(config, unit)
-    scene_hash = model_digest(model)
+    scene_hash = _model_digest(model)
     values, poses = draw_rig(file.randomise, unit.seed), draw_poses(file.randomise, unit.seed)
     rig_config, _ = open_rig(config.rig, model, [f"{key}={value!r}" for key, value in values.items()])
     data = initial_data(model, rig_config.keyframe)
     place_bodies(model, data, poses)
     rig = rig_config.build(model, device, unit.seed)
-    about = {
-        "scene": unit.scene,
-        "episode": unit.number,
-        "seed": unit.seed,
-        "scene_sha256": scene_hash,
-        "rig": values,
-        "poses": poses,
-    }
+    about = {**unit._asdict(), "scene_sha256": scene_hash, "rig": values, "poses": poses}
     step = stepper(config, model, data, unit.seed, poses)
     return Episode(rig, data, step_count(model, file.episodes.duration), step, rig_config.classes, about)
 
@@ -148,6 +143,13 @@ def _compile(config: DatasetConfig, unit: Unit) -> mujoco.MjModel:
     if not isinstance(model, mujoco.MjModel):
         raise function.wrong(f"got {type(model).__name__}, expected an MjModel")
     return copy.copy(model)  # a copy, because bodies are moved in it and the function may return it again
+
+
+def _model_digest(model: mujoco.MjModel) -> str:
+    """SHA-256 of a compiled model, in hexadecimal."""
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return hashlib.sha256(buffer.tobytes()).hexdigest()
 
 
 def _require_same_environment(job: Job) -> None:

@@ -18,8 +18,6 @@ from .engines import Engine
 from .environment import environment, prepare_warp
 from .episode import Job, Result, make_episode
 
-Report = Callable[[Result], None]
-
 
 @dataclass
 class Done:
@@ -53,7 +51,7 @@ def make_dataset(
     *,
     device: str | None = None,
     part: tuple[int, int] = (1, 1),
-    report: Report = lambda _result: None,
+    report: Callable[[Result], None] = lambda _result: None,
 ) -> Done:
     """Make every episode that has no shard in `folder` yet, and write the manifest.
 

@@ -51,7 +51,7 @@ def both_ways(xml: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[n
     model = mujoco.MjModel.from_xml_string(xml)
     data, scene = posed(model), Scene(model)
     scene.update(data)
-    hits, expected = scene.cast(*rays(1)).numpy(), oracle.cast(model, data, *rays(1))
+    hits, expected = scene.cast(*rays(1)).numpy(), oracle.Oracle(model, data).cast(*rays(1))
     got, wanted = hits.geom_id == 0, expected.geom_id == 0
     both = got & wanted
     across = np.abs(np.sum(rays(1)[1] * expected.normal, axis=1))
