@@ -8,7 +8,7 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.launching.recorded import recorded
-from rigcast.kernels.poses.mounts import turned_by, upright
+from rigcast.kernels.poses.mounts import ALIGNMENTS, aligned, turned_by
 from rigcast.kernels.poses.scope import is_within_reach
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -88,7 +88,7 @@ class Placing:
     from_rotation: wp.uint64  # address of its rotation
     offset: wp.vec3d
     turn: wp.mat33d
-    yaw_aligned: bool
+    alignment: int  # the number of one of ALIGNMENTS
     # out:
     pose: wp.array[wp.mat44d]
     position: wp.array[wp.vec3d]
@@ -105,8 +105,7 @@ def place_frame(frame: Placing) -> None:
         carrier_rotation = wp.array(ptr=frame.from_rotation, shape=(1,), dtype=wp.mat33d)
         position = carrier_rotation[0] * frame.offset + carrier_position[0]
         rotation = turned_by(carrier_rotation[0], frame.turn)
-    if frame.yaw_aligned:
-        rotation = upright(rotation)
+    rotation = aligned(rotation, frame.alignment)
     pose = wp.identity(n=4, dtype=wp.float64)
     for row in range(3):
         for column in range(3):
@@ -122,12 +121,13 @@ class PlacedFrame:
     a device.
 
     which: index of the carrier among those of its kind. offset: (4, 4), the frame's pose in the carrier's frame.
-    yaw_aligned: keep only the heading of the frame's x axis.
+    alignment: one of ALIGNMENTS.
     """
 
-    def __init__(self, which: int, offset: Doubles, yaw_aligned: bool, device: wp.Device) -> None:
+    def __init__(self, which: int, offset: Doubles, alignment: str, device: wp.Device) -> None:
         frame = Placing()
-        frame.offset, frame.turn, frame.yaw_aligned = wp.vec3d(offset[:3, 3]), wp.mat33d(offset[:3, :3]), yaw_aligned
+        frame.offset, frame.turn = wp.vec3d(offset[:3, 3]), wp.mat33d(offset[:3, :3])
+        frame.alignment = ALIGNMENTS.index(alignment)
         frame.position, frame.rotation = (wp.empty(1, dtype=dtype, device="cpu") for dtype in (wp.vec3d, wp.mat33d))
         frame.pose = wp.empty(1, dtype=wp.mat44d, device="cpu")
         self._frame, self._pose, self._which = frame, frame.pose.numpy()[0], which

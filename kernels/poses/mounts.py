@@ -1,7 +1,8 @@
 """Poses of frames mounted on carriers (bodies, sites, cameras, the world), in many worlds at once.
 
-A frame mounted with pose (t, Q) on a carrier with pose (p, R) has the pose (p + R t, R Q) in the world. A yaw-aligned
-frame keeps only the heading of its x axis: its rotation is about z.
+A frame mounted with pose (t, Q) on a carrier with pose (p, R) has the pose (p + R t, A(R Q)) in the world. The
+alignment A keeps the whole rotation ("base"), only the heading of the frame's x axis, which makes it a rotation about z
+("yaw"), or nothing of it ("world").
 """
 
 from dataclasses import dataclass
@@ -14,6 +15,10 @@ import warp as wp
 from rigcast.kernels.launching.launch import launch
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+ALIGNMENTS = ("base", "yaw", "world")
+"""Alignments of frames, by their numbers in kernels."""
+_YAW, _WORLD = wp.constant(1), wp.constant(2)
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,16 @@ def upright(rotation: wp.mat33d) -> wp.mat33d:
 
 
 @wp.func
+def aligned(rotation: wp.mat33d, alignment: int) -> wp.mat33d:
+    """What an alignment, one of ALIGNMENTS by its number, keeps of a rotation."""
+    if alignment == _YAW:
+        return upright(rotation)
+    if alignment == _WORLD:
+        return wp.identity(n=3, dtype=wp.float64)
+    return rotation
+
+
+@wp.func
 def turned_by(rotation: wp.mat33d, turn: wp.mat33d) -> wp.mat33d:
     """The product rotation * turn, column by column; a product of two matrices would round differently."""
     return wp.matrix_from_cols(
@@ -103,7 +118,7 @@ def place_on_carrier(
     which: wp.array[int],
     offset: wp.array[wp.vec3d],
     turns: wp.array[wp.mat33d],
-    yaw_aligned: bool,
+    alignment: int,
     active: wp.array[wp.bool],  # empty for all
     # out, (worlds, frames):
     placed_position: wp.array2d[wp.vec3d],
@@ -121,10 +136,7 @@ def place_on_carrier(
         if not active[w]:
             place = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
     placed_position[w, slot] = place
-    axes = turned_by(r, turns[own])
-    if yaw_aligned:
-        axes = upright(axes)
-    placed_rotation[w, slot] = axes
+    placed_rotation[w, slot] = aligned(turned_by(r, turns[own]), alignment)
 
 
 @wp.kernel
@@ -202,7 +214,7 @@ class Frames:
         carriers: Carriers,
         on: Attachment,
         *,
-        yaw_aligned: bool = False,
+        alignment: str = "base",
         active: wp.array | None = None,
     ) -> None:
         """Set frame `slot` of every world to its pose on its carrier.
@@ -211,12 +223,13 @@ class Frames:
             slot: the frame.
             carriers: poses of the carriers, in the world.
             on: the frame's mounting on one of them.
-            yaw_aligned: keep only the heading of the frame's x axis.
+            alignment: one of ALIGNMENTS.
             active: (nworld,) bool; in worlds where it is False the position is NaN. None or empty: all are active.
         """
         device = self.position.device
         everywhere = wp.empty(0, dtype=wp.bool, device=device) if active is None else active
-        inputs = [carriers.position, carriers.rotation, on.which, on.offset, on.turn, yaw_aligned, everywhere]
+        kept = ALIGNMENTS.index(alignment)
+        inputs = [carriers.position, carriers.rotation, on.which, on.offset, on.turn, kept, everywhere]
         outputs = [self.position, self.rotation, slot]
         kernel = _PLACE_ON_CARRIER[carriers.position.dtype]
         launch(kernel, self.position.shape[0], inputs, outputs, device)

@@ -25,6 +25,7 @@ from rigcast.motion.simulation import initial_data
 from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.rig.timing.one_state import too_often
 from rigcast.sensors.specs.enclosed import enclosed
+from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.mount import Mount
 from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -76,7 +77,7 @@ def as_json(config: RigConfig, model: mujoco.MjModel) -> str:
 
 def _view(sensor: SensorSpec, pattern: Pattern) -> str:
     """The field of view of its outermost rays, across and up; reveals radians given for degrees."""
-    if sensor.yaw_aligned:
+    if isinstance(sensor, HeightScan):
         return "down"
     azimuth, elevation = angles_deg(sensor, pattern)
     return f"{arc_deg(azimuth):.3g} x {np.ptp(elevation):.3g}"

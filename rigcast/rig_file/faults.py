@@ -30,7 +30,7 @@ def sensor_of_preset(name: str) -> SensorSpec:
     try:
         return _Only.model_validate({"sensors": [given]}).sensors[0]
     except ValidationError as error:
-        raise InputError(f"preset {name!r}: {'; '.join(one['msg'] for one in error.errors())}") from None
+        raise InputError(f"preset {name!r}: {'; '.join(fault.message for fault in faults_of(error, _Only))}") from None
 
 
 def faults_in(document: YamlFile) -> list[Fault]:

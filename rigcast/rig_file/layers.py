@@ -207,8 +207,7 @@ def _bases(root: Node) -> Sequence[Node]:
     """The names of the extended files; anything else is reported by the rig's own check."""
     extends = _value(root, "extends")
     items = extends.value if isinstance(extends, SequenceNode) else [extends]
-    names = [item for item in items if isinstance(item, ScalarNode) and str(item.tag) == _STRING]
-    return names if len(names) == len(items) else ()
+    return [item for item in items if isinstance(item, ScalarNode) and str(item.tag) == _STRING]
 
 
 def _value(node: Node, key: str) -> Node | None:

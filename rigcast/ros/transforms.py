@@ -3,7 +3,7 @@
 Every body is a frame in that of its parent, called by its name ("body_3" if it has none), MuJoCo's world by
 `world_frame`. A sensor's `<name>_frame` is its mount, x forward and z up; a camera has `<name>_optical_frame` in it
 (REP-103). Bodies without joints, and sensors on them, are static. A sensor that turns against its body (a height
-scan keeps upright, an MJCF camera may track) is a frame in the world's.
+scan may keep upright, an MJCF camera may track) is a frame in the world's.
 """
 
 from collections.abc import Sequence
@@ -97,7 +97,7 @@ class TransformTree:
 
 def _is_free(spec: SensorSpec, model: mujoco.MjModel) -> bool:
     """Whether a sensor rotates relative to its body."""
-    if spec.yaw_aligned:
+    if spec.frame_alignment != "base":
         return True
     fixed = mujoco.mjtCamLight.mjCAMLIGHT_FIXED
     return spec.mount.parent == "camera" and model.cam_mode[spec.mount.bind(model).id] != fixed

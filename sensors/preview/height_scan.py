@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rigcast.sensors.preview.colour import FAINT, Scale
+from rigcast.sensors.preview.colour import Scale
 from rigcast.sensors.preview.page import CAPTION_HEIGHT, LEGEND_HEIGHT, MARGIN, TITLE_HEIGHT, Page, seconds
 from rigcast.sensors.specs.pattern import Pattern
 
@@ -26,13 +26,12 @@ def draw_height_scan(
     top = TITLE_HEIGHT + CAPTION_HEIGHT
     page_height = top + max(size[1], 200) + CAPTION_HEIGHT + LEGEND_HEIGHT
     title = f"{sensor} · height scan {rows} x {columns} · {seconds(time)}"
-    subtitle = "height of the ground in the sensor's frame"
+    where = f"x forward is up ({extent[0]:.2f} m), y to the left ({extent[1]:.2f} m)"
+    subtitle = f"height of the ground in the sensor's frame, from above: {where}"
     page = Page(page_height, title, subtitle)
     scale = Scale.of(height)
     page.picture(MARGIN, top, scale.colours(grid), size)
     page.colour_bar(MARGIN + size[0] + 14, top, max(size[1], 200), scale, "height [m]")
-    caption = f"from above: x forward is up ({extent[0]:.2f} m), y to the left ({extent[1]:.2f} m)"
-    page.text(MARGIN, top - 8, caption, size=16, colour=FAINT, anchor="ls")
     page.legend(MARGIN, page_height - LEGEND_HEIGHT // 2, distance)
     return page.image
 

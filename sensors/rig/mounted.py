@@ -24,9 +24,9 @@ from rigcast.sensors.scene.rays.placed import in_pose
 from rigcast.sensors.scene.stage import Stage
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.filter import Filter
-from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
+from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lidars.lidar import Lidar
-from rigcast.sensors.specs.mount import BoundMount
+from rigcast.sensors.specs.mount import BoundMount, aligned
 from rigcast.sensors.specs.pattern import Pattern
 
 from .arrays.frame_arrays import FrameArrays
@@ -123,11 +123,7 @@ class Mounted:
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """The pose (4, 4) of the sensor's frame in the world."""
-        pose = self.mount.pose(data)
-        if not self.spec.yaw_aligned:
-            return pose
-        with np.errstate(invalid="ignore"):
-            return yaw_only(pose)
+        return aligned(self.mount.pose(data), self.spec.frame_alignment)
 
     def visible(self) -> wp.array:
         return self.scene.visible(self.filter)
@@ -138,7 +134,7 @@ class Mounted:
 
     def aim(self, data: mujoco.MjData, time: float, arrays: FrameArrays) -> Aim:
         """The sensor's rays, all fired now, for a reading at `time` [s]."""
-        pose, rays = arrays.aim(self.pattern.rays, self.mount, self.spec.yaw_aligned, data)
+        pose, rays = arrays.aim(self.pattern.rays, self.mount, self.spec.frame_alignment, data)
         return Aim(time, pose, rays, arrays)
 
     def next_of_worlds(self, worlds: Worlds) -> "Mounted":
@@ -154,7 +150,8 @@ class Mounted:
     def aim_in_worlds(self, worlds: PosedWorlds, arrays: FrameArrays) -> Rays:
         """The sensor's rays at its poses in these worlds."""
         at = worlds.mounts_of(self.spec, self.mount_in_worlds)
-        arrays.frames.place(0, worlds.carriers(at), at.on, yaw_aligned=self.spec.yaw_aligned, active=worlds.active)
+        alignment = self.spec.frame_alignment
+        arrays.frames.place(0, worlds.carriers(at), at.on, alignment=alignment, active=worlds.active)
         return arrays.aim_in_worlds(self.pattern.rays)
 
     def next_arrays(self, shape: tuple[int, ...], out: Mapping[str, Frame] | None = None) -> FrameArrays:

@@ -15,6 +15,7 @@ from rigcast.sensors.rotations import rotation_matrix
 from .spec import Numbers, Spec, Takes, optional
 
 Parent = Literal["world", "body", "site", "camera"]
+Alignment = Literal["base", "yaw", "world"]
 
 CARRIERS: dict[Parent, tuple[str, str]] = {
     "body": ("xpos", "xmat"),
@@ -157,6 +158,27 @@ def placed(
         pose[:3] = rotation[:, :1] * offset[0] + rotation[:, 1:2] * offset[1] + rotation[:, 2:] * offset[2]
         pose[:3, 3] += position
     return pose
+
+
+def aligned(pose: NDArray[np.float64], alignment: Alignment) -> NDArray[np.float64]:
+    """A pose (4, 4) with its rotation, or of that only the yaw, or no rotation, as `rigcast.kernels.poses.mounts` does.
+
+    The yaw is the heading of the x axis, atan2(R10, R00); it is 0 for an x axis that is exactly vertical.
+    """
+    if alignment == "base":
+        return pose
+    out = pose.copy()
+    out[:3, :3] = _heading(pose) if alignment == "yaw" else np.eye(3)
+    return out
+
+
+def _heading(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation (3, 3) about z by the heading of the x axis, by square roots alone, for the kernel's bits."""
+    x, y = pose[0, 0], pose[1, 0]
+    with np.errstate(invalid="ignore"):
+        length = np.sqrt(x * x + y * y)
+        cosine, sine = (x / length, y / length) if length != 0 else (np.float64(1.0), np.float64(0.0))
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _objects(model: mujoco.MjModel, parent: Parent) -> tuple[mujoco.mjtObj, int]:

@@ -18,7 +18,7 @@ from rigcast.sensors.names import listing
 from rigcast.sensors.yaml.file import YamlFile
 
 from .filter import Filter
-from .mount import Mount
+from .mount import Alignment, Mount
 from .pattern import Pattern
 from .presets import load_preset, preset_names
 from .spec import Keys, Share, Spec, Takes, folder_of, optional
@@ -43,13 +43,11 @@ class SensorSpec(Spec):
 
     frame_rotation: (3, 3), the axes of the sensor's frame as columns in the mount's. The sensor's pose is the
         mount's times this, and `Pattern.directions` are in the frame that results.
-    yaw_aligned: whether the sensor's frame keeps only position and yaw of the mount, its z upright.
     """
 
     model_config = ConfigDict(json_schema_extra=_require_type)
 
     frame_rotation: ClassVar[NDArray[np.float64]] = np.eye(3)
-    yaw_aligned: ClassVar[bool] = False
     # Alternative sets of keys for the same thing: giving a key of one set drops the preset's other sets.
     _alternatives: ClassVar[tuple[frozenset[str], ...]] = ()
 
@@ -93,6 +91,11 @@ class SensorSpec(Spec):
         changed = type(self)(**self._over(given, own))
         # the preset is named but not read again: its values are filled in, and its file is relative to the rig's file
         return changed if self.preset is None else BaseModel.model_copy(changed, update={"preset": self.preset})
+
+    @property
+    def frame_alignment(self) -> Alignment:
+        """What the sensor's frame keeps of the mount's rotation."""
+        return "base"
 
     @property
     def moves(self) -> bool:

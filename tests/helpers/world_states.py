@@ -56,6 +56,7 @@ FIELDS = (
 _UNSEEN: dict[str, Any] = {"filter": Filter(exclude_bodies=["robot"])}
 _EYE: dict[str, Any] = {"mount": Mount(camera="eye"), "resolution": (12, 9), "fov_y_deg": 60.0, **_UNSEEN}
 _TOP: dict[str, Any] = {"elevation_deg": [-20, -5, 3], "columns": 24, "max_range": 30.0, **_UNSEEN}
+_GRID: dict[str, Any] = {"mount": Mount(body="robot"), "size": (1.0, 0.6), "spacing": 0.1, **_UNSEEN}
 SENSORS: dict[str, Lidar | DepthCamera | HeightScan] = {
     "lidar": Lidar(name="lidar", mount=Mount(body="robot", pos=(0, 0, 0.1), euler_deg=(3, 4, 5)), rate_hz=10, **_TOP),
     "fixed": Lidar(name="fixed", mount=Mount(pos=(0, 0, 3), euler_deg=(0, 30, 0)), **_TOP),
@@ -74,7 +75,9 @@ SENSORS: dict[str, Lidar | DepthCamera | HeightScan] = {
         ),
         **_UNSEEN,
     ),
-    "scan": HeightScan(name="scan", mount=Mount(body="robot"), size=(1.0, 0.6), spacing=0.1, **_UNSEEN),
+    "scan": HeightScan(name="scan", **_GRID),
+    "tilted": HeightScan(name="tilted", alignment="base", **_GRID),
+    "level": HeightScan(name="level", alignment="world", **_GRID),
     "camera": DepthCamera(name="camera", **_EYE),
     "rolling": DepthCamera(name="rolling", readout_time=0.01, **_EYE),
     "noisy": Lidar(

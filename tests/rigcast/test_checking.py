@@ -17,6 +17,7 @@ from rigcast.cli.check import as_json
 from rigcast.cli.check import check as command
 from rigcast.sensors.rig.mounted import Sensor
 from rigcast.sensors.specs.lens import KannalaBrandt
+from rigcast.sensors.specs.mount import Alignment
 
 pytestmark = pytest.mark.filterwarnings("ignore:sensor '.*' is within geom")
 
@@ -61,6 +62,15 @@ def test_a_rig_agrees_with_mj_ray_in_every_state() -> None:
         assert row.p999_error <= row.worst_error < 1e-4
         assert 0 <= row.worst_of_bound <= 1
     assert max(row.worst_error for row in report.rows) > 0
+
+
+def test_height_scans_of_every_alignment_agree_on_a_body_that_tumbles() -> None:
+    grid: dict[str, Any] = {"mount": Mount(body="falling"), "size": (1, 1), "spacing": 0.25}
+    grid["filter"] = Filter(exclude_bodies=["falling"])
+    alignments: list[Alignment] = ["base", "yaw", "world"]
+    report = checked(Rig(MODEL, [HeightScan(name=each, alignment=each, **grid) for each in alignments]))
+    assert {row.sensor for row in report.rows if row.agree} == set(alignments)
+    assert report.wrong == 0
 
 
 def test_the_same_seed_checks_the_same_rays() -> None:

@@ -1,6 +1,5 @@
 """The keys of a data set's file."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal
 
@@ -100,7 +99,7 @@ class Randomise(Spec):
     @classmethod
     def _ranges(cls, ranges: Mapping[str, Sequence[float]]) -> Mapping[str, Sequence[float]]:
         for key, numbers in ranges.items():
-            if len(numbers) != 2 or not all(map(math.isfinite, numbers)) or numbers[0] > numbers[1]:
+            if len(numbers) != 2 or numbers[0] > numbers[1]:
                 raise ValueError(f"{key}: must be [low, high], got {list(numbers)}")
         return ranges
 

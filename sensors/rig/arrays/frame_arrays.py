@@ -16,7 +16,7 @@ from rigcast.kernels.poses.mounts import Frames
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.scene.rays.placed import in_pose
 from rigcast.sensors.scene.stage import Stage
-from rigcast.sensors.specs.mount import BoundMount
+from rigcast.sensors.specs.mount import Alignment, BoundMount
 
 from .launches import Launches
 from .lazy_fields import LazyFields
@@ -74,10 +74,10 @@ class FrameArrays:
         self.fields.request_again(unanswered)
 
     def aim(
-        self, fixed: Rays, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData
+        self, fixed: Rays, mount: BoundMount, alignment: Alignment, data: mujoco.MjData
     ) -> tuple[NDArray[np.float64], Rays]:
         """The pose (4, 4) of a sensor on this mount in `data`, and its rays at that pose."""
-        pose, frame = self._launches.place(mount, yaw_aligned, data, self.range.device)
+        pose, frame = self._launches.place(mount, alignment, data, self.range.device)
         if self._are_shared:  # so `frame` goes on to where other frames are: its pose is copied
             self._fixed, self._aimed = fixed, in_pose(fixed, pose)
             return pose, self._aimed

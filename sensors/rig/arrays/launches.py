@@ -9,7 +9,7 @@ from rigcast.kernels.cast import Readings
 from rigcast.kernels.host.poses import PlacedFrame
 from rigcast.kernels.rays.arrays import Rays
 from rigcast.sensors.scene.stage import Stage
-from rigcast.sensors.specs.mount import BoundMount
+from rigcast.sensors.specs.mount import Alignment, BoundMount
 
 
 class Launches:
@@ -24,11 +24,11 @@ class Launches:
         self._prepared_for: tuple[object, wp.array | None, int] = (None, None, 0)
 
     def place(
-        self, mount: BoundMount, yaw_aligned: bool, data: mujoco.MjData, device: wp.Device
+        self, mount: BoundMount, alignment: Alignment, data: mujoco.MjData, device: wp.Device
     ) -> tuple[NDArray[np.float64], PlacedFrame]:
         """The pose (4, 4) of the sensor on its mount in `data`, and the same on the device until the next call."""
         if self._frame is None:
-            self._frame = PlacedFrame(mount.id, mount.offset, yaw_aligned, device)
+            self._frame = PlacedFrame(mount.id, mount.offset, alignment, device)
         return self._frame.place(*mount.carriers(data)), self._frame
 
     def prepared(

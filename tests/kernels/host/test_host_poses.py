@@ -7,8 +7,7 @@ from made_worlds import random_rotations
 
 from rigcast.kernels.geometry import FARTHEST
 from rigcast.kernels.host.poses import PlacedFrame, TakenPoses
-from rigcast.sensors.specs.height_scan import yaw_only
-from rigcast.sensors.specs.mount import placed
+from rigcast.sensors.specs.mount import Alignment, aligned, placed
 
 COUNT = 7
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)]
@@ -46,19 +45,19 @@ def test_a_pose_that_is_not_finite_or_too_far_away_is_counted_and_nowhere(of_pos
 
 
 @pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize("yaw_aligned", [False, True])
-def test_a_frame_is_where_numpy_places_it(yaw_aligned: bool, device: str) -> None:
+@pytest.mark.parametrize("alignment", ["base", "yaw", "world"])
+def test_a_frame_is_where_numpy_places_it(alignment: Alignment, device: str) -> None:
     for seed in range(20):
         (position, rotation), (offsets, turns) = poses(seed), poses(seed + 100)
         offset = np.eye(4)
         offset[:3, 3], offset[:3, :3] = offsets[0], turns[0].reshape(3, 3)
         which = seed % COUNT
-        frame = PlacedFrame(which, offset, yaw_aligned, wp.get_device(device))
+        frame = PlacedFrame(which, offset, alignment, wp.get_device(device))
         for _ in range(2):
             expected = placed(position[which], rotation[which].reshape(3, 3), offset)
-            check(frame, frame.place(position, rotation), yaw_only(expected) if yaw_aligned else expected, seed)
+            check(frame, frame.place(position, rotation), aligned(expected, alignment), seed)
             position += 0.1  # the same arrays, with other values in them
-        check(frame, frame.place(None, None), yaw_only(offset) if yaw_aligned else offset, seed)
+        check(frame, frame.place(None, None), aligned(offset, alignment), seed)
 
 
 def check(frame: PlacedFrame, pose: np.ndarray, expected: np.ndarray, seed: int) -> None:

@@ -279,6 +279,7 @@ def test_no_file_takes_the_number_of_a_closed_stream() -> None:
         (["dataset", "own.yaml"], "own.yaml:1:1: a preset, expected a data set; `rigcast presets own.yaml` shows it"),
         (["presets", "rig.yaml"], "rig.yaml:1:1: a rig, expected a preset; `rigcast validate rig.yaml` shows it"),
         (["presets", "set.yaml"], "set.yaml:1:1: a data set, expected a preset; `rigcast dataset set.yaml` makes it"),
+        (["presets", "half.yaml"], "preset 'half.yaml': elevation_deg: required where no preset gives it"),
         (["init", "rig.yaml"], "rig.yaml: a YAML file, expected a MuJoCo model: MJCF, URDF or MJB"),
         (["presets", "VLP-16"], "did you mean 'velodyne_vlp16'?"),
         (["presets", "Mid-360"], "did you mean 'livox_mid360'?"),
@@ -289,6 +290,7 @@ def test_what_newcomers_mistype_is_put_right(
 ) -> None:
     monkeypatch.chdir(rig.parent)
     Path("own.yaml").write_text("type: lidar\ndescription: our own\nsource: measured\n")
+    Path("half.yaml").write_text("type: lidar\ndescription: our own\nsource: measured\nsensor: {columns: 4}\n")
     Path("set.yaml").write_text("rig: rig.yaml\nscenes: [{name: a, file: robot.xml}]\n")
     code, output = call(*arguments)
     assert code == 2

@@ -144,6 +144,33 @@ def test_a_recorder_finishes_once_and_takes_no_frame_after_that(tmp_path: Path) 
     assert sorted(path.name for path in (tmp_path / "top").iterdir()) == ["000000.npz", "preview.png"]
 
 
+def test_a_frame_that_fails_in_one_format_is_saved_in_none(tmp_path: Path) -> None:
+    data = mujoco.MjData(made_frames.model())
+    with Recorder(tmp_path, made_frames.model(), [CAMERA], ["ply", "exr_multipart"]) as recorder:
+        recorder.step(data, frames_at(0.1)[1:])
+        (tmp_path / "cameras" / "000002.exr").mkdir()
+        with pytest.raises(
+            rigcast.InputError, match=r"000002\.exr: cannot be written: .*; 1 frames from before are in"
+        ):
+            recorder.step(data, [frames_at(0.2)[1], frames_at(0.3)[1]])
+    assert indexed(tmp_path) == [("eye", 0)]
+    files = [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("0*") if path.is_file()]
+    assert sorted(files) == ["cameras/000000.exr", "eye/000000.ply"]
+
+
+def test_a_recording_that_cannot_be_completed_is_told_when_all_else_is_saved(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, made_frames.model(), [LIDAR], ["npz", "mcap", "zarr"])
+    recorder.step(mujoco.MjData(made_frames.model()), frames_at(0.1)[:1])
+    (tmp_path / "rosbag2_mcap" / "another").mkdir(parents=True)
+    message = "unfinished/rosbag2_mcap: cannot be completed: Directory not empty; 1 frames from before are in"
+    with pytest.raises(rigcast.InputError, match=message):
+        recorder.finish()
+    assert indexed(tmp_path) == [("top", 0)]
+    assert rows_in(tmp_path / "frames.zarr") == 1
+    assert (tmp_path / "top" / "preview.png").exists()
+    assert clouds_in(tmp_path / "unfinished" / "rosbag2_mcap") == 1
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

@@ -209,6 +209,7 @@ FAULTS = [
     ("extends: §ouster_os1_64\n", "extends: .*is not a file; a sensor has a device as `preset: ouster_os1_64`"),
     ("extends: §rig.yaml\n", "extends: .*rig.yaml -> .*rig.yaml is a circle"),
     ("extends: §3\n" + BASE.replace("robot", "base/robot"), "extends: must be the name of a file, or a list of them"),
+    ("extends: §[base/base.yaml, 3]\n", "extends: must be the name of a file, or a list of them"),
     ("extends: base/base.yaml\nsensors: [{name: top, §rat: 3}]\n", r"sensors\[0\].rat: unknown key"),
     (
         "extends: base/base.yaml\nsensors: [{name: top}, {name: §top, type: height_scan, mount: {}, size: [1, 1], "

@@ -22,7 +22,7 @@ VALUES: st.SearchStrategy[Any] = st.recursive(
 )
 KEYS = (
     *("mount", "filter", "preset", "rate_hz", "min_range", "max_range", "elevation_deg", "azimuth_deg", "columns"),
-    *("resolution", "fov_y_deg", "size", "spacing", "yaw_aligned", "phase", "latency", "jitter", "frame_loss"),
+    *("resolution", "fov_y_deg", "size", "spacing", "alignment", "phase", "latency", "jitter", "frame_loss"),
     *("column_period_us", "firing_time_us", "scan_time", "origin_height", "rosette", "nodding", "ray_file"),
 )
 INNER = st.dictionaries(

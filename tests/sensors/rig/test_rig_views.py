@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rigcast import DepthCamera, Frame, HeightScan, Lidar, Mount, Rig
+from rigcast.sensors.specs.mount import Alignment
 
 # Marks around a sensor that looks along +x with +z up, in a body that is turned every way.
 MARKS = {
@@ -172,6 +173,36 @@ def test_a_height_scan_turns_but_does_not_tilt(roll_pitch: tuple[float, float], 
     expected[:, 2] = height
     np.testing.assert_allclose(frame.points_world.numpy(), expected, atol=1e-6)
     np.testing.assert_allclose(frame.pose[:3, :3], turn, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_height_scan_is_aligned_as_it_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = mujoco.MjModel.from_xml_string(GROUND)
+    data = mujoco.MjData(model)
+    data.qpos[:3], data.mocap_pos[0] = rng.uniform((-1, -1, 2), (1, 1, 3)), rng.uniform(-0.3, 0.3, 3)
+    attitude = Mount(euler_deg=rng.uniform((-50, -50, -180), (50, 50, 180))).offset[:3, :3]
+    mujoco.mju_mat2Quat(data.qpos[3:], attitude.ravel())
+    mujoco.mj_kinematics(model, data)
+    heading = np.rad2deg(np.arctan2(attitude[1, 0], attitude[0, 0]))
+    level = Mount(euler_deg=(0, 0, heading)).offset[:3, :3]
+    rotations: dict[Alignment, NDArray[np.float64]] = {"base": attitude, "yaw": level, "world": np.eye(3)}
+    grid: dict[str, Any] = {"mount": Mount(body="robot"), "size": (2, 1), "spacing": 0.25}
+    rig = Rig(model, [HeightScan(name=alignment, alignment=alignment, **grid) for alignment in rotations])
+    frames = rig.sense(data)
+    for alignment, rotation in rotations.items():
+        frame, spec = frames[alignment], next(spec for spec in rig.sensors if spec.name == alignment)
+        np.testing.assert_allclose(frame.pose[:3, :3], rotation, atol=1e-12, err_msg=f"{alignment}, seed {seed}")
+        local = spec.pattern(model).origins
+        assert local is not None
+        starts, down = local @ rotation.T + data.qpos[:3], rotation @ (0, 0, -1.0)
+        geom = np.zeros(1, np.int32)
+        distance = [mujoco.mj_ray(model, data, start, down, None, 1, -1, geom) for start in starts]
+        message = f"{alignment}, seed {seed}"
+        np.testing.assert_allclose(frame.range.numpy(), distance, rtol=1e-5, err_msg=message)
+        np.testing.assert_allclose(
+            frame.points_world.numpy(), starts + np.outer(distance, down), atol=1e-5, err_msg=message
+        )
 
 
 # A robot without geoms, so that only its sensors are lost with its pose.

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.specs.height_scan import HeightScan, yaw_only
-from rigcast.sensors.specs.mount import Mount
+from rigcast.sensors.specs.height_scan import HeightScan
+from rigcast.sensors.specs.mount import Mount, aligned
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco/>")
 
@@ -37,8 +37,8 @@ def test_grid_is_centred_and_x_runs_first(size: tuple[float, float], spacing: fl
     ("euler_deg", "yaw_deg"),
     [((0, 0, 0), 0), ((0, 0, 130), 130), ((20, -30, 60), 60), ((0, 90, 0), 0), ((170, 10, -90), -90)],
 )
-def test_yaw_only_keeps_position_and_heading(euler_deg: tuple[float, float, float], yaw_deg: float) -> None:
-    upright = yaw_only(Mount(pos=(1, 2, 3), euler_deg=euler_deg).offset)
+def test_yaw_alignment_keeps_position_and_heading(euler_deg: tuple[float, float, float], yaw_deg: float) -> None:
+    upright = aligned(Mount(pos=(1, 2, 3), euler_deg=euler_deg).offset, "yaw")
     expected = Mount(pos=(1, 2, 3), euler_deg=(0, 0, yaw_deg)).offset
     np.testing.assert_allclose(upright, expected, atol=1e-15)
 
@@ -50,6 +50,7 @@ def test_yaw_only_keeps_position_and_heading(euler_deg: tuple[float, float, floa
         ({"size": 1.0}, "size: must be a list, got 1.0"),
         ({"spacing": 0}, "spacing: must be greater than 0"),
         ({"spacing": 1e-4}, r"spacing: makes 1.6e\+08 rays of size 1.6 x 1 m, expected at most 67108864"),
+        ({"alignment": "body"}, "alignment: must be 'base', 'yaw' or 'world', got 'body'"),
         ({"preset": "velodyne_vlp16"}, "preset: 'velodyne_vlp16' is a lidar, expected a height_scan"),
     ],
 )

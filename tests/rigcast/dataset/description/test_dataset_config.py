@@ -26,6 +26,8 @@ from rigcast.sensors.errors import InputError
         ("duration: 0.1", "duration: 0", "set.yaml:5:32", "must be greater than 0"),
         ("type: python, function", "type: pythn, function", "set.yaml:5:56", "unknown type 'pythn'"),
         ("[0, 0.05]", "[0.05, 0]", "set.yaml:8:8", "sensors.top.noise.range_std: must be [low, high], got [0.05, 0.0]"),
+        ("[0, 0.05]", "[0, 0.05, 0.1]", "set.yaml:8:8", "range_std: must be [low, high], got [0.0, 0.05, 0.1]"),
+        ("[0, 0.05]", "[0, .inf]", "set.yaml:8:42", "must be a finite number"),
         ("range_std: [0", "range_std: [-1", "set.yaml:8:8", "with the lowest values: --set:1:"),
         ("dropout: [0, 0.5]", "drop: [0, 0.5]", "set.yaml:8:8", "did you mean 'dropout'?"),
         ("seed: 3", "output: {fields: {tpo: [range]}}", "set.yaml:9:19", "no sensor 'tpo', expected one of top, front"),
@@ -39,6 +41,7 @@ from rigcast.sensors.errors import InputError
         ("sign: {pos", "sing: {pos", "set.yaml:7:64", "can be moved in the scene 'room', expected one of table, sign"),
         ("sign: {pos", "world: {pos", "set.yaml:7:64", "no body 'world' that can be moved"),
         ("count: 2", "count: 0", "set.yaml:5:19", "must be greater than or equal to 1"),
+        ("count: 2", "count: 100000001", "set.yaml:5:19", "must be less than or equal to 100000000"),
     ],
 )
 def test_a_mistake_is_shown_where_it_is(path: Path, old: str, new: str, place: str, message: str) -> None:

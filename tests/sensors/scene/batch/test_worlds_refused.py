@@ -63,6 +63,10 @@ FAULTS: dict[str, tuple[Any, str]] = {
         {"geom_xpos": wp.zeros((2, 8), dtype=wp.vec3i, device="cpu"), "geom_xmat": np.zeros((2, 8, 9))},
         r"geom_xpos: got an array \(2, 8\) of vec3i, expected \(2, 8\) of vec3f or vec3d",
     ),
+    "another number of geoms on the device": (
+        {"geom_xpos": wp.zeros((2, 7), dtype=wp.vec3, device="cpu"), "geom_xmat": np.zeros((2, 8, 9))},
+        r"geom_xpos: got an array \(2, 7\) of vec3f, expected \(2, 8\) of vec3f or vec3d",
+    ),
     "every second world on the device": (
         {
             "geom_xpos": wp.zeros((4, 8), dtype=wp.vec3, device="cpu")[::2],
