@@ -53,7 +53,7 @@ def random_batches(far: bool) -> Iterator[Batch]:
 
 
 def warehouse_batches() -> Iterator[Batch]:
-    """Yield rays of the demo's sensors, drawn from all of theirs, each with what its own filter lets it see."""
+    """Yield random rays of each of the demo's sensors, in the world without what the sensor's filter hides."""
     rig, data = driving()
     rng = np.random.default_rng(0)
     rays = rig.rays(data)
@@ -99,21 +99,21 @@ def views() -> Iterator[tuple[str, Batch]]:
 
 
 def seen_by_all(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return the model with nothing transparent: not every peer leaves out what mj_ray does."""
+    """Make all geoms opaque, in place, and return the model: not every peer leaves out what mj_ray does."""
     model.geom_matid[:] = -1
     model.geom_rgba[:, 3] = 1.0
     return model
 
 
 def posed(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    """Return a copy with all that the casters read computed at its own time."""
+    """Return a copy after mj_forward, in which everything that the casters read is up to date."""
     forward = copy.copy(data)
     mujoco.mj_forward(model, forward)
     return forward
 
 
 def moved(data: mujoco.MjData, by: Floats) -> mujoco.MjData:
-    """Return a copy with every pose moved."""
+    """Return a copy with all bodies and geoms moved by a vector [m]."""
     there = copy.copy(data)
     for poses in (there.xpos, there.xipos, there.geom_xpos):
         poses += by
@@ -121,7 +121,7 @@ def moved(data: mujoco.MjData, by: Floats) -> mujoco.MjData:
 
 
 def offset(seed: int) -> Floats:
-    """Return a vector 10 to 20 km long, some way."""
+    """Return a vector (3,) 10 to 20 km long [m] in a random direction."""
     rng = np.random.default_rng((seed, 9))
     towards = rng.normal(size=3)
     vector: Floats = towards / np.linalg.norm(towards) * rng.uniform(*FAR)
@@ -134,7 +134,7 @@ def unit(vectors: Floats) -> Floats:
 
 
 def table(batches: list[Batch], casters: list[type[Caster]]) -> str:
-    """Return one table: the types of geoms in turn, each with all casters."""
+    """Return one table: for each type of geom, the rows of all casters."""
     return lines_of({c.name: list(rows(batches, [judge(c, batch) for batch in batches])) for c in casters})
 
 

@@ -30,7 +30,7 @@ def small_rig() -> tuple[rigcast.Rig, mujoco.MjData]:
 
 
 def read(rig: rigcast.Rig, data: mujoco.MjData, count: int) -> None:
-    """Read so many frames, all fields of some of them, while the box turns."""
+    """Read `count` frames, all fields of every tenth reading, while the box turns."""
     for k in range(count // len(rig.sensors)):
         data.qpos[:] += 0.01
         for frame in rig.sense(data).values():

@@ -1,4 +1,4 @@
-"""How much of the trees a ray has to look at even if it knew its hit: what no order of the visit can go below."""
+"""The part of the trees that a ray must visit even if it knew its hit: a lower bound for any order of traversal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -84,7 +84,7 @@ def _in_warps(directions: Floats) -> Floats:
 
 
 _Looked = tuple[set[int], set[int]]
-"""The nodes that a ray enters, those of the tree over shapes below 0, and its leaves."""
+"""The nodes and the leaves of triangle trees that a ray enters; node k of the tree over shapes is ~k."""
 
 
 def _average(name: str, warps: Sequence[Sequence[_Looked]]) -> Visits:
@@ -131,7 +131,7 @@ def _of_ray(
 def _entered(
     tree: npt.NDArray[np.void], root: int, origin: Floats, direction: Floats, reach: float
 ) -> tuple[Sequence[int], Sequence[int]]:
-    """Return which nodes, and which leaves, a ray enters before it has come `reach` [m] far."""
+    """Return which nodes, and which leaves, a ray enters within a distance `reach` [m]."""
     stack, nodes, leaves = [int(root)], list[int](), list[int]()
     with np.errstate(divide="ignore", invalid="ignore"):
         while stack:

@@ -36,7 +36,7 @@ def on_gpu(measured: Record) -> OnGpu | None:
 
 
 def of_worlds(cpu: OnDevice | None, gpu: OnGpu | None, counted: Sequence[Visits], folder: Path) -> Iterator[str]:
-    """Yield both sections, and draw the GPU's chart. counted: the lidar in many worlds first, where it could be."""
+    """Yield both sections, and draw the GPU's chart. counted: the lidar in many worlds first, if it was counted."""
     either = cpu if gpu is None else gpu.found
     if either is not None:
         yield WORLDS_HEAD.format(geoms=either.geoms, triangles=either.triangles, shares=_shares(either))
@@ -90,7 +90,7 @@ def _grays(batch: Batch) -> float:
 
 
 def _pairs(batch: Batch) -> list[tuple[str, str]]:
-    """Ways of rigcast's and the same of mujoco_warp's, so far as they were measured."""
+    """Pairs of a way of rigcast and the same way of mujoco_warp, where both were measured."""
     ways = _mrays(batch)
     pairs = [("rigcast", "mujoco_warp"), ("rigcast, graph", "mujoco_warp, graph")]
     return [(ours, theirs) for ours, theirs in pairs if ours in ways and theirs in ways]
@@ -128,7 +128,7 @@ def cells(value: Spread) -> str:
 
 
 def _distance(found: OnDevice, one: Visits) -> Iterator[str]:
-    """What the device would allow at most, and how far from it rigcast is."""
+    """The most rays/s that the device would allow, and the share of it that rigcast reaches."""
     batch = _batch(found)
     grays, limits = _grays(batch), {limit.key: limit for limit in found.limits}
     yield DISTANCE.format(grays=grays, worlds=batch.worlds)
@@ -145,7 +145,7 @@ def _distance(found: OnDevice, one: Visits) -> Iterator[str]:
 
 
 def _shares(found: OnDevice) -> str:
-    """What is seen, in percent of the rays."""
+    """What the rays hit, in percent of the rays."""
     return ", ".join(f"{100 * share:.0f} % {what}" for what, share in _batch(found).seen.items())
 
 

@@ -1,4 +1,4 @@
-"""A caster's rays judged by mj_ray, and the table that comes of it."""
+"""Comparison of a caster's rays with mj_ray, and the rows of its table."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Row:
-    """The rays of one caster at one type of geom; errors |t - t_ref| [m] are those of rays that agree on a hit."""
+    """The rays of one caster at one type of geom; errors |t - t_ref| [m] are those of rays that agree, NaN for none."""
 
     geom_type: str
     rays: int
@@ -68,7 +68,7 @@ def completed(batch: Batch, answer: Answer) -> RayHits:
 
 
 def _moves() -> Floats:
-    """Return (12, 3) vectors of lengths up to 1, all ways."""
+    """Return (12, 3) vectors of lengths up to 1 in random directions."""
     vectors = np.random.default_rng(0).normal(size=(12, 3))
     lengths = np.tile([0.999, 0.1, 0.01], 4)[:, None]
     moves: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True) * lengths

@@ -1,8 +1,8 @@
 """How many rays slip through meshes without holes: `python benchmarks/leaks.py [rays] [device]`.
 
 Two tables in Markdown, as docs/casting.md quotes them: the leak rates of other forms of the ray-triangle test, and ours
-for every mesh, aim and offset, with so many rays (350 000) at each of three scales and summed over these: some 10
-minutes of CPU time, half an hour for 1e6.
+for every mesh, aim and offset, summed over three scales with this number of rays (350 000) each: about 10 minutes of
+CPU time, half an hour for 1e6.
 """
 
 import sys
@@ -56,7 +56,7 @@ def print_ours(count: int, device: str) -> None:
         print("|", " | ".join([name, aim, *cells]), "|", flush=True)
 
 
-# ---- other forms of the test: (n, 3) each of a precision, vertices as seen from the origin
+# ---- other forms of the test: directions and vertices (n, 3) relative to the origin, in one precision
 
 
 def dot(a: Corners, b: Corners) -> Corners:
@@ -71,6 +71,7 @@ def sub_triangles(d: Corners, a: Corners, b: Corners, c: Corners) -> NDArray[np.
 
 
 def moeller_trumbore(d: Corners, a: Corners, b: Corners, c: Corners) -> NDArray[np.bool_]:
+    """Möller and Trumbore, "Fast, minimum storage ray-triangle intersection", 1997."""
     e1, e2 = b - a, c - a
     p, q = np.cross(d, e2), np.cross(-a, e1)
     scale = 1 / dot(e1, p)

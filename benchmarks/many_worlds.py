@@ -72,7 +72,7 @@ def batch(rig: rigcast.Rig, name: str, worlds: Any) -> None:
 
 
 def states(model: mujoco.MjModel, count: int) -> list[mujoco.MjData]:
-    """The robot in so many places, its legs anyhow."""
+    """States of the robot at `count` random places, with random angles of its legs."""
     rng, datas = np.random.default_rng(1), [mujoco.MjData(model) for _ in range(count)]
     for data in datas:
         data.qpos[:2] = rng.uniform(-2, 2, 2)
@@ -82,7 +82,7 @@ def states(model: mujoco.MjModel, count: int) -> list[mujoco.MjData]:
 
 
 def poses_on_device(datas: list[mujoco.MjData], device: wp.Device) -> dict[str, wp.array]:
-    """As mujoco_warp has them."""
+    """Poses of all worlds on the device, with mujoco_warp's names, shapes and float32."""
     poses = {}
     for name, dtype, shape in (("pos", wp.vec3, (3,)), ("mat", wp.mat33, (3, 3))):
         for prefix in ("x", "geom_x"):
@@ -106,9 +106,9 @@ def batch_of_mujoco(datas: list[mujoco.MjData]) -> dict[str, Any]:
 
 
 def least(ways: Sequence[Callable[[], None]]) -> dict[str, list[float]]:
-    """The least that each way takes [ms], one after the other again and again: neighbours only ever add to it.
+    """The least time of each way [ms] in REPEATS interleaved runs, as other work on the machine only adds to it.
 
-    By the clock, and of CPU time, which says more on a machine in use.
+    By the clock, and by CPU time, which other work disturbs less.
     """
     for way in ways:
         way()

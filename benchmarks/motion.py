@@ -1,4 +1,4 @@
-"""What it costs that sensor and geoms move during a reading: a lidar in the demo's warehouse with and without `motion`.
+"""Cost of motion of sensor and geoms during a reading: a lidar in the demo's warehouse with and without `motion`.
 
 python benchmarks/motion.py [SECONDS]     of simulation, by default 2; both rigs are stepped in turns in one process
 """

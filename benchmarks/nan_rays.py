@@ -34,7 +34,7 @@ def main(device: str | None = None) -> None:
 
 
 def seconds(scene: rigcast.Scene, directions: NDArray[np.float64]) -> float:
-    """The least of a few casts."""
+    """The least time [s] of REPEATS casts."""
     rays = wp.array(directions, dtype=wp.vec3d, device=scene.device)
     origin = wp.array([(0.0, 0.0, 1.5)], dtype=wp.vec3d, device=scene.device)
     return min(_time(scene, origin, rays) for _ in range(REPEATS))

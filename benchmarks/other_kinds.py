@@ -21,7 +21,7 @@ SDF_SCENES = ("cow", "mesh", "nutbolt", "tactile")
 
 
 def other_batches(folder: Path) -> Iterator[Batch]:
-    """Yield rays at each kind near the origin and 10 km away; files of props are written into the folder."""
+    """Yield rays at each kind, near the origin and 10 km away; the props' mesh files are written to the folder."""
     for batch in (*_sdf(), *_deformable(), *_props(folder)):
         yield batch
         there = deformables.shifted(batch.data, FAR)
@@ -84,7 +84,7 @@ def _props(folder: Path) -> Iterator[Batch]:
 
 
 def _moved(prop: rigcast.Prop) -> rigcast.Prop:
-    """Return a prop of the world as far away as its bodies."""
+    """Return the prop moved by FAR if it is mounted on the world; one on a body moves with it."""
     if prop.mount.parent != "world":
         return prop
     place = tuple((np.array(prop.mount.pos) + FAR).tolist())

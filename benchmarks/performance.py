@@ -52,7 +52,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def page(measured: Record, gpu: OnGpu | None) -> Iterator[str]:
-    """Yield the lines that come of the measurements in one world, and what was to be reached."""
+    """Yield the sections on measurements in one world, and the table of what was to be reached."""
     yield HEAD.format(**vars(measured), packages=measured.packages, meanwhile=_meanwhile(measured.load, measured.cores))
     yield from _comparison(measured.results)
     yield BARS
@@ -93,7 +93,7 @@ def _ratio(speed: Speed) -> str:
 
 
 def geometric_mean(results: Sequence[Result], caster: str) -> float:
-    """Of rigcast's rays per second over a caster's."""
+    """Geometric mean over all results of rigcast's rays per second over a caster's; NaN without results."""
     ratios = [s.ratio.median for result in results for s in result.speeds if s.caster == caster]
     return float(np.exp(np.mean(np.log(ratios)))) if ratios else float("nan")
 
@@ -152,12 +152,12 @@ def of_design(found: Sequence[Step]) -> Iterator[str]:
 
 
 def prose(name: str) -> str:
-    """A section that is written by hand."""
+    """A section written by hand, of benchmarks/prose."""
     return (PROSE / f"{name}.md").read_text().rstrip()
 
 
 def _counted() -> list[Visits]:
-    """Count the lidar in many worlds first, if its robot can be had."""
+    """Visits of the lidar in many worlds first, if its robot is available, then those of three scenes."""
     try:
         in_worlds = [visits_in_worlds()]
     except Unavailable:

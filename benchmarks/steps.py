@@ -1,4 +1,4 @@
-"""What each step that makes the cast fast gives: rays per second with it, over those without it."""
+"""The gain of each step that makes the cast fast: rays per second with it over those without it."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -22,7 +22,7 @@ ROUNDS = 5
 
 @dataclass(frozen=True)
 class Step:
-    """A step, what is there without it, and its gain on the rays of several sensors."""
+    """A step, what takes its place without it, and its gain on the rays of several sensors."""
 
     name: str
     without: str
@@ -44,7 +44,7 @@ def steps() -> list[Step]:
 
 
 def _gain(workload: Workload, view: View, without: Callable[[Workload, View], Any], clock: int) -> Spread:
-    """Of the rays per second; clock: 0 that on the wall, 1 the CPU's."""
+    """Rays per second with the step over those without it, by wall clock (clock 0) or CPU time (1)."""
     times = in_turns({"with": _frame(workload, view), "without": without(workload, view)}, ROUNDS)
     return Spread.of(times["without"][clock] / times["with"][clock])
 

@@ -1,4 +1,4 @@
-"""For mkdocstrings: what stands after >>> at the end of a docstring is an example."""
+"""An extension of griffe for mkdocstrings: the end of a docstring, from its first >>> on, is shown as examples."""
 
 import re
 import textwrap
@@ -8,10 +8,10 @@ import griffe
 
 
 class Doctests(griffe.Extension):
-    """Puts a heading above the examples, by which Google's style knows them."""
+    """Inserts the heading `Examples:` of Google's style above the first >>> of a docstring."""
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
-        """Griffe calls this for everything that it has read."""
+        """Called by griffe for every object that it has read."""
         if obj.docstring and re.search(r"^>>> ", obj.docstring.value, re.MULTILINE):
             text, example = re.split(r"^(?=>>> )", obj.docstring.value, maxsplit=1, flags=re.MULTILINE)
             obj.docstring.value = f"{text}Examples:\n{textwrap.indent(example, '    ')}"

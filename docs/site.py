@@ -1,4 +1,4 @@
-"""What mkdocs makes of more than the pages: the YAML reference, from the schema of rig files."""
+"""A hook of MkDocs that appends the YAML reference, from the schema of rig files, to its page."""
 
 import json
 from collections.abc import Iterator
@@ -15,12 +15,12 @@ _TITLES = {
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """mkdocs calls this for every page."""
+    """Called by MkDocs for every page."""
     return markdown + yaml_reference() if page.file.src_path == _PAGE else markdown
 
 
 def yaml_reference() -> str:
-    """A table of keys for the file itself and for each thing in it."""
+    """A table of keys for the file itself and for each kind of object in it."""
     schema = rig_schema()
     parts = {"The file": schema, **{_TITLES.get(name, name): part for name, part in schema["$defs"].items()}}
     return "".join(f"\n## {title}\n\n{_summary(part)}\n\n{_table(part)}\n" for title, part in parts.items())
@@ -43,12 +43,12 @@ def _row(key: str, value: dict[str, Any], required: bool) -> str:
 
 
 def _default(value: dict[str, Any]) -> str:
-    """As a file would say it; that of a thing with keys of its own is in its own table."""
+    """The default as written in a file; empty for an object, whose defaults are in its own table."""
     return f"`{json.dumps(value['default'])}`" if not isinstance(value.get("default", {}), dict) else ""
 
 
 def _kinds(value: dict[str, Any]) -> Iterator[str]:
-    """In words, what a value may be."""
+    """The types and constants that a value may be, in words."""
     for option in value.get("anyOf", value.get("oneOf", ())):
         yield from _kinds(option)
     if "$ref" in value:

@@ -8,7 +8,7 @@ Each of these imports only from those above it:
     shapes, poses                                    intersections of rays and shapes; poses of shapes and sensors
     hits                                             first hits, their distance, face and normal
     host, world                                      geometry built and kept up to date
-    single, packets, packing, bundles                rays cast one by one, in packets, in bundles; which go together
+    single, packets, packing, bundles                casts of rays one by one, in packets, in bundles; their grouping
     effects                                          measurement effects of sensors
-    cast                                             the cast of a sensor's rays, whichever way they go
+    cast                                             casts of a sensor's rays, in any of these ways
 """

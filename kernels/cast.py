@@ -67,8 +67,12 @@ def prepare_readings(
 ) -> Readings:
     """Prepare a cast whose hits are readings within these limits [m]; call `turn_to` before the first launch.
 
-    Hits nearer than the lower limit become -inf; normals are in the rays' frame. With one instant, shapes are cast at
-    their poses at the time of the launch; with several, along their motion as known now.
+    Hits nearer than the lower limit become -inf; normals are in the rays' frame. With one instant, shapes have their
+    poses at the time of the launch; with several, their motion at the time of this call.
+
+    Args:
+        visible: as for `cast`.
+        body_of_shape: (n,) int32, the body of each shape, for the field `body_id`.
     """
     out = Out()
     out.is_read, out.min_range = True, limits[0]

@@ -1,5 +1,5 @@
 """Fast access to elements of contiguous arrays by an index >= 0. Warp's own indexing checks every index for a negative
-one and multiplies it with the array's stride.
+one and multiplies it by the array's stride.
 """
 
 import warp as wp

@@ -86,7 +86,7 @@ class Geometry:
     patches: wp.array[Patch]  # of height fields on CUDA, where plots are stored as nodes
     # shapes:
     kind: wp.array[int]  # (n,)
-    twin: wp.array[int]  # an earlier shape of the same kind and triangle tree, or -1
+    twin: wp.array[int]  # (n,) the last earlier shape of the same kind and triangle tree, or -1
     visible: wp.array[wp.bool]  # set by each cast, else empty; (n,) for all worlds, or (W n,)
     # (n,) for all worlds, or (W n,):
     size: wp.array[wp.vec3]

@@ -18,7 +18,7 @@ _ELSEWHERE = {
     "elevation_deg": ("channels", "rings", "vertical", "verticalangles", "verticalfov", "verticalfovrange", "vfov"),
     "azimuth_deg": ("horizontal", "horizontalfovrange", "minangle", "maxangle", "anglemin", "anglemax"),
     "columns": ("samples", "horizontalsamples", "horizontalres", "horizontalresolution", "width"),
-    "ray_file": ("rays", "directions", "raydirections", "pattern", "scanpattern", "theta", "phi"),
+    "rays": ("raydirections", "pattern", "scanpattern", "theta", "phi"),
     "geom_id": ("classid", "semantic", "semantics", "segmentation", "label", "labels", "instanceid"),
     "fov_x_deg": ("fov", "hfov", "horizontalfov", "fovh", "horizontalaperture"),
     "fov_y_deg": ("vfov", "verticalfov", "fovv"),

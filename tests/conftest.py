@@ -1,4 +1,4 @@
-"""Warp kept quiet, MuJoCo's log elsewhere, tests skipped that need a GPU or long, and how hard the fuzz tests try."""
+"""Settings of all tests: Warp's and MuJoCo's logs, tests that are skipped, and the effort of the fuzz tests."""
 
 import gc
 import os
@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from hypothesis import HealthCheck, settings
 
-# `make fuzz` takes the second; a fault that it finds is printed with the example that shows it
+# `make fuzz` uses the second profile; a failure is printed with code that reproduces it
 _PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True, database=None)
 settings.register_profile("suite", _PATIENT, max_examples=200, derandomize=True)
 settings.register_profile("fuzz", _PATIENT, max_examples=20_000)
@@ -22,7 +22,7 @@ else:
 
 @pytest.fixture(scope="session", autouse=True)
 def working_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """MuJoCo writes MUJOCO_LOG.TXT into the current folder."""
+    """Run in a temporary folder, as MuJoCo writes MUJOCO_LOG.TXT to the current one."""
     before = os.getcwd()
     os.chdir(tmp_path_factory.mktemp("working"))
     yield
@@ -42,7 +42,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture
 def no_older_objects() -> Iterator[None]:
-    """The collector, and who asks it for all objects, passes over those that were there before: a million of them."""
+    """Hide the million objects that exist already from the garbage collector and from `gc.get_objects`."""
     gc.freeze()
     yield
     gc.unfreeze()

@@ -1,4 +1,4 @@
-"""Every command and code block of the README and of docs/ works as it stands there.
+"""Every command and code block of the README and of docs/ works as written.
 
 A page is worked through in a folder that has what a clone has: its YAML blocks are files by the names in their first
 lines, a CSV block is rays.csv; then its commands run one after another, and its Python as one script.
@@ -36,12 +36,12 @@ FILES = [
     for kind, block in BLOCKS[page]
     if kind in ("yaml", "csv")
 ]
-HEAVY = ("torch", "mujoco_warp")  # what some blocks import and not every test run has
+HEAVY = ("torch", "mujoco_warp")  # imported by some blocks, and not installed for every test run
 RIGS = [(page, name) for page, name, block in FILES if re.search("^(sensors:$|extends: configs)", block, re.MULTILINE)]
 
 
 def script(page: str) -> str:
-    """All Python of a page, and calls of what it has for pytest."""
+    """All Python of a page, followed by calls of its tests."""
     code = "".join(block for kind, block in BLOCKS[page] if kind == "python")
     return code + "".join(f"{name}()\n" for name in re.findall(r"^def (test_\w+)\(", code, re.MULTILINE))
 
@@ -120,7 +120,7 @@ def test_every_public_name_is_in_the_api_reference() -> None:
 
 
 def test_no_public_name_is_that_of_a_module() -> None:
-    """Which would take its place once somebody imports that module."""
+    """Importing that module would replace the name."""
     assert {module.name for module in iter_modules(rigcast.__path__)}.isdisjoint(rigcast.__all__)
 
 

@@ -1,4 +1,4 @@
-"""The examples do what they say, in a short form."""
+"""The examples run, with short arguments, and print what they say."""
 
 import re
 import subprocess
@@ -51,7 +51,7 @@ def test_an_example_does_its_job(
 
 
 def test_every_example_is_tried() -> None:
-    makers = {"make_warehouse_meshes.py"}  # made what the warehouse has, once
+    makers = {"make_warehouse_meshes.py"}  # made the meshes of the warehouse
     # of docs/sensors.md, `make pictures`
     pictures = {"lidar_effects.py", "lidar_weather.py", "motion_effects.py", "sensor_effects.py"}
     assert {path.name for path in EXAMPLES.glob("*.py")} - makers - pictures == {run[0] for run in RUNS}

@@ -49,7 +49,7 @@ def _imported(node: ast.AST, package: str, known: dict[str, Place]) -> Iterator[
 
 
 def against(imports: Iterable[tuple[Place, Place]]) -> list[str]:
-    """Those in a circle in which a room takes part."""
+    """The imports that are part of a cycle with a room in it."""
     steps = {(a, b): _step(a, b) for a, b in imports}
     used: dict[Place, set[Place]] = defaultdict(set)
     for above, below in steps.values():
@@ -64,7 +64,7 @@ def against(imports: Iterable[tuple[Place, Place]]) -> list[str]:
 
 
 def _step(a: Place, b: Place) -> tuple[Place, Place]:
-    """In which rooms two modules are, or the modules themselves, within the innermost folder that holds both."""
+    """The rooms of two modules, or the modules themselves, directly in the innermost folder that holds both."""
     shared = next(k for k in range(len(a)) if a[k] != b[k])
     return a[: shared + 1], b[: shared + 1]
 

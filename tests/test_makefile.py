@@ -1,4 +1,4 @@
-"""What the Makefile's targets would run: the demo installs rigcast alone, and nobody else's links are deleted."""
+"""Commands of the Makefile's targets: the demo installs rigcast alone, and links of other installs are kept."""
 
 import shutil
 import subprocess

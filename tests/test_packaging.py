@@ -21,7 +21,7 @@ ROOMS = {
 
 
 def run(*command: str | Path, cwd: Path) -> str:
-    """Standard output of a command that succeeds, with nothing of ours in its environment."""
+    """Standard output of a command that must succeed, run without PYTHON variables."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
     done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, f"{command} gave {done.returncode}\n{done.stdout}\n{done.stderr}"

@@ -28,6 +28,6 @@ def test_pictures_are_what_the_commands_make(tmp_path: Path) -> None:
 
 
 def are_alike(*pictures: Path) -> bool:
-    """But for pixels whose noise another processor rounds otherwise."""
+    """Whether pictures are equal, but for a few pixels whose noise another processor may round otherwise."""
     kept, made = (np.asarray(Image.open(path).convert("RGB"), np.int16) for path in pictures)
     return kept.shape == made.shape and bool((np.abs(kept - made).max(axis=-1) > 8).mean() < 0.002)

@@ -1,6 +1,6 @@
-"""What users write passes a type checker, which finds what is wrong in it.
+"""Users' code passes a type checker, which finds its errors.
 
-mypy sees rigcast as it is installed: its rooms are in one folder, and what it reports of that is not the user's.
+mypy sees rigcast as installed, with its rooms in one folder; faults that it reports in rigcast are not counted.
 """
 
 import re
@@ -72,7 +72,7 @@ assert rigcast.check(rig, mujoco.MjData(model)).wrong == 0
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """One with the package as an installation has it, settings of a user, and all Python of each page as a file."""
+    """A folder with the package as installed, a user's settings, and the Python of each page as a file."""
     package = tmp_path / "site" / "rigcast"
     package.mkdir(parents=True)
     rooms = [CHECKOUT / room for room in ("sensors", "kernels", "configs")]

@@ -53,6 +53,7 @@ def infrared(hits: HitArrays, directions: wp.array, reflectivity: wp.array, out:
         hits: (n,), with normals in the frame of the directions.
         directions: vec3d, unit, of the rays of one world or of all.
         reflectivity: (shapes,) float32, 0 to 1.
+        out: array to write to and return; None makes a new one.
     """
     out = wp.empty(hits.distance.size, dtype=float, device=directions.device) if out is None else out
     launch_over_rays(intensity_of_hits, out.size, [reflectivity, directions, hits.out()], [out], directions.device)
@@ -68,7 +69,7 @@ def reflected_share(
     hits: Out,
     intensity: wp.array[float],
 ) -> None:
-    """Write rho |n . d| of each hit, 0 on a miss."""
+    """Write rho |n . d| of each hit; 0 on a miss and where the distance is not finite."""
     i = (first + wp.tid()) * run
     end = wp.min(i + run, intensity.shape[0])
     while i < end:
@@ -79,9 +80,9 @@ def reflected_share(
 
 
 def intensity(hits: HitArrays, rays: Rays, reflectivity: wp.array, out: wp.array | None = None) -> wp.array:
-    """Intensity rho |n . d| of each hit, (n,) float32; 0 on a miss. hits: with normals in the rays' frame.
+    """Intensity rho |n . d| of each hit, (n,) float32; 0 on a miss and where the distance is not finite.
 
-    reflectivity: (shapes,) float32, 0 to 1.
+    hits: with normals in the rays' frame. reflectivity: (shapes,) float32, 0 to 1. out: as for `infrared`.
     """
     out = wp.empty(hits.distance.size, dtype=float, device=hits.distance.device) if out is None else out
     launch_over_runs(reflected_share, out.size, [reflectivity, rays.arrays, hits.out()], [out], out.device)

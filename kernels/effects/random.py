@@ -5,8 +5,9 @@ Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy 
     (c0, c1, c2, c3) -> (hi(M1 c2) ^ c1 ^ k0, lo(M1 c2), hi(M0 c0) ^ c3 ^ k1, lo(M0 c0)),  (k0, k1) += (W0, W1)
 
 turn a counter of four words and a key of two into four words. The counter is (draw, ray, frame, world); the key is
-hashed from the seed and the sensor's name. Logarithms, sines and cosines are computed by polynomials, with sums and
-products alone. So all numbers have the same bits on every device, and loops over rays are vectorised.
+hashed from the seed and the sensor's name. Logarithms, sines and cosines are polynomials of sums and products, and
+square roots are correctly rounded. So all numbers have the same bits on every device, and loops over rays are
+vectorised.
 """
 
 import hashlib
@@ -22,7 +23,7 @@ W1 = wp.constant(wp.uint32(0xBB67AE85))
 WORD = wp.constant(wp.uint64(32))
 UNUSED_BITS = wp.constant(wp.uint32(9))
 SQRT_HALF_BITS, MANTISSA_BITS = wp.constant(0x3F3504F3), wp.constant(23)  # of a float32
-LN_2, LN_2_REST = wp.constant(0.693359375), wp.constant(-2.12194440e-4)  # in all ln 2; an exponent times LN_2 is exact
+LN_2, LN_2_REST = wp.constant(0.693359375), wp.constant(-2.12194440e-4)  # sum: ln 2; an exponent times LN_2 is exact
 QUARTER = wp.constant(1.5707963267948966)  # of a turn [rad]
 
 

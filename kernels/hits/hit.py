@@ -19,7 +19,7 @@ from rigcast.kernels.vectors import larger, to_double, to_float
 
 NO_SHAPE = wp.constant(2**31 - 1)
 APART = wp.constant(1.0 + 2.0**-22)
-"""Distances whose ratio is at most this count as equal, unless both hits are on triangles."""
+"""Distances to two shapes whose ratio is at most this count as equal, unless both shapes have triangles."""
 
 
 @wp.struct

@@ -9,7 +9,8 @@ from rigcast.kernels.vectors import to_double, to_float
 class Out:
     """HitArrays as a struct for kernels.
 
-    is_read: whether to write readings: distances below min_range [m] become -inf, normals are in the rays' frame.
+    is_read: whether to write readings: where the distance is below min_range [m] it becomes -inf, the shape -1 and the
+    normal 0; normals are in the rays' frame.
     """
 
     distance: wp.array[float]

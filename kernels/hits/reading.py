@@ -41,7 +41,13 @@ def read_hits(
 
 
 def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
-    """Turn hits into readings in place: distances below min_range [m] become -inf, normals go to the rays' frame."""
+    """Turn hits into readings in place, with normals in the rays' frame.
+
+    Where the distance is below min_range [m] it becomes -inf, the shape -1 and the normal 0.
+
+    Args:
+        hits: k in a row for each ray of all worlds, with normals in the world.
+    """
     out = hits.out()
     out.min_range = min_range
     inputs = [rays.arrays, _per_ray(hits.distance, rays)]
@@ -158,7 +164,7 @@ def look_up_entries(first: int, run: int, table: wp.array[int], index: wp.array[
 
 def points(distance: wp.array, rays: Rays, out: wp.array | None = None) -> wp.array:
     """Points (n k,) vec3 [m] in the sensor's frame of n rays with k distances each; NaN where the distance is not
-    finite."""
+    finite. out: array to write to and return; None makes a new one."""
     out = wp.empty(distance.size, dtype=wp.vec3, device=distance.device) if out is None else out
     inputs = [rays.arrays, _per_ray(distance, rays), distance]
     launch_over_runs(points_in_frame, distance.size, inputs, [out], distance.device)

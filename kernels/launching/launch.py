@@ -21,7 +21,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def start_warp() -> None:
-    """Initialise Warp, unless it is; call this before anything else of Warp."""
+    """Initialise Warp, if it is not yet; call this before anything else of Warp."""
     with LOADING:
         wp.init()
 

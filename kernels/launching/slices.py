@@ -29,7 +29,8 @@ def launch_over_rays(
 ) -> None:
     """Launch a kernel over items 0..count-1, such as rays. Its first argument is the item of thread 0 of the launch.
 
-    The result of an item must depend on that item alone, so that slices and threads do not affect it.
+    The result of an item must depend on that item alone, so that slices and threads do not affect it. slice_size: items
+    that a CPU thread takes at a time.
     """
 
     if wp.get_device(device).is_cuda or count <= slice_size or thread_count() == 1:
@@ -96,7 +97,10 @@ class OverTiles:
         self._of_threads: list[Callable[[], None]] = []
 
     def begin(self, threads: int) -> list[Callable[[], None]]:
-        """Start over with no tile claimed; return a callable per thread. Any one of them alone completes the launch."""
+        """Start over with no tile claimed; return at least `threads` callables, each for one thread.
+
+        Any one of them alone completes the launch.
+        """
         if threads > len(self._of_threads):
             given = self._inputs(threads)
             self._of_threads = [recorded(self._kernel, 1, [k, self._turns, *given], [], "cpu") for k in range(threads)]

@@ -48,7 +48,7 @@ def lane_bits(a: int_lanes) -> int:  # type: ignore[empty-body]
 
 
 def _reduced(name: str) -> str:
-    """C++ for the min or max of sixteen floats, none below 0, compared as integers, in which order is the same."""
+    """C++ for the min or max of sixteen floats, none below 0, compared as integers, which have the same order."""
     return f"""
 #if defined(__CUDA_ARCH__)
     float reduced = a[0];

@@ -144,7 +144,7 @@ class TileRays:
     first_slot: int  # this thread's first of PACKETS slots in `best` and `directions`
     best: wp.array[PacketHits]
     directions: wp.array[Directions]
-    local: wp.array[Vectors]  # (1,) a packet's directions in a shape's frame
+    local: wp.array[Vectors]  # (1,) scratch, such as a packet's directions in a shape's frame
     opened: wp.array[Node]  # (1,) the node of a plot
     composed: wp.array[TriangleBlock]  # (1,) the triangles of a patch
     plot: int  # number of the plot in `opened`, -1 for none; kept because neighbours often need the same

@@ -62,7 +62,8 @@ def prefetch_hit(out: Out, i: int):  # type: ignore[no-untyped-def]
 def prefetch_out(out: Out, packets: wp.array[Packet], at: int, first_ray: int) -> None:
     """Prefetch the output lines of a packet's hits, which are spread over the rows of an image.
 
-    first_ray: of the packet's world. Lanes without a ray prefetch an address outside the arrays, which is harmless.
+    first_ray: of the packet's world. A lane without a ray prefetches entry first_ray - 1, which may lie outside the
+    arrays; a prefetch cannot fault.
     """
     numbers = packets[at].ray
     for lane in range(LANES):

@@ -153,7 +153,7 @@ def gather_packets(these: Packing, t: int, begin: int, end: int) -> wp.vec3d:
 
 @wp.func
 def pack_tile(these: Packing, t: int) -> None:
-    """Make tile t, and write whether it is dense; it is not if its rays are far apart or not finite."""
+    """Make tile t, and write whether it is dense: its rays are finite, near its axis, and enough for its size."""
     packets = these.packets
     begin = these.starts[t]
     end = these.starts[t + 1]

@@ -154,7 +154,11 @@ def bend_and_pack(_thread: int, turns: wp.array[int], wedges: Wedges, these: Pac
 
 
 class Bending:
-    """Beams of several lines through rotating wedges. lines: (lines, 3) unit directions before the wedges."""
+    """Beams of several lines through rotating wedges.
+
+    lines: (lines, 3) unit directions before the wedges. wedges: in the order in which light meets them. samples: number
+    of directions per line in a reading.
+    """
 
     def __init__(self, lines: Doubles, wedges: Sequence[TurningWedge], samples: int) -> None:
         self._shape = samples, len(lines), 3
@@ -176,7 +180,7 @@ class Bending:
         self._readings: deque[_Reading] = deque(maxlen=_MOST)
 
     def reading(self, turned: Sequence[float], in_packets: bool) -> tuple[Doubles, Packets | None]:
-        """Unit directions (samples, lines, 3) behind the wedges, and their packets, or None unless in_packets.
+        """Unit directions (samples, lines, 3) behind the wedges, and their packets, None if not in_packets.
 
         A later reading overwrites these arrays once nobody holds any of them. turned: angle of each wedge at the first
         sample [rad]; at 0 its tilted face leans to +y.

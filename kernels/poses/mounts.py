@@ -202,7 +202,7 @@ class Frames:
         return Frames(self.position[part], self.rotation[part])
 
     def copy(self, carriers: Carriers) -> None:
-        """Set the first frames to the poses of the carriers, in float64."""
+        """Set the first frames of each world to the poses of the carriers, given for every world, in float64."""
         outputs = [self.position, self.rotation]
         inputs = [carriers.position, carriers.rotation]
         kernel = _COPY_FRAMES[carriers.position.dtype]

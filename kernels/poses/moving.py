@@ -25,7 +25,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def rotation_by(w: wp.vec3d) -> wp.mat33d:
-    """The rotation exp([w]) about w by |w| [rad]: I + sin a [k] + 2 sin^2(a / 2) [k]^2 with a = |w|, k = w / a."""
+    """The rotation exp([w]) about w by |w| [rad].
+
+    Rodrigues' formula: I + sin a [k] + 2 sin^2(a / 2) [k]^2 with a = |w|, k = w / a.
+    """
     identity = wp.identity(n=3, dtype=wp.float64)
     angle = wp.length(w)
     if angle == wp.float64(0.0):

@@ -77,7 +77,7 @@ def entry_of(place: wp.array[int], shape: int, scope: Scope) -> int:
 
 @wp.func
 def is_doubled(g: wp.array[Geometry], shape: int, scope: Scope) -> bool:
-    """Whether an earlier visible shape has the same triangles at the same pose, and so takes all hits of this one.
+    """Whether the shape's twin is visible and has the same triangles at the same pose, and so takes all of its hits.
 
     An example is a mesh that is both the visual and the collision geom of a body.
     """

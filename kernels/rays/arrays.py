@@ -67,7 +67,7 @@ class Rays:
         return int(self.directions.shape[-1]) * self.worlds
 
     def of_worlds(self, part: slice) -> "Rays":
-        """The rays of some of the worlds, as if there were no others."""
+        """The rays of some of the worlds, as if there were no others, at their only instant."""
         firings = self.position.size // self.worlds
         own = slice(part.start * firings, part.stop * firings)
         return replace(

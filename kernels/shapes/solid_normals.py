@@ -73,7 +73,10 @@ def box_normal(p: wp.vec3, d: wp.vec3, t: float, size: wp.vec3) -> wp.vec3:
 
 @wp.func
 def closed_form_normal(kind: int, size: wp.vec3, p: wp.vec3, d: wp.vec3, t: float) -> wp.vec3:
-    """Unit outward normal of a closed-form geom where a ray along d, a unit vector, hits it at a distance t in p."""
+    """Unit outward normal of a closed-form geom at the point p where a ray along the unit vector d hits it.
+
+    t: distance of p from the ray's origin [m], by which the rounding of p grows.
+    """
     if kind == SPHERE:
         return sphere_normal(p, d, t, size)
     if kind == CAPSULE:

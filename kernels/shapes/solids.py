@@ -1,4 +1,4 @@
-"""A ray against MuJoCo's closed-form geoms, in the geom's own frame and with MuJoCo's rules.
+"""A ray against MuJoCo's closed-form geoms, in the geom's own frame and with the rules of MuJoCo's `mju_rayGeom`.
 
 Spheres, capsules, ellipsoids, cylinders and boxes are convex solids. A ray o + t d is inside one for t in
 [t_in, t_out], or never (t_in > t_out). It hits where it enters or, from inside, where it leaves. A touch counts as a

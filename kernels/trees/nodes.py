@@ -26,10 +26,11 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll":
 WIDTH = wp.constant(8)
 NO_CHILD = wp.constant(-(2**31))
 FIRST_PATCH = wp.constant(2**27)
-"""Leaves of triangle trees with this number or a higher one are patches of height fields; lower ones are blocks."""
+"""Leaves of triangle trees from this number on are patches of height fields; lower ones are blocks."""
 FIRST_PLOT = wp.constant(2**28)
-"""Leaves from this number on are plots of height fields, eight patches each; see rigcast.kernels.shapes.patches."""
+"""Leaves from this number on are not patches but plots, eight patches each; see rigcast.kernels.shapes.patches."""
 OUTWARDS = wp.constant(1.0 + 4.0 * 2.0**-23)
+"""Factor of half sizes that covers the rounding of a box's centre and half size."""
 
 vec8 = wp.types.vector(length=8, dtype=wp.float32)
 vec8i = wp.types.vector(length=8, dtype=wp.int32)
@@ -146,8 +147,8 @@ def by_ends(nodes: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
 def join_trees(a: npt.NDArray[np.void], b: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
     """Join two trees over the same array of leaves into one; its boxes must be refitted.
 
-    The new root takes the children of both roots, so that no path gets longer. Where these are more than WIDTH, the
-    smallest of a's children move to a node below the root.
+    The new root takes the children of both roots, so that paths do not get longer. If these are more than WIDTH, the
+    smallest of a's children move to a node below the root. If b's root is full, the new root is over both roots.
     """
     own, others = _children_by_size(a[0]), _children_by_size(b[0])
     room = WIDTH - len(others)

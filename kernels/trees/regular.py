@@ -1,6 +1,7 @@
 """Trees over boxes in rows and columns, built bottom-up with the same regularity.
 
-A node has two by four or four by two children, whichever is closer to a square, or eight of one row.
+A node has eight children: two by four, four by two, or of one row or column, so that its box is close to a square. At
+the ends of rows and columns it has fewer.
 """
 
 from collections.abc import Sequence

@@ -29,8 +29,8 @@ def build_height_field(
     Args:
         x, y: (columns,) and (rows,) coordinates of the cells' corners [m], ascending, at least two each.
         heights: (rows, columns) [m].
-        others: up to MOST_ROWS rows of triangles (n, 3, 3) [m]; consecutive triangles of a row are neighbours.
-            Triangles without area are never hit. No coordinate may exceed FARTHEST.
+        others: 1 to MOST_ROWS rows of triangles (n, 3, 3) [m]; consecutive triangles of a row are neighbours.
+            Triangles without area are never hit. No coordinate may exceed FARTHEST; this is not checked.
 
     Returns:
         A tree. Faces 2 k and 2 k + 1 are cell k, row by row, below and above its diagonal; those of `others` follow.

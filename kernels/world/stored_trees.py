@@ -101,7 +101,7 @@ class StoredTrees:
 
 
 def _on_cache_lines(values: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """A copy that begins on a cache line. It is in numpy's memory, which is in huge pages; Warp's is not."""
+    """A copy that begins on a cache line. It is in memory of numpy, which asks Linux for huge pages; Warp does not."""
     room = np.empty(values.nbytes + CACHE_LINE, np.uint8)
     first = -room.ctypes.data % CACHE_LINE
     copy = room[first : first + values.nbytes].view(values.dtype)

@@ -104,7 +104,7 @@ def build_triangle_tree(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triang
         faces: (m, 3) indices into vertices, counter-clockwise seen from outside. Faces without area are dropped.
 
     Raises:
-        ValueError: a face with an index out of range or a vertex that is not finite or too large.
+        ValueError: a face with an index out of range, or with a vertex that is not finite or too large.
     """
     v, f = np.asarray(vertices), np.asarray(faces).reshape(-1, 3)
     _require_usable(v, f)

@@ -73,7 +73,7 @@ class World:
         self.geometry.kind = wp.array(shapes.kind[: self._count], dtype=int, device=device)
         self.geometry.twin = wp.array(_twins(shapes.kind[: self._count], shapes.tree[: self._count]), device=device)
         self._take_shapes(slice(0, len(shapes.kind)))
-        self._poses: tuple[wp.array | None, wp.array | None] = (None, None)  # no longer valid
+        self._poses: tuple[wp.array | None, wp.array | None] = (None, None)  # the next update takes all
 
     def set_tree(self, index: int, tree: TriangleTree) -> None:
         """Replace a triangle tree; shapes whose boxes change with it must be set, too."""

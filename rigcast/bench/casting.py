@@ -52,7 +52,7 @@ def patterns(rounds: int) -> Iterator[Figure]:
 def _sensor_times(rig: Rig, data: mujoco.MjData, rounds: int) -> dict[str, Floats]:
     def frame_of(name: str) -> Callable[[], None]:
         def run() -> None:
-            data.time += 0.1  # a rosette is another one in each reading
+            data.time += 0.1  # a rosette is different in each reading
             rig.cast(data, [name])[name].distance.numpy()
 
         return run

@@ -1,4 +1,4 @@
-"""Measurements of preparations for the first frame, by CPU time of one thread: trees, memory, start-up."""
+"""Measurements of preparations for the first frame: trees and start-up, by CPU time of all threads; memory."""
 
 import json
 import os
@@ -20,7 +20,7 @@ MILLION = 1_000_000
 
 
 def trees(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
-    """Building the tree of a mesh, reading it as a second start does, and building that of the same height field."""
+    """CPU time to build the tree of a mesh, to read it as a second start does, and to build that of a height field."""
     model = hills(triangles).model
     field = model.hfield_size[0], hfield_data(model, 0)
     mesh = hfield_triangles(*field)
@@ -32,14 +32,14 @@ def trees(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
             "hfield": lambda: hfield_tree(*field),
         }
         times = in_turns(ways, min(rounds, 3))
-    names = ("a tree built", "a tree read by a second start", "a height field read")
+    names = ("a tree built", "a tree read by a second start", "the tree of a height field built")
     for way, what in zip(ways, names, strict=True):
         seconds = times[way][1] / len(mesh[1]) * MILLION
         yield Figure(f"tree_{way}", f"{what}, for each million triangles", "s", Spread.of(seconds))
 
 
 def memory(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
-    """Memory that a scene adds to its process, without kernels and model."""
+    """Memory that a scene adds to its process, without kernels and model. Nothing where there is no /proc."""
     del rounds
     if not os.path.exists("/proc/self/statm"):
         return
@@ -55,7 +55,7 @@ def memory(rounds: int, triangles: int = MILLION) -> Iterator[Figure]:
 
 
 def start(rounds: int) -> Iterator[Figure]:
-    """Time from a fresh Python to the demo's first frames: import, model, rig and one frame of each sensor."""
+    """CPU time from a fresh Python to the demo's first frames: import, model, rig and one frame of each sensor."""
     with tempfile.TemporaryDirectory() as folder:
         # bytecode is kept, as it is by default, and the first start writes it
         bytecode = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}

@@ -103,8 +103,8 @@ def in_turns(
 ) -> dict[str, Floats]:
     """Return (2, rounds) for each: the wall-clock seconds of a run, and the CPU seconds of all threads.
 
-    Every other round is in reverse order, after one run that does not count. settle: waits for work that runs have
-    launched without waiting.
+    All run once, untimed, before the first round. Every other round is in reverse order. settle: waits for work that
+    runs have launched without waiting.
     """
     for run in what.values():
         run()
@@ -118,7 +118,8 @@ def in_turns(
 def _turn(run: Callable[[], Any], settle: Callable[[], object]) -> tuple[float, float]:
     """The mean seconds of a run, over consecutive runs for TURN seconds, after one run that warms the caches.
 
-    A run's result is released after the next run has returned, as in a loop that steps a simulation.
+    A run that takes TURN seconds or more is not repeated. Its result is released after the next run has returned, as in
+    a loop that steps a simulation.
     """
     first = _seconds(run, settle)
     if first[0] >= TURN:

@@ -1,4 +1,4 @@
-"""Measurements of a step's cost besides the cast, by CPU time of one thread: update and small frames."""
+"""Measurements of a step's cost besides the cast, by CPU time of all threads: update and small frames."""
 
 import time
 from collections.abc import Iterator

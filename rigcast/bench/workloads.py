@@ -73,7 +73,7 @@ def demo_rig() -> Path:
 
 
 def room(geoms: int = 1600, seed: int = 0) -> Workload:
-    """A hall, 40 m square, with `geoms` boxes, cylinders and meshes in heaps, each a body of its own."""
+    """A hall, 40 m square, with `geoms` boxes, cylinders and meshes at random places, each a body of its own."""
     rng = np.random.default_rng(seed)
     spec = mujoco.MjSpec()
     for k in range(4):
@@ -97,7 +97,7 @@ def room(geoms: int = 1600, seed: int = 0) -> Workload:
 
 
 def hills(triangles: int = TRIANGLES, seed: int = 0) -> Workload:
-    """A height field of `triangles` triangles, 100 m square."""
+    """A height field of about `triangles` triangles, 100 m square."""
     side = max(2, round((triangles / 2) ** 0.5)) + 1
     model = mujoco.MjModel.from_xml_string(f"""<mujoco>
       <asset><hfield name="hills" nrow="{side}" ncol="{side}" size="50 50 4 1"/></asset>
@@ -108,7 +108,11 @@ def hills(triangles: int = TRIANGLES, seed: int = 0) -> Workload:
 
 
 def g1() -> Workload:
-    """A Unitree G1 (35 meshes, 393 k triangles) on a height field of 200 x 200 with 60 solids."""
+    """A Unitree G1 (35 meshes, 393 k triangles) on a height field of 200 x 200 with 60 solids.
+
+    Raises:
+        Unavailable: the wheel with the robot could not be fetched.
+    """
     spec = mujoco.MjSpec.from_file(str(_mjlab_folder() / "mjlab/asset_zoo/robots/unitree_g1/xmls/g1.xml"))
     rng = np.random.default_rng(0)
     terrain = _rough(200, 1)
@@ -129,7 +133,11 @@ def g1() -> Workload:
 
 
 def aloha_pot() -> Workload:
-    """Two ALOHA arms and a pot on a table, from mujoco_warp's tests."""
+    """Two ALOHA arms and a pot on a table, from mujoco_warp's tests.
+
+    Raises:
+        Unavailable: mujoco_warp is not installed.
+    """
     package = importlib.util.find_spec("mujoco_warp")
     if package is None or package.origin is None:
         raise Unavailable("mujoco_warp, which brings it, is not installed; pip install 'rigcast[benchmark]' does")

@@ -116,6 +116,8 @@ class Spec(_Record):
 
 def _plain(value: Any) -> Any:
     """NumPy values as Python values, and lists as tuples, as the fields hold them."""
+    if isinstance(value, np.ndarray) and value.ndim == 2:  # perhaps of many rows
+        return tuple(map(tuple, value.tolist()))
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     return tuple(_plain(item) for item in value) if isinstance(value, list | tuple) else value

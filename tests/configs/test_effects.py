@@ -1,4 +1,4 @@
-"""The scene of the sensors' errors holds what it is there to show, and its fan spins."""
+"""The scene for sensors' errors has what they need, and its fan spins."""
 
 from pathlib import Path
 

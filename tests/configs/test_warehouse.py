@@ -1,4 +1,4 @@
-"""The demo scene holds what it is there to show, drives, and its files are what their script makes."""
+"""The demo scene has geoms of every kind, its robot drives, and its files are those that their script makes."""
 
 import subprocess
 import sys
@@ -74,7 +74,7 @@ def test_script_makes_the_files_of_the_scene(tmp_path: Path) -> None:
 
 
 def contents(path: Path) -> NDArray[np.float64]:
-    """An image's values, or a mesh's triangles."""
+    """The pixels of an image file, or the triangles of a mesh file."""
     if path.suffix == ".png":
         return np.asarray(Image.open(path), dtype=np.float64)
     return np.asarray(trimesh.load_mesh(path).triangles)

@@ -1,7 +1,6 @@
-"""How far a statistic may stray before chance no longer explains it.
+"""Assertions on statistics of random samples.
 
-Bounds are those that a right answer passes but with probability DOUBT; seeds are fixed, so that a test that passes once
-always does.
+A correct sample exceeds a bound with probability DOUBT. Seeds are fixed, so that a test that passes once always passes.
 """
 
 from statistics import NormalDist
@@ -11,17 +10,20 @@ from numpy.typing import ArrayLike, NDArray
 
 DOUBT = 1e-6
 SIGMAS = -NormalDist().inv_cdf(DOUBT / 2)
-"""4.89: two-sided, of a normal statistic."""
+"""4.89: the two-sided bound of a normal statistic, in standard deviations."""
 
 
 def chi2_limit(freedom: int) -> float:
-    """What chi squared exceeds with probability DOUBT (Wilson and Hilferty's cube root)."""
+    """The value that chi squared exceeds with probability DOUBT, by the cube root of Wilson and Hilferty (1931).
+
+    freedom: degrees of freedom.
+    """
     spread = 2 / (9 * freedom)
     return float(freedom * (1 - spread - NormalDist().inv_cdf(DOUBT) * np.sqrt(spread)) ** 3)
 
 
 def assert_mean(samples: ArrayLike, mean: float, std: float, what: str = "") -> None:
-    """The mean of samples from a distribution of this mean and standard deviation."""
+    """Assert that independent samples can be from a distribution of this mean and standard deviation, by their mean."""
     values = np.asarray(samples, np.float64)
     allowed = SIGMAS * std / np.sqrt(values.size)
     got = values.mean()
@@ -31,7 +33,7 @@ def assert_mean(samples: ArrayLike, mean: float, std: float, what: str = "") -> 
 
 
 def assert_normal(samples: ArrayLike, mean: float, std: float, what: str = "") -> None:
-    """Mean, standard deviation and, over 64 bins of equal probability, the shape of a normal distribution."""
+    """Assert that samples can be normal: by mean, standard deviation and their counts in 64 equally probable bins."""
     values = np.asarray(samples, np.float64).reshape(-1)
     assert_mean(values, mean, std, what)
     # the variance of n normal samples has a standard deviation of std^2 sqrt(2 / n)
@@ -43,12 +45,12 @@ def assert_normal(samples: ArrayLike, mean: float, std: float, what: str = "") -
 
 
 def assert_even(counts: ArrayLike, what: str = "") -> None:
-    """Counts of events that are equally probable."""
+    """Assert that these can be counts of equally probable events."""
     assert_counts(counts, np.full(np.size(counts), 1 / np.size(counts)), what)
 
 
 def assert_counts(counts: ArrayLike, probability: ArrayLike, what: str = "") -> None:
-    """Counts of events of these probabilities, by Pearson's chi squared."""
+    """Assert that these can be counts of events of these probabilities, by Pearson's chi squared."""
     got = np.asarray(counts, np.float64).reshape(-1)
     expected = got.sum() * np.asarray(probability, np.float64).reshape(-1)
     chi2, limit = float(((got - expected) ** 2 / expected).sum()), chi2_limit(got.size - 1)
@@ -56,12 +58,12 @@ def assert_counts(counts: ArrayLike, probability: ArrayLike, what: str = "") -> 
 
 
 def assert_share(hits: NDArray[np.bool_], probability: float, what: str = "") -> None:
-    """How many of independent events of this probability happened."""
+    """Assert that independent events of this probability can have happened where `hits` is True."""
     assert_mean(hits, probability, np.sqrt(probability * (1 - probability)), what)
 
 
 def assert_uncorrelated(a: ArrayLike, b: ArrayLike, what: str = "") -> None:
-    """The correlation of independent samples, whose standard deviation is 1 / sqrt(n)."""
+    """Assert that two sets of n samples can be uncorrelated: r has then a standard deviation of 1 / sqrt(n)."""
     x, y = np.asarray(a, np.float64).reshape(-1), np.asarray(b, np.float64).reshape(-1)
     r, allowed = np.corrcoef(x, y)[0, 1], SIGMAS / np.sqrt(x.size)
     assert abs(r) <= allowed, f"{what} correlation: got {r}, expected 0 +- {allowed:.3g} ({x.size} samples)"

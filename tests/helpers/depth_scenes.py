@@ -16,7 +16,7 @@ WALL = '<geom name="wall" type="plane" size="0 0 1" zaxis="-1 0 0" pos="{} 0 0"/
 
 
 def camera(**arguments: Any) -> DepthCamera:
-    """A camera of WIDTH x HEIGHT pixels and FOCAL, where nothing else is given."""
+    """A camera of WIDTH x HEIGHT pixels with focal length FOCAL, unless the arguments say otherwise."""
     optics = {} if "fov_y_deg" in arguments else OPTICS
     return DepthCamera(**{"name": "eye", "mount": Mount(), "resolution": (WIDTH, HEIGHT), **optics, **arguments})
 
@@ -34,10 +34,10 @@ def look(worldbody: str, spec: DepthCamera, seed: int = 0) -> CameraFrame:
 
 
 def depth_of(worldbody: str, seed: int = 0, **arguments: Any) -> NDArray[np.float64]:
-    """The depth that a camera with these arguments measures."""
+    """The depth (H, W) [m] that a camera with these arguments measures."""
     return look(worldbody, camera(**arguments), seed).depth.numpy().astype(np.float64)
 
 
 def columns() -> NDArray[np.float64]:
-    """(WIDTH,) where the pixels' centres are across the image."""
+    """(WIDTH,) horizontal coordinates [pixels] of the pixels' centres."""
     return np.arange(WIDTH, dtype=np.float64) + 0.5

@@ -11,7 +11,7 @@ SEED = 3
 
 
 def bubble(radius: float, grey: float = 0.5) -> str:
-    """A sphere around the origin, where every ray from there hits at its radius and at right angles."""
+    """A sphere around the origin: every ray from there hits it at a distance `radius` and at right angles."""
     return f'<geom name="bubble" size="{radius}" rgba="{grey} {grey} {grey} 1"/>'
 
 

@@ -21,7 +21,7 @@ MODEL_XML = """
 </mujoco>
 """
 
-# A rotation about no axis in particular: no entry of it is a float32.
+# A rotation about a general axis: none of its entries is a float32.
 POSE = np.eye(4)
 POSE[:3, :3] = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
 POSE[:3, 3] = (1e4 + 1 / 3, -np.pi, 0.1)
@@ -34,10 +34,10 @@ def model() -> mujoco.MjModel:
 
 
 def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -> Any:
-    """A frame of `kind` whose range is `distance`; other readings are random, and misses where that is none.
+    """A frame of `kind` whose range is `distance`; other fields are random, and misses where that is not finite.
 
-    Fields can be `given` by name, and a `pattern`, which all but cameras need for a picture. A frame works out its
-    fields when asked; here they are there already.
+    Fields can be `given` by name, and a `pattern`, which all but cameras need for a picture. The fields, which a frame
+    computes on request, are already computed.
     """
     own = _own_fields(kind, distance.shape) | ({"lens": given.pop("lens")} if "lens" in given else {})
     sensor, time, pattern = given.pop("sensor", "eye"), given.pop("time", 0.1), given.pop("pattern", None)
@@ -54,7 +54,7 @@ def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -
 
 
 def random_range(shape: tuple[int, ...], seed: int) -> NDArray[np.float32]:
-    """Ranges between 0.1 and 50 m, among them no return, too near and invalid, each about once in eight."""
+    """Ranges between 0.1 and 50 m, of which about one in eight each is no return, too near and invalid."""
     rng = np.random.default_rng(seed)
     distance = rng.uniform(0.1, 50.0, shape).astype(np.float32)
     for value in (np.inf, -np.inf, np.nan):
@@ -63,7 +63,7 @@ def random_range(shape: tuple[int, ...], seed: int) -> NDArray[np.float32]:
 
 
 def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
-    """What this kind alone is made with."""
+    """Arguments of the constructor of this kind alone."""
     if kind is CameraFrame:
         return {"intrinsics": INTRINSICS, "lens": None, "depth_scale": 0.001, "_intensity": None}
     if kind is LidarFrame:

@@ -53,7 +53,7 @@ def seconds(stamp: Any) -> float:
 
 
 def cloud(message: Any) -> NDArray[Any]:
-    """The points of a PointCloud2, (height, width), by its own description of its fields."""
+    """The points (height, width) of a PointCloud2, decoded by the fields that it declares."""
     dtype = np.dtype(
         {
             "names": [field.name for field in message.fields],
@@ -67,7 +67,7 @@ def cloud(message: Any) -> NDArray[Any]:
 
 
 def matrix(transform: Any) -> NDArray[np.float64]:
-    """(4, 4) of a geometry_msgs/Transform."""
+    """The matrix (4, 4) of a geometry_msgs/Transform."""
     q, t = transform.rotation, transform.translation
     x, y, z, w = q.x, q.y, q.z, q.w
     pose = np.eye(4)

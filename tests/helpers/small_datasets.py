@@ -44,10 +44,10 @@ sensors:
     rate_hz: 25
 """
 
-SECOND_MACHINE = "RIGCAST_TEST_SECOND_MACHINE"  # in the environment of the one that `lost` is to lose
+SECOND_MACHINE = "RIGCAST_TEST_SECOND_MACHINE"  # environment variable of the machine that `lost` kills
 
-# What users write beside their data sets. `unlucky` is killed once, and the third episode's controller always; `lost`
-# takes the machine along.
+# A user's module beside a data set. `unlucky` kills its process once, and always in the episode with the seed in the
+# file `deadly`; `lost` kills the second machine once.
 MODULE = f"""\
 import os, signal
 from pathlib import Path
@@ -77,7 +77,7 @@ def lost(model, seed):
     def control(data):
         if data.time > 0.05 and "{SECOND_MACHINE}" in os.environ and not (HERE / "killed").exists():
             (HERE / "killed").touch()
-            os.kill(os.getppid(), signal.SIGKILL)  # by which Ray knows the machine
+            os.kill(os.getppid(), signal.SIGKILL)  # the machine's Ray process
             os.kill(os.getpid(), signal.SIGKILL)
     return control
 
@@ -103,7 +103,7 @@ seed: 3
 
 
 def write_files(folder: Path) -> Path:
-    """The files of a data set in `folder`; the path of its own."""
+    """Write the files of a data set to `folder`; return the path of its description."""
     files = {"room.xml": ROOM, "rig.yaml": RIG, f"{MODULE_NAME}.py": MODULE, "set.yaml": DATASET}
     for name, text in files.items():
         (folder / name).write_text(text)
@@ -111,7 +111,7 @@ def write_files(folder: Path) -> Path:
 
 
 def edited(path: Path, old: str, new: str) -> Path:
-    """The file with some of its text replaced."""
+    """Replace text in the file; return its path."""
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
@@ -119,7 +119,7 @@ def edited(path: Path, old: str, new: str) -> Path:
 
 
 def controlled_by(path: Path, controller: str) -> Path:
-    """The file with another controller."""
+    """Replace the controller in a data set's file; return its path."""
     return edited(path, path.read_text().partition("controller: {")[2].partition("}")[0], controller)
 
 
@@ -130,11 +130,11 @@ def make(
     part: tuple[int, int] = (1, 1),
     report: Callable[[Result], None] = lambda _result: None,
 ) -> Done:
-    """Make what is missing of the data set in the folder `name` beside its file."""
+    """Make the missing episodes of the data set in the folder `name` beside its file."""
     folder, engine = path.parent / name, engine or InProcess()
     return make_dataset(read_dataset(path), folder, engine, device="cpu", part=part, report=report)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file of a folder."""
+    """The bytes of every file of a folder by its relative path."""
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}

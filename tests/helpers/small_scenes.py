@@ -8,7 +8,7 @@ import numpy as np
 from rigcast import Scene
 from rigcast.sensors.scene.hits import NumpyHits
 
-# One geom of every kind, in its own lane y = 10 k, its near side at x = 2 for a ray along +x from (0, 10 k, 0).
+# A geom of every kind at y = {y}, whose near side a ray along +x from (0, y, 0) meets at x = 2.
 KINDS = {
     "plane": 'type="plane" size="0 0 1" zaxis="-1 0 0" pos="2 {y} 0"',
     "rectangle": 'type="plane" size="1 1 1" zaxis="-1 0 0" pos="2 {y} 0"',
@@ -28,7 +28,7 @@ ASSETS = """
 
 
 class Elsewhere:
-    """As a tensor of torch on a GPU answers numpy."""
+    """Refuses conversion to numpy as a torch tensor on a GPU does."""
 
     def __len__(self) -> int:
         return 2

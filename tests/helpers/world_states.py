@@ -1,4 +1,4 @@
-"""A model with every kind of geom, sensors with every effect on it, and many states of it."""
+"""A model with geoms of many kinds, sensors of every kind and with every effect, and random states of the model."""
 
 from typing import Any
 
@@ -114,7 +114,7 @@ def model() -> mujoco.MjModel:
 
 
 def states(model: mujoco.MjModel, count: int, seed: int = 0) -> list[mujoco.MjData]:
-    """So many states, with all that moves somewhere else in each."""
+    """`count` states, with every free body at a random pose in each."""
     rng = np.random.default_rng(seed)
     datas = []
     for k in range(count):
@@ -127,7 +127,7 @@ def states(model: mujoco.MjModel, count: int, seed: int = 0) -> list[mujoco.MjDa
 
 
 def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    """The same state, in data of a copy of its model."""
+    """A copy of the state in new data of this model."""
     same = mujoco.MjData(model)
     same.qpos[:], same.time = data.qpos, data.time
     mujoco.mj_forward(model, same)
@@ -135,7 +135,7 @@ def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
 
 
 def arrays_of(datas: list[mujoco.MjData], names: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
-    """The fields of a batch by MuJoCo's names."""
+    """Arrays (worlds, ...) of the fields of many states, by MuJoCo's names; the default are poses and times."""
     names = names or (
         "geom_xpos",
         "geom_xmat",
@@ -151,7 +151,7 @@ def arrays_of(datas: list[mujoco.MjData], names: tuple[str, ...] = ()) -> dict[s
 
 
 def on_device(datas: list[mujoco.MjData], device: str = "cpu") -> Any:
-    """The same as Warp arrays, of vectors and matrices."""
+    """Poses and times of many states as Warp arrays of vectors and matrices, in float64."""
     arrays = arrays_of(datas)
     kinds = {name: wp.mat33d if name.endswith("xmat") else wp.vec3d for name in arrays} | {"time": wp.float64}
     shaped = {name: v.reshape(*v.shape[:2], 3, 3) if name.endswith("xmat") else v for name, v in arrays.items()}
@@ -170,14 +170,14 @@ def alone(
     props: tuple[Prop, ...] = (),
     device: str = "cpu",
 ) -> dict[str, Frame]:
-    """What a new rig reads in one world by itself, with the random numbers of a world of a batch."""
+    """The frames of a new rig in one world alone, with the random numbers of that world in a batch."""
     worlds = Worlds([state_of(model, data)], ids=[world])
     frames = rig_of(model, *names, props=props, device=device).sense(worlds)
     return {name: frame.world(0) for name, frame in frames.items()}
 
 
 def fields_of(frame: Frame) -> dict[str, Any]:
-    """All that a frame says, as numpy arrays."""
+    """All fields of a frame as numpy arrays."""
     values = {name: getattr(frame, name, None) for name in (*FIELDS, "time", "pose")}
     return {
         name: value.numpy() if isinstance(value, wp.array) else np.asarray(value)
@@ -187,7 +187,7 @@ def fields_of(frame: Frame) -> dict[str, Any]:
 
 
 def assert_same(got: Frame, expected: Frame, where: str) -> None:
-    """Every field of two frames has the same bits."""
+    """Assert that two frames have the same fields, each equal, NaN included."""
     a, b = fields_of(got), fields_of(expected)
     assert a.keys() == b.keys()
     for name in a:

@@ -1,4 +1,4 @@
-"""`python cast_with_flags.py FLAGS`: the digest of what sensors and single rays hit, compiled with these flags."""
+"""`python cast_with_flags.py FLAGS`: a digest of the hits of sensors and single rays, compiled with these flags."""
 
 import hashlib
 import sys
@@ -21,7 +21,7 @@ MODEL = """<mujoco>
 
 
 def digest() -> str:
-    """Of ranges, geoms and normals; rays in packets, in bundles and alone, and trees."""
+    """SHA-256 of ranges, ids and normals of rays in packets, in bundles and alone."""
     model = mujoco.MjModel.from_xml_string(MODEL)
     rng, data = np.random.default_rng(0), mujoco.MjData(model)
     model.hfield_data[:] = rng.random(model.nhfielddata)

@@ -1,4 +1,4 @@
-"""The cast: the trees lose nothing, and ties, limits and rays that are not finite have one answer."""
+"""The cast: trees lose no hit, and the hits of ties, limits and rays that are not finite are defined."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ INF = np.inf
 
 
 def all_triangles(origins: Doubles, directions: Doubles, corners: Doubles) -> tuple[Doubles, Doubles, Doubles]:
-    """t, least barycentric coordinate and |cos|, (rays, triangles) each, in float64."""
+    """Distance t, least barycentric coordinate and |cos|, (rays, triangles) each, in float64."""
     v0, v1, v2 = np.moveaxis(corners, 1, 0)
     t, weights = moeller_trumbore(origins[:, None], directions[:, None], v0, v1, v2)
     n = np.cross(v1 - v0, v2 - v0)
@@ -45,7 +45,7 @@ def all_triangles(origins: Doubles, directions: Doubles, corners: Doubles) -> tu
 
 @pytest.mark.parametrize("seed", range(4))
 def test_nearest_of_all_triangles_is_hit(seed: int) -> None:
-    """The nearest for sure, or one nearer that the ray may touch within 1e-5 of its size."""
+    """The nearest that is surely hit, or a nearer one whose edge the ray passes within 1e-5 of its size."""
     rng = np.random.default_rng(seed)
     plan = Plan()
     shapes: list[tuple[Mesh, int]] = [
@@ -83,7 +83,7 @@ def test_nearest_of_all_triangles_is_hit(seed: int) -> None:
 @pytest.mark.parametrize("cull", [CULL_NONE, CULL_BACK, CULL_FRONT])
 @pytest.mark.parametrize("seed", range(3))
 def test_hit_is_the_nearest_of_all_shapes_cast_one_by_one(seed: int, cull: int) -> None:
-    """Bit for bit: the trees must not show. It is also what `visible` has to do."""
+    """Bit for bit, so the trees have no effect; a test of `visible`, too."""
     plan = random_plan(seed, count=25)
     world = plan.world()
     rays = random_rays(seed, 3000)
@@ -92,7 +92,7 @@ def test_hit_is_the_nearest_of_all_shapes_cast_one_by_one(seed: int, cull: int) 
     each = [cast_through(world, *rays, cull=cull, visible=numbers == k) for k in numbers]
     for k, hits in enumerate(each):
         assert set(np.unique(hits.shape)) <= {-1, k}
-    best = np.argmin([hits.distance for hits in each], axis=0)  # the lowest of those as near
+    best = np.argmin([hits.distance for hits in each], axis=0)  # the lowest of equally near ones
     expected = [np.stack([hits[j] for hits in each])[best, np.arange(len(best))] for j in range(4)]
     assert_same(got, Hits._make(expected), f"seed {seed}")
     assert len(np.unique(got.shape)) > 15
@@ -113,7 +113,7 @@ def test_invisible_shapes_are_not_hit() -> None:
 def test_of_two_as_near_the_lower_shape_is_hit() -> None:
     rng = np.random.default_rng(0)
     plan = Plan()
-    order = [int(i) for i in rng.permutation(np.repeat(np.arange(6), 3))]  # each place is taken three times
+    order = [int(i) for i in rng.permutation(np.repeat(np.arange(6), 3))]  # three equal shapes at each place
     for i in order:
         if i < 2:
             plan.add_mesh(cube() if not plan.trees else 0, (3.0 * i, 0, 0))
@@ -238,7 +238,7 @@ def test_ray_that_is_not_finite_has_distance_nan_and_hits_nothing(bad: float) ->
 
 @pytest.mark.parametrize("size", [1e10, 0.9 * FARTHEST, 1.1 * FARTHEST, 1e30, 1e38, 1e39, 1e300])
 def test_origin_beyond_all_measure_does_not_crash(size: float) -> None:
-    """Where float32 overflows, boxes compare as NaN, and empty ones were entered."""
+    """Where float32 overflows, comparisons with boxes are with NaN; empty boxes must not be entered."""
     world = random_plan(0).world()
     directions = unit(np.random.default_rng(0).normal(size=(300, 3)))
     directions[:6] = [*np.eye(3), *-np.eye(3)]

@@ -1,6 +1,6 @@
-"""No answer depends on how wide the CPU's vectors are, or on whether it fuses products with sums.
+"""No hit depends on the width of the CPU's vectors, or on whether it has fused multiply-adds.
 
-Warp compiles for the CPU that it finds and knows no other, so a narrower one is made by telling LLVM to use less of it.
+Warp compiles only for the CPU that it runs on; LLVM's flags restrict the instructions to those of a narrower one.
 """
 
 import subprocess
@@ -20,7 +20,7 @@ def digest(flags: str) -> str:
     return done.stdout.splitlines()[-1]
 
 
-@pytest.mark.long  # every width is a compilation of all that casts
+@pytest.mark.long  # each set of flags compiles all kernels of the cast again
 @pytest.mark.skipif(not hasattr(wp.config, "cpu_compiler_flags"), reason="this Warp has no such option")
 @pytest.mark.parametrize(
     "flags",

@@ -1,4 +1,4 @@
-"""Whatever numbers the kernels are given, the process lives and what is good stays right."""
+"""No input of the kernels crashes the process, and good input beside bad gives correct hits."""
 
 import subprocess
 import sys

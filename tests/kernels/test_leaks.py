@@ -1,4 +1,4 @@
-"""Meshes without holes let no ray through, aimed exactly at their vertices and edges."""
+"""Meshes without holes let no ray through that is aimed exactly at their vertices or edges."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ POSES = {"at the origin": (0.0, False), "posed": (10.0, True), "far": (1e5, True
 
 
 def check_targets_are_hit(shape: Mesh, origins: Doubles, targets: Doubles, pose: str) -> None:
-    """No ray gets farther than its target."""
+    """Assert that no ray gets farther than its target."""
     far, is_turned = POSES[pose]
     position = far * np.array([1.0, -0.7, 0.3])
     rotation = random_rotations(np.random.default_rng(5), 1)[0] if is_turned else np.eye(3)
@@ -90,7 +90,7 @@ def test_no_ray_leaves_a_closed_mesh(name: str, pose: str) -> None:
 @pytest.mark.parametrize("pose", ["at the origin", "posed"])
 @pytest.mark.parametrize("name", CLOSED)
 def test_no_ray_enters_a_closed_mesh(name: str, pose: str) -> None:
-    """From outside, at edges and vertices between faces that look at the origin. A leak hits the far side."""
+    """From outside, at edges and vertices between faces that face the origin. A leak hits the far side."""
     shape, rng = CLOSED[name], np.random.default_rng(1)
     corners = shape.corners.astype(np.float64)
     normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
@@ -121,7 +121,7 @@ def test_no_ray_goes_through_a_grid(is_turned: bool, bumps: float, pose: str) ->
 
 
 def test_no_axis_parallel_ray_that_runs_along_the_faces_of_boxes_is_lost() -> None:
-    """A lidar's level beams start in the plane of box faces: 0 * inf, if nobody takes care."""
+    """Level beams of a lidar can start in the plane of a box's face, where a naive slab test computes 0 * inf."""
     shape = grid(8)
     standing = shape._replace(vertices=np.ascontiguousarray(shape.vertices[:, [2, 0, 1]]))  # in the plane x = 0
     y, z = (a.ravel() for a in np.meshgrid(*2 * [np.linspace(-1, 1, 17)[1:-1]]))
@@ -133,7 +133,7 @@ def test_no_axis_parallel_ray_that_runs_along_the_faces_of_boxes_is_lost() -> No
 
 @pytest.mark.parametrize("cull", [CULL_NONE, CULL_BACK, CULL_FRONT])
 def test_ray_within_a_face_hits_a_side_or_nothing(cull: int) -> None:
-    """It has no one answer, but no third one either."""
+    """Either is right; any other distance is not."""
     got = cast_through(
         world_of(cube()), [(5, 0.5, 1), (0.5, 5, -1), (1, 1, 5), (-1, 5, 1)], -np.eye(3)[[0, 1, 2, 1]], cull=cull
     )

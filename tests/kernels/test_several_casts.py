@@ -1,4 +1,4 @@
-"""Casts that are launched at once read what each reads alone, bit for bit."""
+"""Casts launched at once have the readings of each cast alone, bit for bit."""
 
 import pytest
 from made_worlds import random_plan

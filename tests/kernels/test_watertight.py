@@ -1,4 +1,4 @@
-"""No ray slips through a mesh without holes: what benchmarks/leaks.py measures, with fewer rays."""
+"""No ray leaks through a mesh without holes: the measurement of benchmarks/leaks.py with fewer rays."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ OFFSETS = [(0.0, False), (1e3, False), (1e3, True), (1.5e5, False), (1.5e5, True
 @pytest.mark.parametrize(("offset", "is_baked"), OFFSETS)
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_no_ray_leaks(scale: float, offset: float, is_baked: bool, device: str) -> None:
-    """Offset in the shape's pose or, baked, in the mesh's vertices."""
+    """The offset is in the shape's pose or, if is_baked, in the mesh's vertices."""
     for seed, (name, aim) in enumerate(CASES):
         placed = place(name, scale, offset, is_baked, device)
         if placed is None:  # float32 cannot hold 1 mm at 150 km
@@ -31,7 +31,7 @@ def test_no_ray_leaks(scale: float, offset: float, is_baked: bool, device: str) 
 
 @pytest.mark.parametrize("aim", [*AIMS, "all around"])
 def test_a_missing_face_is_counted(aim: str) -> None:
-    """The measurement itself sees one hole in 1280."""
+    """The measurement finds one missing face of 1280."""
     placed = place("icosphere", 1.0, 0.0, False)
     assert placed is not None
     holed = placed._replace(world=world_of(mesh(placed.shape.vertices, placed.shape.faces[:-1])))
@@ -42,7 +42,7 @@ def test_a_missing_face_is_counted(aim: str) -> None:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_ray_along_an_axis_that_starts_on_a_face_is_at_0(axis: int) -> None:
-    """Inwards and outwards, from the corners of a box's triangles, where the boxes of its tree end too."""
+    """Inwards and outwards, from vertices of a box, in whose planes the boxes of its tree end, too."""
     placed = place("fine cube", 1.0, 0.0, False)
     assert placed is not None
     on_face = placed.shape.vertices[np.abs(placed.shape.vertices[:, axis]) == 1].astype(np.float64)

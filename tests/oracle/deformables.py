@@ -1,4 +1,4 @@
-"""Flexes and skins that move, and rays at them, each a function of a seed."""
+"""Moving flexes and skins, and rays at them, as functions of a seed."""
 
 import copy
 
@@ -36,7 +36,7 @@ def numbers(values: npt.ArrayLike) -> str:
 
 
 def skin_xml(name: str, bones: tuple[str, str], place: Floats, inflate: float) -> str:
-    """Return a sleeve over two bones, bound in poses other than those in which they start."""
+    """Return the MJCF of a skin over two bones, whose bind poses are not their initial poses."""
     sleeve = trimesh.creation.icosphere(2)
     vertices = sleeve.vertices * (0.5, 0.2, 0.2) + place
     weight = np.clip(vertices[:, 0] - place[0] + 0.5, 0, 1)
@@ -59,7 +59,7 @@ SKINS = f"""<worldbody>{ARM.format("a", "0 0 1")}{ARM.format("b", "0 1 1")}</wor
 
 
 def moved(model: mujoco.MjModel, seed: int, k: int) -> mujoco.MjData:
-    """Return the k-th state: a wave runs through the flexes, smooth enough to turn no element inside out."""
+    """Return the k-th state: a wave in the flexes, so smooth that it turns no element inside out."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     velocity = np.random.default_rng((seed, k)).normal(size=model.nv)
@@ -93,7 +93,7 @@ def rays_towards(targets: Floats, seed: int, k: int) -> tuple[Floats, Floats]:
 
 
 def targets(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
-    """Return (n, 3) vertices of flexes and skins, as MuJoCo's visualizer computes these."""
+    """Return the vertices (n, 3) of flexes, and of skins as MuJoCo's visualizer computes them."""
     scene = mujoco.MjvScene(model, 1000)
     flags = mujoco.mjtCatBit.mjCAT_ALL
     mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), int(flags), scene)

@@ -50,7 +50,7 @@ def state(model: mujoco.MjModel, seed: int, k: int) -> mujoco.MjData:
 
 
 def numbers(values: npt.ArrayLike) -> str:
-    """Return numbers as an MJCF attribute holds them."""
+    """Return numbers as the text of an MJCF attribute."""
     return " ".join(f"{value:.9g}" for value in np.ravel(values))
 
 
@@ -95,7 +95,7 @@ def pose_xml(rng: Rng, reach: float = ROOM) -> str:
 
 
 def look_xml(rng: Rng) -> str:
-    """Return what decides whether a geom is seen: group, collisions, alpha, material."""
+    """Return the attributes on which the visibility of a geom depends: group, collisions, alpha, material."""
     alpha = rng.choice([1.0, 1.0, 1.0, 0.01, 0.0])
     material = rng.choice(["", "", "", *MATERIALS])
     collides = rng.integers(2)
@@ -123,7 +123,7 @@ def geom_xml(rng: Rng, meshes: tuple[str, ...], reach: float = ROOM) -> str:
 
 
 def body_xml(rng: Rng, meshes: tuple[str, ...], depth: int, name: str) -> str:
-    """Return a body with one to three geoms, nested in one another, a joint or none, and children."""
+    """Return a body with one to three overlapping geoms, at most one joint, and children."""
     joint = rng.choice(["<freejoint/>" if depth == 0 else '<joint type="ball"/>', '<joint axis="1 2 3"/>', ""])
     geoms = [geom_xml(rng, meshes, reach=0.2) for _ in range(rng.integers(1, 4))]
     children = [body_xml(rng, meshes, depth + 1, f"{name}_{i}") for i in range(rng.integers(0, 3 - depth))]
@@ -158,7 +158,7 @@ def _inside(model: mujoco.MjModel, data: mujoco.MjData, rng: Rng, count: int) ->
 
 
 def _axis_aligned(model: mujoco.MjModel, data: mujoco.MjData, rng: Rng, count: int) -> tuple[Floats, Floats]:
-    """Along the world's axes or the geom's own, from anywhere or from the very faces of a geom's box."""
+    """Along the world's axes or a geom's own, from anywhere or exactly from the faces of the geom's box."""
     axes = np.eye(3)[rng.integers(3, size=count)] * rng.choice([-1.0, 1.0], (count, 1))
     geoms = rng.integers(model.ngeom, size=count)
     within = rng.uniform(-1, 1, (count, 3))

@@ -16,7 +16,7 @@ Floats = npt.NDArray[np.float64]
 
 
 def moved(model: mujoco.MjModel, data: mujoco.MjData, by: Floats) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return the same world, all of it shifted."""
+    """Return the model and state with everything shifted by a vector [m]."""
     there = copy.copy(model)
     there.geom_pos[model.geom_bodyid == 0] += by
     outer = np.flatnonzero(model.body_parentid == 0)[1:]

@@ -48,7 +48,7 @@ def test_a_filter_sees_what_mj_ray_sees(scene: rigcast.Scene, filter: Filter) ->
 
 
 def test_filters_change_what_is_hit() -> None:
-    """The table above proves something only if its filters see different things."""
+    """Else the test above would prove nothing."""
     origins, directions = scenes.rays(MODEL, DATA, SEED, 1, "towards")
     everything = oracle.Oracle(MODEL, DATA).cast(origins, directions)
     for filter in (

@@ -1,6 +1,6 @@
-"""No ray at a flex or skin is wrong while they move, near the origin and far: judged by mj_rayFlex and mju_raySkin.
+"""No ray at a moving flex or skin is wrong, near the origin and far from it, as mj_rayFlex and mju_raySkin judge.
 
-The one definition of a wrong ray (rigcast.oracle.judge) holds for them as for geoms.
+A wrong ray is defined as for geoms, in rigcast.oracle.judge.
 """
 
 import mujoco
@@ -94,7 +94,7 @@ ALONG = (1.0, 0.0, 0.0)
 def test_either_element_counts_only_where_two_meet(
     start: float, distance: float | None, normal: tuple[float, float, float], verdict: Verdict
 ) -> None:
-    """distance None: the oracle's, and a normal along it or against it."""
+    """distance None: the answer has the oracle's distance, and its normal or the opposite one."""
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{PAIR}</worldbody></mujoco>")
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

@@ -17,7 +17,7 @@ INF = float("inf")
 
 
 def loaded(xml: str) -> tuple[mujoco.MjModel, mujoco.MjData, rigcast.Scene]:
-    """Return a world of these geoms, and a scene in its initial state."""
+    """Return the model of this MJCF, its initial state, and a scene in that state."""
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -125,7 +125,7 @@ SHAPES = f"""
     ids=str,
 )
 def test_every_geom_type_from_outside(origin: Vector, direction: Vector, geom_id: int) -> None:
-    """The rays of mujoco_warp's own tests, and more of their kind, at like shapes in the same places."""
+    """The rays of mujoco_warp's own tests, and similar ones, at similar shapes in the same places."""
     world = loaded(SHAPES)
     expected = oracle.Oracle(*world[:2]).cast(origin, [direction])
     assert expected.geom_id[0] == geom_id
@@ -147,7 +147,7 @@ ASSETS = """<asset>
   <mesh name="cube" vertex="-1 -1 -1  1 -1 -1  -1 1 -1  1 1 -1  -1 -1 1  1 -1 1  -1 1 1  1 1 1"/>
   <hfield name="slab" nrow="2" ncol="2" elevation="1 1 1 1" size="1.5 1.5 .5 .5"/>
 </asset>"""
-RAY_HEIGHT = {"hfield": -0.21}  # within the base box; the others are cut a little off their centre
+RAY_HEIGHT = {"hfield": -0.21}  # within the base box; rays at the others pass a little beside the centre
 OUTSIDE, INSIDE = -4.0, 0.1
 
 
@@ -207,7 +207,7 @@ def test_a_plane_ends_where_its_size_says(size: str, x: float, y: float, hit: bo
 
 @pytest.mark.parametrize("gap", [0.0, 1e-7])
 def test_the_lower_id_wins_a_tie(gap: float) -> None:
-    """The two boxes' left sides lie in one plane; at 1e-7 m the tie is one of single precision only."""
+    """The left sides of the two boxes are in one plane; with a gap of 1e-7 m only in float32."""
     geoms = f'<geom type="box" size="1 1 1"/><geom type="box" size="2 1 1" pos="{1 + gap} 0 0"/>'
     world = loaded(f"<worldbody>{geoms}</worldbody>")
     check(world, ((-4, 0.1, 0.2), (1, 0, 0)), 3.0, 0)

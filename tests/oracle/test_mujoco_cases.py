@@ -1,6 +1,6 @@
 """The rays of MuJoCo's own tests (engine_ray_test.cc) and of mujoco_warp's (ray_test.py), on their own models.
 
-Every ray is held to mj_ray; distances that are easily worked out are in the table too, None where they are not.
+Every ray is compared with mj_ray. Tables also give the distances that are easy to compute, else None.
 """
 
 import importlib.util

@@ -36,7 +36,7 @@ Answer = tuple[float, int, tuple[float, float, float]]
 
 
 def hits(*answers: Answer) -> RayHits:
-    """Return hits as a caster writes them."""
+    """Return the hits with these distances, ids and normals."""
     distance, geom_id, normal = zip(*answers, strict=True)
     return RayHits(np.array(distance), np.array(geom_id, np.int32), np.array(normal, float))
 
@@ -237,12 +237,12 @@ Fault = Callable[[RayHits], RayHits]
 
 
 def rounded(true: RayHits) -> RayHits:
-    """Return the hits in float32."""
+    """Return the hits with distances and normals rounded to float32."""
     return RayHits(true.distance.astype("f4").astype(float), true.geom_id, true.normal.astype("f4").astype(float))
 
 
 def replaced(**fields: Callable[[RayHits], Any]) -> Fault:
-    """Return a fault that puts something else in place of some fields."""
+    """Return a fault that replaces these fields."""
     return lambda true: true._replace(**{name: make(true) for name, make in fields.items()})
 
 
@@ -277,7 +277,7 @@ def test_a_broken_caster_is_wrong_and_mj_ray_in_float32_is_not(fault: Fault) -> 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_caster_whose_rays_are_rounded_to_float32_is_never_wrong(seed: int) -> None:
-    """Its rays are moved by less than the band: the search must find that, grazing or at an edge."""
+    """Rounding moves rays by less than the edge band, so the search must find those that graze or pass an edge."""
     model = scenes.scene(seed)
     data = scenes.state(model, seed, 0)
     for kind in scenes.KINDS:

@@ -1,4 +1,4 @@
-"""Faults that other ray casters have, or had, kept out of this one: one test each."""
+"""Faults that were found in other ray casters, one test each."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What holds for every cast, whatever the scene: culling, maximum distance, shapes and lengths of directions."""
+"""Properties of every cast in any scene: culling, maximum distance, shapes and lengths of directions."""
 
 import functools
 from collections.abc import Callable
@@ -55,7 +55,7 @@ def casts(draw: st.DrawFn) -> tuple[rigcast.Scene, scenes.Floats, scenes.Floats]
 
 
 def assert_same(got: NumpyHits, expected: NumpyHits) -> None:
-    """Bit for bit."""
+    """Assert that all fields are equal."""
     for name, field, wanted in zip(NumpyHits._fields, got, expected, strict=True):
         np.testing.assert_array_equal(field, wanted, err_msg=name)
 
@@ -83,7 +83,7 @@ def misses() -> NumpyHits:
 
 @given(given=casts())
 def test_culling_splits_hits_by_the_sign_of_d_n(given: tuple[rigcast.Scene, scenes.Floats, scenes.Floats]) -> None:
-    """What is hit first is the first of the surfaces that face the ray and of those that face along it."""
+    """The first hit is the nearer of the first front face and the first back face."""
     scene, origins, unit = given
     every, faced, followed = (scene.cast(origins, unit, cull=cull).numpy() for cull in _CULLS)
     for hits, sign in ((faced, -1), (followed, 1)):
@@ -91,7 +91,7 @@ def test_culling_splits_hits_by_the_sign_of_d_n(given: tuple[rigcast.Scene, scen
         assert (sign * slope >= -1e-6).all(), slope
         np.testing.assert_array_equal(np.isfinite(hits.distance), np.any(hits.normal != 0, axis=1))
     first = kept(faced, faced.distance <= followed.distance, otherwise=followed)
-    # what float64 decides depends on what else there is to be hit: distances may differ within their error
+    # which hits are decided in float64 depends on the others, so distances may differ within their error
     both = np.isfinite(faced.distance) & np.isfinite(followed.distance)
     apart = np.subtract(faced.distance, followed.distance, out=np.full(COUNT, np.inf, np.float32), where=both)
     is_clear = np.abs(apart) > TIE * (1 + np.where(both, first.distance, 0))
@@ -135,7 +135,7 @@ def test_shapes_are_those_of_the_rays_and_change_nothing(
 def test_the_length_of_a_direction_does_not_matter(
     given: tuple[rigcast.Scene, scenes.Floats, scenes.Floats], exponent: int
 ) -> None:
-    """A power of two rounds nothing: bit for bit."""
+    """Bit for bit, as a power of two causes no rounding."""
     scene, origins, unit = given
     unit = unit / np.linalg.norm(unit, axis=1, keepdims=True)
     assert_same(scene.cast(origins, unit * 2.0**exponent).numpy(), scene.cast(origins, unit).numpy())

@@ -1,4 +1,4 @@
-"""No ray is wrong: random scenes of every geom type, rays of every kind, all of them judged by mj_ray.
+"""No ray is wrong in random scenes of every geom type, with rays of every kind, judged by mj_ray.
 
 A failure names what replays it: `python -i tests/oracle/scenes.py SEED STATE KIND RAY`.
 """
@@ -51,7 +51,7 @@ def test_no_ray_is_wrong_and_few_are_in_the_edge_band(seed: int) -> None:
 
 
 def test_the_scenes_hold_every_supported_geom_type_seen_and_hidden() -> None:
-    """A generator that had lost a geom type, or hit nothing of it, would prove nothing."""
+    """Else the test above would prove nothing for a geom type that is never hit."""
     hit: set[int] = set()
     for seed in SEEDS:
         model = scenes.scene(seed)

@@ -35,7 +35,7 @@ pytestmark = pytest.mark.skipif(
 
 STATES = 3
 RAYS = 200  # of each kind in each state
-STEPS = 40  # by which a model with flexes has fallen from one state to the next
+STEPS = 40  # of simulation from one state of a model with flexes to the next
 FAR = (1.0e4, 2.0e4)  # [m] from the origin
 
 
@@ -50,7 +50,7 @@ def loaded(path: str) -> tuple[mujoco.MjModel, rigcast.Scene]:
 def state(model: mujoco.MjModel, seed: int, k: int) -> mujoco.MjData:
     """Return the initial state for k = 0; after that a keyframe, or where there is none a random state.
 
-    A model with flexes is let go instead: vertices moved at random would turn elements inside out.
+    A model with flexes is simulated instead: vertices moved at random would turn elements inside out.
     """
     data = mujoco.MjData(model)
     if model.nflex:
@@ -66,7 +66,7 @@ def state(model: mujoco.MjModel, seed: int, k: int) -> mujoco.MjData:
 
 
 def moved_far(data: mujoco.MjData, seed: int) -> tuple[mujoco.MjData, scenes.Floats]:
-    """Return a copy with everything 10 to 20 km away, and by how much it was moved."""
+    """Return a copy with everything moved by 10 to 20 km, and the vector (3,) of that move [m]."""
     rng = np.random.default_rng((seed, 3))
     by = rng.normal(size=3)
     by *= rng.uniform(*FAR) / np.linalg.norm(by)
@@ -140,7 +140,7 @@ def test_no_ray_is_wrong(path: str, seed: int) -> None:
 
 @pytest.mark.parametrize("path", MODELS)
 def test_the_rays_meet_every_type_of_the_model(path: str) -> None:
-    """Rays that all missed would prove nothing."""
+    """Else the test above would prove nothing."""
     model, _ = loaded(path)
     things = oracle.Things.of(model)
     expected = {things.types[geom] for geom in np.flatnonzero(is_visible(model))} | {*things.types[model.ngeom :]}

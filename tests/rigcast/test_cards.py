@@ -1,4 +1,4 @@
-"""`rigcast presets NAME` shows what a device is: its rays, its figures and where they are from."""
+"""`rigcast presets NAME` shows a device: its rays, its figures and their sources."""
 
 from pathlib import Path
 
@@ -91,7 +91,7 @@ def test_a_users_preset_has_a_card(tmp_path: Path) -> None:
 
 
 def dots(picture: list[str]) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
-    """What braille lines show, four rows and two columns of dots in each character."""
+    """The dots of lines of braille, four rows and two columns in each character."""
     places = (
         (0, 0, 0x01),
         (1, 0, 0x02),

@@ -1,4 +1,4 @@
-"""`rigcast check`: right rigs pass, broken casters fail, and what is wrong can be replayed."""
+"""`rigcast check`: correct rigs pass, broken casters fail, and wrong rays can be replayed."""
 
 import json
 from dataclasses import replace

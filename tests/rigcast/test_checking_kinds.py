@@ -1,4 +1,4 @@
-"""`rigcast check` judges SDF geoms, flexes, skins and props: right ones pass, and a fault in any of them is found."""
+"""`rigcast check` judges SDF geoms, flexes, skins and props: correct ones pass, and a fault in any of them is found."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -48,7 +48,7 @@ SENSORS: list[Sensor] = [
 
 @pytest.fixture(scope="module")
 def props(tmp_path_factory: pytest.TempPathFactory) -> list[Prop]:
-    """A block on a body, used twice, and an open sheet of one triangle."""
+    """A cone used twice, once on a body, and an open sheet of one triangle."""
     folder = tmp_path_factory.mktemp("props")
     trimesh.creation.cone(0.3, 0.6).export(folder / "cone.ply")
     trimesh.Trimesh([(0, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 1, 2)]).export(folder / "sheet.ply")

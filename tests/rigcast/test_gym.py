@@ -1,4 +1,4 @@
-"""A rig's readings as observations that gymnasium and a policy can take."""
+"""A rig's readings as observations for gymnasium and a policy."""
 
 import sys
 from typing import Any

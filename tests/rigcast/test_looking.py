@@ -91,7 +91,7 @@ def test_a_missing_library_is_named_with_its_extra() -> None:
 
 
 class Viewer:
-    """Like the handle of `mujoco.viewer.launch_passive`, which needs a screen."""
+    """A stand-in for the handle of `mujoco.viewer.launch_passive`, which needs a screen."""
 
     def __init__(self, model: mujoco.MjModel, room: int) -> None:
         self.user_scn = mujoco.MjvScene(model, room)

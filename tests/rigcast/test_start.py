@@ -1,4 +1,4 @@
-"""What a start waits for: modules are imported by those who need them, and Python's collector rests meanwhile."""
+"""Start-up: modules are imported only when they are needed, and the garbage collector is paused."""
 
 import gc
 import subprocess
@@ -50,7 +50,7 @@ def test_nothing_is_imported_that_is_not_needed(what: str, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("is_enabled", [True, False])
 def test_the_collector_is_afterwards_as_it_was(is_enabled: bool) -> None:
-    """What was made meanwhile is among the old, and nothing is frozen."""
+    """Objects made while it was paused are in the oldest generation, and nothing is frozen."""
     was_enabled = gc.isenabled()
     try:
         (gc.enable if is_enabled else gc.disable)()
@@ -65,7 +65,7 @@ def test_the_collector_is_afterwards_as_it_was(is_enabled: bool) -> None:
 
 
 def test_what_others_have_frozen_stays_frozen() -> None:
-    """Among what the collector looks at is none of it; how much it is may change as other threads let go of some."""
+    """The collector sees none of it. Its number may change, as other threads release some."""
     made: list[object] = [{}]
     gc.freeze()
     try:

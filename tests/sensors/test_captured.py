@@ -1,5 +1,5 @@
-"""Readings of worlds on a GPU: the host does not wait for them, and a CUDA graph repeats them as they were captured,
-whatever the rig reads meanwhile."""
+"""Readings of worlds on a GPU: the host does not wait for them, and a CUDA graph repeats them as captured, whatever the
+rig reads in between."""
 
 # mypy: disallow-untyped-decorators=False
 
@@ -32,7 +32,7 @@ TYPES = {"xpos": wp.vec3, "xmat": wp.mat33}
 #endif
 """)
 def wait(cycles: wp.int64):  # type: ignore[no-untyped-def]
-    """So many cycles of a GPU's clock."""
+    """Wait for a number of cycles of the GPU's clock."""
 
 
 @wp.kernel
@@ -41,7 +41,7 @@ def keep_busy(cycles: wp.int64) -> None:
 
 
 def on_device(seed: int, count: int = COUNT, spread: float = 1.0) -> dict[str, wp.array]:
-    """Poses of so many worlds."""
+    """Random poses of `count` worlds on the GPU."""
     arrays = arrays_of(states(MODEL, count, seed))
     del arrays["time"]
     arrays["geom_xpos"] *= spread
@@ -67,7 +67,7 @@ def captured(rig: Rig, batch: Mapping[str, wp.array]) -> tuple[dict[str, Frame],
 
 
 def test_the_host_waits_for_no_reading() -> None:
-    """All is launched while what was launched before, which takes a second, is still under way."""
+    """All launches return while an earlier kernel, which takes a second, is still running."""
     rig, batch = Rig(MODEL, STILL, "cuda:0"), on_device(0)
     rays = wp.array(np.ones((COUNT, 5, 3)), dtype=wp.vec3d, device="cuda:0")
     frames, hits = rig.sense(batch), rig.scene.cast(rays, rays)
@@ -171,7 +171,7 @@ UNREAD: dict[str, tuple[Callable[[Rig], Any], str]] = {
 def test_what_was_not_read_before_is_refused_in_a_graph_and_read_after_it(
     change: Callable[[Rig], Any], message: str
 ) -> None:
-    """Else the graph would copy it from the host each time, when it is there no more."""
+    """Else the graph would copy it at each replay from host memory that may be gone."""
     rig = Rig(model(), STILL, "cuda:0")
     rig.sense(on_device(0))
     batch = change(rig)
@@ -197,7 +197,7 @@ def test_rays_on_the_host_are_refused_in_a_graph() -> None:
 
 
 def test_the_default_device_may_be_another() -> None:
-    """The second update once recorded its event on the default device."""
+    """Events of an update must be recorded on the scene's device, not on the default one."""
     with wp.ScopedDevice("cpu"):
         scene, data = Scene(MODEL, "cuda:0"), mujoco.MjData(MODEL)
         mujoco.mj_kinematics(MODEL, data)

@@ -1,4 +1,4 @@
-"""What a rig or a scene was made of stays: to assign another model gave wrong frames, then ended the process."""
+"""The parts of a rig or a scene cannot be replaced, which would give wrong frames or end the process."""
 
 import mujoco
 import pytest

@@ -1,6 +1,6 @@
-"""After a reading that something ended halfway, Ctrl-C or a lack of memory, the next one is as if it had not been.
+"""After a reading that was interrupted, by Ctrl-C or a lack of memory, the next one is as if that had not begun.
 
-Python lets an exception be raised at any line: here one is, at every STEP-th line of rigcast that a reading runs.
+An exception can occur at any line of Python: here one is raised at every STEP-th line of rigcast that a reading runs.
 """
 
 import sys
@@ -38,7 +38,7 @@ class Broken(Exception):
 
 
 class BreakAt:
-    """Raises at the line of this number that is run within; `is_over` once there are fewer."""
+    """Raises at the n-th line of rigcast that is run within; `is_over` once fewer lines are run."""
 
     def __init__(self, line: int) -> None:
         self._left, self.where = line, ""
@@ -52,7 +52,7 @@ class BreakAt:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
         sys.settrace(None)
-        # Warp makes a RuntimeError of what is raised while it packs arguments
+        # Warp turns exceptions raised while it packs arguments into RuntimeErrors
         return kind is not None and issubclass(kind, Broken | RuntimeError)
 
     def _trace(self, frame: FrameType, event: str, argument: Any) -> Any:
@@ -107,7 +107,7 @@ def test_next_reading_is_as_if_the_broken_one_had_not_been(
     then: Callable[[Rig, Place, int], Readings],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It read sizes, heights and meshes of before, or wrote beyond its arrays, which ended the process."""
+    """Else it could read old sizes, heights and meshes, or write beyond its arrays, which ends the process."""
     monkeypatch.setenv("RIGCAST_THREADS", "")
     set_threads(2)
     place = Place()

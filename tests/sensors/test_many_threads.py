@@ -1,4 +1,4 @@
-"""Rigs in many threads: one each, which give what one thread gives, and one of all, which refuses a second thread."""
+"""Rigs in many threads: each thread's own rig reads as in one thread; a shared rig refuses a second thread."""
 
 import os
 import subprocess
@@ -55,7 +55,7 @@ LIDAR = Lidar(name="lidar", mount=Mount(pos=(3, 0, 0)), elevation_deg=[0], colum
 
 @pytest.mark.parametrize("turn", range(2))
 def test_rigs_made_in_threads_of_their_own_read_what_one_thread_reads(turn: int) -> None:
-    """A third of all processes ended when their threads loaded kernels at once, or gave other frames."""
+    """Threads that load kernels at once can end the process or give other frames, in a third of all runs."""
     done = subprocess.run([sys.executable, "-c", EACH_ITS_OWN], env=dict(os.environ), capture_output=True, text=True)
     assert done.returncode == 0, f"turn {turn}: {done.stderr[-2000:]}"
 
@@ -80,7 +80,7 @@ USES: dict[str, Callable[[Rig], object]] = {
 
 @pytest.mark.parametrize("use", USES.values(), ids=USES)
 def test_a_rig_in_use_refuses_another_thread(use: Callable[[Rig], object]) -> None:
-    """It gave frames of both readings mixed."""
+    """Else frames would mix both readings."""
     rig = Rig(MODEL, [LIDAR], "cpu")
     rig.scene.update(posed())
     with ThreadPoolExecutor(1) as pool:

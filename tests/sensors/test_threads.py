@@ -1,4 +1,4 @@
-"""The number of CPU threads: what sets it, what is refused, and that no frame shows it."""
+"""The number of CPU threads: its sources, what is refused, and that no frame depends on it."""
 
 import multiprocessing
 import os
@@ -64,7 +64,7 @@ def test_frames_of_one_thread_are_those_of_many() -> None:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
 @pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
 def test_forked_process_has_threads_of_its_own() -> None:
-    """A child waited forever for the threads of its parent, which a fork leaves behind."""
+    """Else a child would wait for ever for threads of its parent, which a fork does not copy."""
     set_threads(2)
     scene = Scene(MODEL, "cpu")
     scene.update(_posed())

@@ -8,11 +8,12 @@ the ray is the camera's axis. For a floor below a level camera the angle to the 
     sigma_l = 0.8 + 0.035 theta / (pi/2 - theta)                                             [pixels], across and down
 
 Barron and Malik, "Intrinsic scene properties from a single RGB-D image" (CVPR 2013), as Handa et al. (ICRA 2014) and
-Bohg et al. round it: pixels shifted by half a pixel, N(0, 1/2) across and down, and a disparity in eighths of a pixel,
+Bohg et al. round it: pixels shifted by N(0, 1/2) pixels across and down, and a disparity in eighths of a pixel,
 
     z' = 35130 / round(35130 / round(100 z) + N(0, 1/6) + 1/2) / 100
 
-A pixel is shifted by casting its ray anew in another direction.
+with N(m, s) a normal distribution of mean m and standard deviation s. A pixel is shifted by casting its ray again in
+another direction.
 """
 
 import warp as wp
@@ -35,7 +36,7 @@ EIGHTHS = wp.constant(35130.0)  # disparity in eighths of a pixel times depth in
 
 @wp.func
 def incidence(normal: wp.vec3, direction: wp.vec3d) -> float:
-    """The angle theta [rad] between ray and normal; 0 on a miss."""
+    """The angle theta [rad] between a ray and the surface's normal, 0 to pi / 2; 0 on a miss."""
     return wp.where(wp.length_sq(normal) > 0.0, wp.acos(cos_incidence(normal, direction)), 0.0)
 
 
@@ -154,9 +155,9 @@ def disturb_depth(
 
 
 def measure_depth(model: int, source: RandomSource, directions: wp.array, normal: wp.array, distance: wp.array) -> None:
-    """Add the model's error in depth to distances (n,) [m], in place; distances that are not finite stay.
+    """Add the model's error in depth to distances (n,) [m], in place; those not finite, or with z <= 0, stay.
 
-    model: NGUYEN or DISPARITY. normal: (n,) as for `shift`, used by NGUYEN.
+    model: NGUYEN or DISPARITY. directions, normal: as for `shift`; the normals are used by NGUYEN.
     """
     inputs = [model, drawn(source, DRAW_DEPTH, distance.size, distance.device), directions, normal]
     launch_over_rays(disturb_depth, distance.size, inputs, [distance], distance.device)

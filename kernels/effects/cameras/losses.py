@@ -62,6 +62,7 @@ def lose(
 
     Args:
         hits: (n,), with normals in the frame of the directions.
+        directions: vec3d, unit, of the rays of one world or of all.
         reflectivity: (shapes,) float32, 0 to 1.
         textured: (shapes,) bool.
     """

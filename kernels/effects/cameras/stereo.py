@@ -28,7 +28,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 DRAW_DISPARITY = wp.constant(1)
 EDGE = wp.constant(1.0)  # disparity [pixels] by which a pixel must be in front of a surface to be an edge
-SAME_SURFACE = wp.constant(1.0e-4)  # tolerance [m] at 1 m, facing: at least 4 times the error of two casts to a point
+SAME_SURFACE = wp.constant(1.0e-4)  # tolerance over (1 + t) / |cos|: at least 4 times the error of two casts to a point
 
 
 @wp.struct
@@ -166,7 +166,7 @@ def fatten_edges(first: int, pair: StereoPair, half: int, surface: Out, matched:
 
 
 def fatten(surface: HitArrays, matched: wp.array, directions: wp.array, pair: StereoPair, window: int) -> HitArrays:
-    """Hits after matching windows of `window` pixels, an odd number; see fatten_edges.
+    """Hits after matching windows of `window` pixels, an odd number; see fatten_edges. `face` is not written.
 
     matched: (n,) float32 [m], the distance of each pixel of `surface`; NaN where it is not matched.
     """
@@ -232,7 +232,8 @@ def measure_disparity(
 ) -> None:
     """Add the error of the measured disparity to distances [m], in place.
 
-    Distances become +inf for a measured disparity <= 0 and -inf for one above `greatest`; those not finite stay.
+    Distances become +inf for a measured disparity <= 0, -inf for one above `greatest`, NaN for a depth <= 0; those not
+    finite stay.
 
     Args:
         std: standard deviation of the disparity [pixels].

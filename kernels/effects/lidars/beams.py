@@ -29,7 +29,8 @@ def hexagonal_rings(rings: int, width: tuple[float, float]) -> tuple[npt.NDArray
     """Sub-rays over the cross-section of a Gaussian beam: one in the middle, 6 k on ring k.
 
     width: full widths (across, up) [rad] at which the irradiance exp(-2 r^2) has fallen to 1 / e^2 of that in the
-    middle. Ring k has radius k / (rings + 1/2) of the half widths, so that all sub-rays represent equal areas.
+    middle. Ring k has radius k / (rings + 1/2) of the half widths, so that the sub-rays of all rings represent equal
+    areas, and the one in the middle 3/4 of that.
 
     Returns:
         Angles (n, 2) float32 [rad], the middle first, and weights (n,) float32 with sum 1.

@@ -30,7 +30,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 NEAREST = wp.constant(1.0e-3)  # [m], nearer echoes have the power of this range
 BYTES_PER_PATH = 56  # of Paths
 BYTES_PER_ECHO = 28  # of Echoes
-SHALLOWEST = wp.constant(0.05)  # least cosine by which the way past a surface is lengthened
+SHALLOWEST = wp.constant(0.05)  # least cosine by which the step off a surface is divided
 
 
 @wp.struct
@@ -161,7 +161,8 @@ def reflect_path(meeting: Meeting, j: int, echoes: Echoes, beyond: Paths, aside:
 
     beyond: path j goes on behind the surface if that transmits light, else its direction becomes NaN. aside: path j
     goes on in the mirrored direction, for the first mirror on the way that the light meets outside the lobe. Both begin
-    a step of 1e-5 (1 + distance) / cos(theta) off the surface, so as not to hit it again, and both may be empty.
+    a step of 1e-5 (1 + distance) / max(cos(theta), SHALLOWEST) off the surface, so as not to hit it again, and both may
+    be empty.
     """
     hits = meeting.hits
     paths = meeting.paths
@@ -260,7 +261,7 @@ def new_paths(count: int, device: wp.DeviceLike) -> Paths:
 def reflect(
     setting: Setting, hits: HitArrays, paths: Paths, first_slot: int, echoes: Echoes, beyond: Paths, aside: Paths
 ) -> None:
-    """Write the echo of each path's hit to slots first_slot, ... first_slot + sub_rays - 1, and the light that goes on.
+    """Write the echoes of the paths' hits to slots first_slot, ... first_slot + sub_rays - 1, and the paths that go on.
 
     Args:
         hits: of the paths, with normals in the world.

@@ -252,7 +252,7 @@ def meet_plane(
     size: float,
     cull: int,
 ) -> Met:
-    """Distances of a packet's rays to a triangle, whose edges they pass `inside` by so much, as triage_triangle's."""
+    """Intervals of the distances of a packet's rays to a triangle, as triage_triangle's. inside: see Inside.by."""
     near = lanes()
     far = lanes()
     for i in range(LANES):

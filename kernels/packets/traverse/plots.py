@@ -1,7 +1,7 @@
 """Tiles through large height fields, whose plots are not stored as nodes.
 
 These fields are visited after all other shapes. A call in the middle of the traversal of the shapes would need
-registers set aside for it, which makes the whole traversal 3 to 6 % slower.
+registers set aside for it, which would make the whole traversal 3 to 6 % slower.
 """
 
 import warp as wp

@@ -49,7 +49,7 @@ def visit_closed_form(
     origin: wp.vec3,
     reach: float,
 ) -> float:
-    """Test packet k of a tile against one closed form, in each lane as for a single ray; return its new reach [m]."""
+    """Test packet k of a tile against one closed form, each lane as a single ray would be; return its new reach [m]."""
     slot = rays[0].first_slot + k
     x = rays[0].directions[slot].x
     y = rays[0].directions[slot].y

@@ -64,7 +64,7 @@ def load_casters(names: Sequence[str] = CASTERS) -> tuple[list[type[Caster]], li
     """Return the casters of these names that can run here, and a line about each one that cannot.
 
     Raises:
-        InputError: there is no caster of such a name.
+        InputError: there is no caster of one of these names.
     """
     casters, missing = [], []
     for name in names:

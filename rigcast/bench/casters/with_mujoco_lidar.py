@@ -45,7 +45,7 @@ class MujocoLidar:
 
 
 def _looking(start: Floats, towards: Floats) -> Floats:
-    """Return the pose (4, 4) of a frame there whose x axis is the direction."""
+    """Return the pose (4, 4) of a frame at `start` whose x axis is the direction `towards`."""
     side = np.cross(towards, np.eye(3)[np.argmin(np.abs(towards))])
     side /= np.linalg.norm(side)
     pose = np.eye(4)

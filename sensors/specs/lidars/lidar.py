@@ -1,4 +1,4 @@
-"""Lidars: spinning, 2D and solid-state ones with a table of beams, rosettes, and patterns from a file."""
+"""Lidars: spinning, 2D and solid-state ones with a table of beams, rosettes, and rays from arrays and files."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -15,16 +15,17 @@ from rigcast.sensors.specs.spec import Keys, Numbers, Takes, optional
 
 from .beam_table import BeamTable
 from .effects import Beam, Detection, Noise, Weather
+from .ray_arrays import RayArrays
 from .ray_file import RayFile
 from .rosette import Nodding, Rosette
 
 _PER_ROW = ("azimuth_offset_deg", "firing_time_us", "origin_height")
 _TABLE = frozenset(field.name for field in fields(BeamTable)) - {"rate_hz"}
-_PATHS = ("rosette", "nodding", "ray_file")
+_PATHS = ("rosette", "nodding", "rays", "ray_file")
 
 
 class Lidar(SensorSpec):
-    """A lidar. Its rays are a table of beams, a `rosette`, a `nodding` beam, or those of a `ray_file`.
+    """A lidar. Its rays are a table of beams, a `rosette`, a `nodding` beam, `rays` given one by one, or a `ray_file`.
 
     Directions: a table has `len(elevation_deg)` beams, each measured in `columns` directions around +z; readings have
     shape (beams, columns). Azimuth 0 is +x, counter-clockwise. Column k of n is at 360 k / n deg, or in a sector at
@@ -99,6 +100,9 @@ class Lidar(SensorSpec):
     )
     nodding: Takes[Nodding | Keys | None, Nodding | None] = optional(
         default=None, description="beams that rotate and nod, instead of a table"
+    )
+    rays: Takes[RayArrays | Keys | None, RayArrays | None] = optional(
+        default=None, description="rays given one by one, instead of a table"
     )
     ray_file: Takes[RayFile | Keys | None, RayFile | None] = optional(
         default=None, description="a file of rays, instead of a table"
@@ -175,6 +179,9 @@ class Lidar(SensorSpec):
             if not samples:
                 raise ValueError(f"sample_rate_hz: must be at least rate_hz, {self.rate_hz:g} Hz")
             refuse_too_many(samples * len(steered.line_elevation_deg))
+        misfit = self.rays.misfit(self.rate_hz) if self.rays is not None else None
+        if misfit is not None:
+            raise ValueError(f"rays: {misfit}")
         return self
 
     def _table_fits(self) -> "Lidar":
@@ -243,6 +250,7 @@ class Lidar(SensorSpec):
         steered = self.rosette or self.nodding
         if steered is not None and self.rate_hz is not None:
             return steered.pattern(self.rate_hz)
-        if self.ray_file is not None:
-            return self.ray_file.pattern(self.rate_hz, self.phase)
+        rows = self.rays or self.ray_file
+        if rows is not None:
+            return rows.pattern(self.rate_hz, self.phase)
         return self._beams.pattern()

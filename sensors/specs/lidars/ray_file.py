@@ -1,7 +1,7 @@
 """Patterns from a user's file: one measurement per row, with its time and direction."""
 
 import csv
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,6 +13,8 @@ from rigcast.sensors.errors import InputError
 from rigcast.sensors.names import expected_one_of
 from rigcast.sensors.specs.pattern import Pattern, directions_at
 from rigcast.sensors.specs.spec import FilePath, Spec, Takes, beside, folder_of
+
+from .ray_table import RayTable
 
 _COLUMNS = ("time", "azimuth", "elevation", "ring")
 _SUFFIXES = (".csv", ".npy")
@@ -49,35 +51,15 @@ class RayFile(Spec):
         Raises InputError for a file that cannot be read, or has fewer rows than there are readings in its time.
         """
         table = read_rays(self.path)
-        times = table.times if self.sample_rate_hz is None else np.arange(len(table.times)) / self.sample_rate_hz
-        readings = 1 if rate_hz is None else max(1, int(np.ceil(_length(times) * rate_hz - 1e-6)))
-        rays = len(times) // readings
-        if not rays:
+        rows = len(table.ring)
+        if self.sample_rate_hz is not None:
+            table = replace(table, times=np.arange(rows) / self.sample_rate_hz)
+        if table.readings(rate_hz) > rows:
             raise InputError(
-                f"{self.path}: {len(times)} rows over {_length(times):g} s are less than one per reading at "
+                f"{self.path}: {rows} rows over {table.length:g} s are less than one per reading at "
                 f"{rate_hz:g} Hz; expected more, or sample_rate_hz where the file's times only count"
             )
-        directions = directions_at(np.deg2rad(table.azimuth_deg), np.deg2rad(table.elevation_deg))
-        column = np.arange(rays, dtype=np.int32)
-
-        def at(time: float, _: bool = False) -> Pattern:
-            reading = 0 if rate_hz is None else round((time - phase) * rate_hz) % readings
-            rows = slice(reading * rays, (reading + 1) * rays)
-            fired = times[rows] - times[rows][0]
-            return Pattern(directions[rows], firing_times=fired, ring=table.ring[rows], column=column, later=later)
-
-        later = at if readings > 1 else None
-        return at(phase)
-
-
-@dataclass(frozen=True, eq=False)
-class RayTable:
-    """The rows of a file, arrays of shape (n,): times [s] from the first row on, and angles [deg]."""
-
-    times: NDArray[np.float64]
-    azimuth_deg: NDArray[np.float64]
-    elevation_deg: NDArray[np.float64]
-    ring: NDArray[np.int32]
+        return table.pattern(rate_hz, phase)
 
 
 def read_rays(path: Path) -> RayTable:
@@ -110,7 +92,8 @@ def _read(path: Path, _changed: int) -> RayTable:
     ):
         if bad.any():
             raise InputError(f"{path}:{first_line + int(bad.argmax())}: got {what}")
-    return RayTable(times - times[0], azimuth, elevation, ring.astype(np.int32))
+    directions = directions_at(np.deg2rad(azimuth), np.deg2rad(elevation))
+    return RayTable(directions, ring.astype(np.int32), times - times[0])
 
 
 def _read_npy(path: Path) -> tuple[dict[str, NDArray[np.float64]], int]:
@@ -166,8 +149,3 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _length(times: NDArray[np.float64]) -> float:
-    """Duration of the rows [s], including a time after the last row equal to the mean time between rows."""
-    return float(times[-1]) * len(times) / max(len(times) - 1, 1)

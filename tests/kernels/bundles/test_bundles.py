@@ -1,4 +1,4 @@
-"""Parallel rays in bundles hit what each of them hits alone, bit for bit."""
+"""Parallel rays in bundles have the hits of single rays, bit for bit."""
 
 from dataclasses import replace
 
@@ -88,7 +88,7 @@ def test_every_ray_is_in_one_place(name: str) -> None:
 
 
 def test_bundles_are_full_and_compact() -> None:
-    """Those of a raster are hardly larger than squares of as many points."""
+    """A bundle of 16 rays of a raster is at most 5 x 5 points large."""
     origins = raster(64, 64, 1.0)
     bundles = sort_into_bundles(origins, np.zeros(len(origins), np.int32)).rays.numpy()
     assert bundles.min() >= 0
@@ -116,7 +116,7 @@ def test_bundles_hit_what_single_rays_hit(name: str, seed: int, cull: int) -> No
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_rays_at_vertices_and_edges_hit_what_they_hit_alone(scale: float, far: float, is_turned: bool) -> None:
-    """Where float32 cannot tell: down on the vertices of a raster, and on the middles of its edges."""
+    """Hits that float32 cannot decide: straight down at the vertices of a grid, and at the middles of its edges."""
     rotation = random_rotations(np.random.default_rng(0), 1)[0] if is_turned else np.eye(3)
     ground = grid(16, 0.05)
     plan = Plan()
@@ -129,7 +129,7 @@ def test_rays_at_vertices_and_edges_hit_what_they_hit_alone(scale: float, far: f
     got, expected = in_bundles_and_alone(plan.world(), rays)
     assert_same(got, expected, f"scale {scale}, {far} m away")
     is_inside = (np.abs(targets[:, :2]) < 0.99).all(axis=1)
-    assert np.isfinite(got.distance[is_inside]).all(), "a ray slips through"
+    assert np.isfinite(got.distance[is_inside]).all(), "a ray leaks through the grid"
 
 
 def test_rays_along_faces_hit_what_they_hit_alone() -> None:
@@ -143,7 +143,7 @@ def test_rays_along_faces_hit_what_they_hit_alone() -> None:
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_in_many_worlds_each_ray_hits_what_it_hits_alone(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where some of the poses are not finite, or so far away that only some of the rays can be cast."""
+    """Some poses are not finite, and one is so far away that only some of its rays can be cast."""
     monkeypatch.setattr(slices, "thread_count", lambda: threads)
     rng, worlds = np.random.default_rng(2), 40
     plan = random_plan(2)

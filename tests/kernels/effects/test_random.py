@@ -71,7 +71,7 @@ def worlds(*names: int, device: str = "cpu") -> wp.array:
 
 
 def drawn(source: RandomSource, draw: int = 0, count: int = COUNT, device: str = "cpu") -> dict[str, NDArray[Any]]:
-    """bits (n, 4), and normal and uniform numbers (n, 2), each ray's by itself."""
+    """Bits (n, 4), normal and uniform numbers (n, 2) of n rays, computed ray by ray."""
     bits, numbers = (wp.empty(count, dtype=dtype, device=device) for dtype in (wp.vec4ui, wp.vec4))
     wp.launch(_draw, count, inputs=[source, draw], outputs=[bits, numbers], device=device)
     normal, uniform = np.split(numbers.numpy(), 2, axis=1)
@@ -149,7 +149,7 @@ def test_numbers_drawn_one_by_one_are_those_of_sixteen_rays_at_once() -> None:
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_normal_numbers_are_box_muller_within_ulps(device: str) -> None:
-    """4 ulps of the radius for square root, logarithm, cosine and sine."""
+    """To 4 ulps of the radius, the sum of the errors of logarithm, square root, cosine or sine, and product."""
     got = drawn(random_source(SEED, "top", frame=0), device=device)
     u, v = as_uniform(got["bits"])[:, :2].T
     radius, angle = np.sqrt(-2 * np.log(u)), 2 * np.pi * v
@@ -185,7 +185,7 @@ def test_numbers_of_a_seed_do_not_change_from_version_to_version() -> None:
 
 @pytest.mark.parametrize("kind", ["bits", "uniform"])
 def test_uniform_numbers_are_evenly_spread(kind: str) -> None:
-    """10^6 numbers in 2^12 bins: by their upper bits, and for words by their lower bits too."""
+    """10^6 numbers in 2^12 bins, by their upper bits; words also by their middle and lower bits."""
     values = drawn(random_source(SEED, "top", frame=0))[kind]
     if kind == "uniform":
         assert 0 < values.min() < values.max() < 1

@@ -1,4 +1,4 @@
-"""Worlds that could crash or hang a process; run as a script, each tells its name before it begins."""
+"""Worlds that could crash or hang a process; run as a script, which prints the name of each before it begins."""
 
 import sys
 from collections.abc import Callable
@@ -46,7 +46,7 @@ def boxes_of_random_bits() -> None:
 
 
 def poses_of_random_bits() -> None:
-    """And of other things that poses are not; the world is as before once they are good again."""
+    """Also huge, infinite and NaN positions; with good poses afterwards the hits are those of before."""
     for seed in SEEDS:
         plan = random_plan(seed, 100)
         (position, rotation), rays = plan.poses(), random_rays(seed, 1000)
@@ -79,7 +79,7 @@ def a_million_shapes() -> None:
 
 
 def spheres_nested_two_hundred_deep() -> None:
-    """From 2^-59 to 2^59 m in radius: the ray from within meets the least."""
+    """Radii from 2^-59 to 2^59 m: rays from the common centre hit the smallest."""
     plan, radii = Plan(), 2.0 ** np.linspace(59, -59, 200)
     for radius in radii:
         plan.add(SPHERE, (radius, 0, 0))

@@ -65,14 +65,15 @@ def grid(cells: int, bumps: float = 0.0, seed: int = 0) -> Mesh:
 
 
 class Field(NamedTuple):
-    """A height field: its tree, and the same triangles as a mesh, all of whose faces have the same numbers."""
+    """A height field: its tree, and the same triangles as a mesh, with the same face numbers."""
 
     tree: TriangleTree
     mesh: Mesh
 
 
 def field(rows: int, columns: int, bumps: float, seed: int = 0) -> Field:
-    """So many rows and columns of heights of 0.5 to 0.5 + `bumps`, 2 m along x and 3 m along y; a wall, and a base."""
+    """A field of rows x columns heights from 0.5 to 0.5 + `bumps` [m], 2 m along x and 3 m along y, with a wall at its
+    last column and a base."""
     x, y = np.linspace(-1, 1, columns).astype(np.float32), np.linspace(-1.5, 1.5, rows).astype(np.float32)
     z = np.random.default_rng(seed).uniform(0.5, 0.5 + bumps, (rows, columns)).astype(np.float32)
     surface = np.stack([*np.meshgrid(x, y), z], axis=-1)
@@ -103,7 +104,7 @@ def unit(a: Doubles) -> Doubles:
 
 
 def half_size(kind: int, size: ArrayLike) -> Doubles:
-    """Half sizes of a closed form's box."""
+    """Half sizes (3,) of the box around a closed form; inf along an unbounded axis of a plane."""
     x, y, z = np.asarray(size, np.float64)
     boxes = {
         solids.PLANE: (x or np.inf, y or np.inf, 0),
@@ -116,7 +117,7 @@ def half_size(kind: int, size: ArrayLike) -> Doubles:
 
 @dataclass
 class Plan:
-    """Shapes to be, with their poses."""
+    """Shapes and poses from which a World is made."""
 
     trees: list[TriangleTree] = dataclasses.field(default_factory=list)
     kind: list[int] = dataclasses.field(default_factory=list)
@@ -133,7 +134,7 @@ class Plan:
         self._add(kind, np.asarray(size, np.float64), -1, np.zeros(3), half_size(kind, size), position, rotation)
 
     def add_mesh(self, shape: Mesh | int, position: ArrayLike = (0, 0, 0), rotation: ArrayLike | None = None) -> None:
-        """A mesh, or another instance of mesh number `shape`."""
+        """Add a mesh, or another instance of mesh number `shape`."""
         if isinstance(shape, Mesh):
             self.add_tree(build_triangle_tree(shape.vertices, shape.faces), position, rotation)
         else:
@@ -193,7 +194,7 @@ class Plan:
 
 
 def world_of(*meshes: Mesh) -> World:
-    """Meshes as they are."""
+    """A world of meshes, each with the identity as its pose."""
     plan = Plan()
     for shape in meshes:
         plan.add_mesh(shape)
@@ -255,7 +256,7 @@ def cast_through(
 
 
 def assert_same(got: Hits, expected: Hits, message: str = "") -> None:
-    """Bit for bit, but that NaN equals NaN."""
+    """Assert that all hits are equal; NaN equals NaN."""
     for name, a, b in zip(Hits._fields, got, expected, strict=True):
         differ = np.flatnonzero(
             ~((a == b) | ((a != a) & (b != b))).reshape(len(a), a[0].size if len(a) else 1).all(axis=1)
@@ -266,7 +267,7 @@ def assert_same(got: Hits, expected: Hits, message: str = "") -> None:
 
 
 def random_rays(seed: int, count: int, spread: float = 6.0) -> tuple[Doubles, Doubles]:
-    """Origins and unit directions; one in ten along an axis."""
+    """Origins and unit directions (n, 3); every tenth direction is along an axis."""
     rng = np.random.default_rng(seed)
     directions = unit(rng.normal(size=(count, 3)))
     directions[::10] = np.eye(3)[rng.integers(0, 3, len(directions[::10]))] * rng.choice(

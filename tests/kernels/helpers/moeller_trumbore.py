@@ -1,4 +1,7 @@
-"""Rays against triangles in float64 numpy, by Möller and Trumbore: it shares nothing with the kernels."""
+"""Rays against triangles in float64 numpy, with no code of the kernels.
+
+Möller and Trumbore, "Fast, minimum storage ray-triangle intersection", Journal of Graphics Tools 2(1), 1997.
+"""
 
 from typing import Any
 
@@ -17,13 +20,14 @@ def norm(a: Doubles) -> Doubles:
 
 
 def moeller_trumbore(origin: Any, direction: Any, v0: Any, v1: Any, v2: Any) -> tuple[Doubles, Doubles]:
-    """Where rays meet the planes of triangles.
+    """Distances and barycentric coordinates at which rays meet the planes of triangles.
 
     Args:
         origin, direction, v0, v1, v2: (..., 3), broadcast.
 
     Returns:
-        t (...) and the barycentric coordinates (..., 3) there, for the vertices v0, v1, v2; NaN or inf where parallel.
+        t (...) in multiples of the direction, and the barycentric coordinates (..., 3) of v0, v1, v2 there; NaN or inf
+        where ray and plane are parallel.
     """
     o, d, a, b, c = (np.asarray(x, np.float64) for x in (origin, direction, v0, v1, v2))
     e1, e2, s = b - a, c - a, o - a

@@ -1,4 +1,4 @@
-"""Shapes that move from instant to instant, and beams that are fired meanwhile."""
+"""Shapes that move between instants, and beams that are fired in the meantime."""
 
 import numpy as np
 import warp as wp
@@ -14,13 +14,17 @@ Poses = tuple[Doubles, Doubles]
 
 
 def rotation_about(axis: Doubles, angle: Doubles) -> Doubles:
-    """(n, 3, 3) about axes (n, 3) by angles (n,) [rad]."""
+    """Rotations (n, 3, 3) about axes (n, 3) by angles (n,) [rad]."""
     turned = [transformations.rotation_matrix(a, x)[:3, :3] for x, a in zip(axis, angle, strict=True)]
     return np.array(turned)
 
 
 def moving(plan: Plan, seed: int, instants: int, step: float = 0.4, angle: float = 2.0) -> Poses:
-    """Poses (instants, n, 3) and (instants, n, 3, 3): every third shape rests, others go and turn by up to an angle."""
+    """Poses (instants, n, 3) and (instants, n, 3, 3) of a plan's shapes.
+
+    Every third shape rests. Between instants, the others move at random by `step` [m] (standard deviation along each
+    axis) and turn by up to `angle` [rad].
+    """
     rng = np.random.default_rng(seed)
     position, rotation = (np.array(a) for a in plan.poses())
     positions, rotations = [position], [rotation.reshape(-1, 3, 3)]
@@ -33,7 +37,7 @@ def moving(plan: Plan, seed: int, instants: int, step: float = 0.4, angle: float
 
 
 def fired(seed: int, spans: int, packets: bool, worlds: int = 1) -> Rays:
-    """Beams in firings, in spans and at fractions at random, from a sensor that is elsewhere at each."""
+    """Beams in FIRINGS firings, each with a random span of its world, fraction of it and pose of the sensor."""
     rng = np.random.default_rng(seed)
     directions = unit(rng.normal(size=(BEAMS, 3)))
     firing = np.sort(rng.integers(0, FIRINGS, BEAMS)).astype(np.int32)

@@ -1,4 +1,4 @@
-"""Many worlds, with other poses of the shapes and the sensor in each."""
+"""Many worlds, with different poses of shapes and sensor in each."""
 
 import numpy as np
 import warp as wp
@@ -13,7 +13,7 @@ DIRECTIONS = unit(np.random.default_rng(0).normal(size=(BEAMS, 3)))
 
 
 def scattered(plan: Plan, seed: int, worlds: int = WORLDS) -> tuple[Doubles, Doubles]:
-    """Poses of the plan's shapes, elsewhere in each world: (worlds, n, 3) and (worlds, n, 9)."""
+    """Random poses of the plan's shapes in each world: (worlds, n, 3) and (worlds, n, 9)."""
     rng = np.random.default_rng(seed)
     position, _ = plan.poses()
     moved = position + rng.normal(scale=0.5, size=(worlds, *position.shape))

@@ -17,12 +17,12 @@ FEW = PATTERNS["all around"][:7]
 
 
 def rays_of_sensors() -> list[Rays]:
-    """Of every kind, more of some than of others, and of one sensor none."""
+    """Rays of sensors of every kind and of different numbers; the last sensor has none."""
     return [*(make() for make in RAYS.values()), rays_of(START, FEW), rays_of(START, np.empty((0, 3)))]
 
 
 def prepared(world: World, sensors: Sequence[Rays]) -> list[tuple[Readings, HitArrays]]:
-    """A reading of each sensor, which sees other shapes than the others do, to another distance."""
+    """A reading of each sensor, each with its own visible shapes and limit."""
     no_bodies = wp.empty(0, dtype=int, device="cpu")
     readings = []
     for k, rays in enumerate(sensors):
@@ -36,7 +36,7 @@ def prepared(world: World, sensors: Sequence[Rays]) -> list[tuple[Readings, HitA
 
 
 def taken(hits: HitArrays) -> Hits:
-    """A copy of what was hit; and nothing is hit there from now on."""
+    """A copy of the hits, whose arrays are then set to 0."""
     arrays = hits.distance, hits.shape, hits.face, hits.normal
     copied = Hits(*(array.numpy().copy() for array in arrays))
     for array in arrays:
@@ -45,7 +45,7 @@ def taken(hits: HitArrays) -> Hits:
 
 
 def check_at_once(world: World, sensors: Sequence[Rays]) -> None:
-    """All at once, then some of them in another order, then all again."""
+    """Assert that sensors cast at once have the hits of each alone: all, some in another order, then all again."""
     readings = prepared(world, sensors)
     alone = []
     for reading, hits in readings:
@@ -56,4 +56,6 @@ def check_at_once(world: World, sensors: Sequence[Rays]) -> None:
         launch([readings[k][0] for k in some])
         for k in some:
             assert_same(taken(readings[k][1]), alone[k])
-    assert len({each.distance.tobytes() for each in alone}) == len(alone), f"seed {SEED}: some read the same"
+    assert len({each.distance.tobytes() for each in alone}) == len(alone), (
+        f"seed {SEED}: two sensors have the same hits"
+    )

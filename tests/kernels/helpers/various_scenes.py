@@ -1,4 +1,4 @@
-"""A world of each kind that there is, with rays through it: what any two ways to cast must agree on."""
+"""Worlds of every kind with rays through them, on which all ways to cast must agree."""
 
 from collections.abc import Callable
 
@@ -49,7 +49,8 @@ def sheets() -> Scene:
 
 
 def rays_at(shape: Mesh, seed: int, near: float, far: float) -> tuple[Doubles, Doubles]:
-    """At a mesh's vertices, at points on its edges and within its faces, from so far away, some within a face."""
+    """Rays at a mesh's vertices, and at points on its edges and faces, from near to far [m] away; some run in the plane
+    of a face."""
     rng = np.random.default_rng(seed)
     corners = shape.corners.astype(np.float64)[rng.integers(0, len(shape.faces), RAYS)]
     share = rng.dirichlet((1, 1, 1), RAYS)
@@ -77,7 +78,7 @@ def rays_at_a_mesh() -> Scene:
 
 
 def rays_at_a_small_mesh_far_from_its_origin() -> Scene:
-    """Roundings are a hundredth of a triangle."""
+    """Rounding errors of vertices are about a hundredth of a triangle's size."""
     plan, ball = Plan(), icosphere(3)
     shape = Mesh((ball.vertices + np.float32(3e3)).astype(np.float32), ball.faces)
     plan.add_mesh(shape)
@@ -110,7 +111,7 @@ def a_world_far_from_its_origin() -> Scene:
 
 
 def lost_shapes() -> Scene:
-    """Some have no pose."""
+    """Shapes of which some have a pose that is not finite."""
     plan = random_plan(9)
     position, rotation = plan.poses()
     position[::3, 1], rotation[1::5, 4] = np.nan, np.inf

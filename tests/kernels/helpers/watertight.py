@@ -1,6 +1,6 @@
-"""Rays aimed at what a mesh must not let them through: its points, edges and vertices.
+"""Rays aimed at points, edges and vertices of a mesh, none of which may let them through.
 
-Everything is about the mesh of float32 vertices as it stands, wherever they were rounded to.
+The mesh is that of the vertices after they were rounded to float32.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +24,7 @@ TOLERANCE = 3e-5  # of the distance and the mesh's size; the error of a distance
 
 
 class Placed(NamedTuple):
-    """A mesh, where it stands, and rays' world to local coordinates."""
+    """A mesh in a world, with its place and size."""
 
     shape: Mesh
     world: World
@@ -35,7 +35,7 @@ class Placed(NamedTuple):
 
 
 class Rays(NamedTuple):
-    """Rays in the mesh's frame; a proper one meets the mesh at its target, for sure, or earlier."""
+    """Rays in the mesh's frame; a proper one surely hits the mesh at its target or before."""
 
     origins: Doubles
     targets: Doubles
@@ -49,7 +49,7 @@ def bumpy_sphere() -> Mesh:
 
 
 def uv_sphere() -> Mesh:
-    """200 x 200 quadrangles, those at the poles triangles, the others split."""
+    """A sphere of 200 x 200 quadrangles; those at the poles are triangles, the others are split in two."""
     polar, azimuth = np.meshgrid(np.linspace(0, np.pi, 201)[1:-1], np.linspace(0, 2 * np.pi, 200, endpoint=False))
     rings = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
     index = np.arange(200 * 199).reshape(200, 199)
@@ -106,7 +106,7 @@ def place(name: str, scale: float, offset: float, is_baked: bool, device: str = 
 
 
 def parts(faces: NDArray[np.int64], aim: str) -> NDArray[np.int64]:
-    """Which part of the mesh lies at each corner of each face, (m, k): the vertex, the edge from there, the face."""
+    """Numbers (m, k) of the parts at the corners of each face: vertices, edges that begin there, or the face itself."""
     if aim == "vertices":
         return faces
     if aim == "points":
@@ -117,7 +117,7 @@ def parts(faces: NDArray[np.int64], aim: str) -> NDArray[np.int64]:
 
 
 def is_within(faces: NDArray[np.int64], aim: str) -> NDArray[np.bool_]:
-    """(m, k) whether that part lies off the mesh's border."""
+    """(m, k) whether each of `parts` lies off the mesh's border."""
     part = parts(faces, aim)
     if aim == "points":
         return np.ones(part.shape, bool)
@@ -130,7 +130,7 @@ def is_within(faces: NDArray[np.int64], aim: str) -> NDArray[np.bool_]:
 
 
 def points_on(corners: Doubles, first: NDArray[np.int64], aim: str, rng: np.random.Generator) -> Doubles:
-    """A point of the part at corner `first` of each of the triangles `corners` (n, 3, 3): (n, 3)."""
+    """Random points (n, 3) of the parts at corners `first` of triangles `corners` (n, 3, 3)."""
     rows = np.arange(len(first))
     a, b, c = (corners[rows, (first + k) % 3] for k in range(3))
     if aim == "vertices":
@@ -182,7 +182,7 @@ class Aims:
 
 
 def rays_from_outside(placed: Placed, aims: Aims, count: int, rng: np.random.Generator) -> Rays:
-    """From 1 to 3 sizes away; every second along the axis that is nearest to the face's normal."""
+    """Proper rays from 1 to 3 sizes away; every second along the axis that is nearest to the face's normal."""
     face, part, targets = aims.draw(rng, count)
     normals = np.nan_to_num(aims.normals[face])
     away = unit(rng.normal(size=targets.shape))
@@ -194,7 +194,7 @@ def rays_from_outside(placed: Placed, aims: Aims, count: int, rng: np.random.Gen
 
 
 def rays_from_inside(placed: Placed, aims: Aims, count: int, rng: np.random.Generator) -> Rays:
-    """From near the middle of a closed mesh; every second from a plane of its vertices, if they are in planes."""
+    """Rays from near the middle of a closed mesh; every second from planes 1/8 of its size apart, as in fine_cube."""
     _, part, targets = aims.draw(rng, count)
     origins = rng.uniform(-0.3, 0.3, targets.shape)
     origins[::2] = np.round(origins[::2] * 8) / 8
@@ -208,7 +208,7 @@ def rays_all_around(placed: Placed, count: int, rng: np.random.Generator) -> Ray
 
 
 def rays_along_axes(placed: Placed, count: int, rng: np.random.Generator) -> Rays:
-    """From planes of the vertices of a box, half of them from its faces, inwards along the axes."""
+    """Rays along the axes from planes of a box's vertices; every second inwards from its faces."""
     planes = [np.unique(placed.shape.vertices[:, k].astype(np.float64)) for k in range(3)]
     origins = np.stack([p[rng.integers(1, len(p) - 1, count)] for p in planes], axis=-1)
     axis, sign = rng.integers(0, 3, count), rng.choice([-1, 1], count)
@@ -220,7 +220,7 @@ def rays_along_axes(placed: Placed, count: int, rng: np.random.Generator) -> Ray
 
 
 def ray_batches(placed: Placed, aim: str, count: int, rng: np.random.Generator) -> Iterator[Rays]:
-    """Without end, of up to `count` rays. Closed meshes are aimed at from outside and from inside in turn."""
+    """Endless batches of up to `count` rays. Closed meshes are aimed at from outside and from inside in turn."""
     if aim in ("points", "edges", "vertices"):
         aims = Aims(placed.shape, aim)
         while True:
@@ -232,7 +232,7 @@ def ray_batches(placed: Placed, aim: str, count: int, rng: np.random.Generator) 
 
 
 def leaks(placed: Placed, rays: Rays, is_inside: bool) -> NDArray[np.bool_]:
-    """(n,) which rays get farther than a proper target, or from inside to nowhere."""
+    """(n,) which rays pass their proper target, or hit nothing from inside a closed mesh."""
     origins, targets = rays.origins + placed.position, rays.targets + placed.position
     got = cast_through(placed.world, origins, unit(targets - origins)).distance
     expected = norm(targets - origins)
@@ -243,8 +243,8 @@ def leaks(placed: Placed, rays: Rays, is_inside: bool) -> NDArray[np.bool_]:
 def count_leaks(places: Sequence[Placed], aim: str, count: int, seed: int) -> tuple[list[int], int]:
     """How many of at least `count` rays leak in each of the places of one mesh, and how many rays there were.
 
-    They are the same rays in all places, as it takes longer to make them than to cast them. Fewer where few targets are
-    proper.
+    All places get the same rays, as it takes longer to make them than to cast them. Where few targets are proper, there
+    are fewer rays.
     """
     rng = np.random.default_rng(seed)
     batch = min(BATCH, count)

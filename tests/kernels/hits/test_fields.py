@@ -1,4 +1,4 @@
-"""What a cast writes beside its hits is what is worked out of them afterwards, bit for bit."""
+"""The fields that a cast writes beside its hits equal those computed from the hits afterwards, bit for bit."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ SEED = 2
 
 
 def in_two_poses(rays: Rays, rng: np.random.Generator) -> Rays:
-    """The second of which is not finite."""
+    """The rays in two worlds; the sensor's pose in the second is not finite."""
     position = np.array([rng.uniform(-1, 1, 3), np.full(3, np.nan)])
     rotation = random_rotations(rng, 2)
     return replace(
@@ -58,7 +58,9 @@ def test_fields_are_those_of_the_hits(
     readings.turn_to(hits, rays, {name: own[name] for name in names})
     launch([readings])
 
-    assert {-np.inf, np.inf} < set(hits.distance.numpy().tolist()), f"seed {SEED}: none is too near, or none too far"
+    assert {-np.inf, np.inf} < set(hits.distance.numpy().tolist()), (
+        f"seed {SEED}: no ray is too near, or none is too far"
+    )
     expected = {
         "points": points(hits.distance, rays),
         "depth": z_depth(hits.distance, rays),

@@ -66,7 +66,7 @@ def test_what_a_cast_reads_is_its_hits_read_afterwards(packed: bool) -> None:
     readings = prepare_readings(world.geometry, visible, rays, (near, far), no_bodies)
     readings.turn_to(got, rays, {})
     launch([readings])
-    assert {-INF, INF} < set(got.distance.numpy().tolist()), "seed 3: none is too near, or none too far"
+    assert {-INF, INF} < set(got.distance.numpy().tolist()), "seed 3: no ray is too near, or none is too far"
     for name in ("distance", "shape", "normal"):
         np.testing.assert_array_equal(getattr(got, name).numpy(), getattr(expected, name).numpy(), err_msg=name)
 
@@ -90,7 +90,7 @@ def test_depth_is_the_range_along_z_and_infinite_where_it_is() -> None:
     np.testing.assert_array_equal(got[3:], [INF, -INF, NAN])
 
 
-def test_taken_is_what_the_table_holds_and_minus_1_of_minus_1() -> None:
+def test_looked_up_is_the_entry_of_the_table_and_minus_1_for_minus_1() -> None:
     got = look_up(device(np.array([10, 20, 30]), wp.int32), device(np.array([2, -1, 0, 0, 1, -1]), wp.int32)).numpy()
     np.testing.assert_array_equal(got, [30, -1, 10, 10, 20, -1])
 

@@ -1,4 +1,4 @@
-"""Poses are taken bit by bit as MuJoCo has them, frames placed bit by bit as numpy does, and edits are seen."""
+"""Poses equal MuJoCo's and placed frames equal numpy's, bit for bit, also after arrays are edited in place."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Whatever is written to an array that is watched is seen until it is taken, by any number of threads."""
+"""A change to a watched array is reported until it is taken, with any number of threads."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from rigcast.kernels.host.watching import PIECE, Watched
 from rigcast.kernels.launching.slices import TURN
 
 HEIGHTS_PER_TURN = PIECE * TURN // 4
-"""Numbers of float32 that a thread takes at once."""
+"""Number of float32 values that a thread compares per turn."""
 SIZES = 3, 1001, 517, 0, 3 * HEIGHTS_PER_TURN + 5
 
 

@@ -1,4 +1,4 @@
-"""Threads that launch a kernel for the first time at once: Warp is let in one by one, else the process could end."""
+"""Threads that launch a kernel for the first time at once load its module one at a time; else the process can crash."""
 
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -38,7 +38,7 @@ def test_modules_are_loaded_by_one_thread_at_a_time(how: Any, monkeypatch: pytes
 
 
 def test_a_launch_of_nothing_loads_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It was taken for a first launch, so the next one, which loads, was not alone."""
+    """Counted as a first launch, it would let a later one load the module in several threads at once."""
     loaded: set[Any] = set()
     monkeypatch.setattr(launching, "_loaded", loaded)
     empty = wp.empty(0, dtype=float, device="cpu")

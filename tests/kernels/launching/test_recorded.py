@@ -1,4 +1,4 @@
-"""Launches that are made again and again do each time what Warp's own launch does."""
+"""A recorded launch does at each call what Warp's own launch does."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ def directions(z: float, device: str) -> wp.array:
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
-def test_a_launch_reads_what_structs_hold_by_then(device: str) -> None:
+def test_a_launch_reads_the_present_values_of_structs(device: str) -> None:
     rays, distance = RayArrays(), wp.array(DISTANCE, dtype=float, device=device)
     rays.directions = directions(1.0, device)
     depth = wp.zeros(4, dtype=float, device=device)

@@ -1,4 +1,4 @@
-"""Rays in packets hit what each of them hits alone, bit for bit."""
+"""Rays in packets have the hits of single rays, bit for bit."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -68,7 +68,7 @@ def test_every_ray_is_in_one_place(name: str) -> None:
 
 
 def test_packets_are_compact() -> None:
-    """A square tile of the camera's pixels is hardly larger than it must be."""
+    """A packet of a camera covers less than 3 times the area of its pixels."""
     tiles = sort_into_packets(camera(640, 480)).tiles.numpy()
     pixel = np.tan(np.radians(30.0)) * 2 / 640
     width, height = (np.median(tiles[f"{k}_high"] - tiles[f"{k}_low"]) for k in "pq")
@@ -77,7 +77,7 @@ def test_packets_are_compact() -> None:
 
 @pytest.mark.parametrize(("width", "height"), [(640, 480), (75, 30)])
 def test_an_image_is_cast_in_squares(width: int, height: int) -> None:
-    """All but its last columns and rows that no tile has room for."""
+    """All but the last columns and rows, which do not fill a tile."""
     rays = sort_into_packets(camera(width, height)).packets.numpy()["ray"].reshape(-1, 4, 4)
     row, column = np.divmod(rays, width)
     are_squares = (np.diff(column, axis=2) == 1).all(axis=(1, 2)) & (np.diff(row, axis=1) == 1).all(axis=(1, 2))
@@ -102,7 +102,7 @@ def test_random_worlds(name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("tilt", [0.0, 1e-15, 1e-9, 1e-7, 1e-6, 1e-3])
 def test_rays_along_a_plane(tilt: float) -> None:
-    """Packets of which some or all rays go down by next to nothing, from above, from on it and from below."""
+    """Some or all rays of a packet go down at a tiny angle; origins are above, on and below the plane."""
     about_y = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
     plan = Plan()
     plan.add(solids.PLANE, (0, 0, 0), (0, 0, 0), about_y)
@@ -139,7 +139,7 @@ MESHES: dict[str, Callable[[], Mesh]] = {
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_rays_at_edges_and_vertices(name: str, scale: float) -> None:
-    """Aimed exactly there from outside and from within, near the world's origin and far from it."""
+    """Rays from outside and from inside a mesh, near the world's origin and far from it."""
     shape = MESHES[name]()
     corners = shape.corners.astype(np.float64)
     rng = np.random.default_rng(3)
@@ -172,7 +172,7 @@ def bumpy(name: str) -> Plan:
 @pytest.mark.parametrize("height", [0.53, 0.47], ids=["from above", "from below"])
 @pytest.mark.parametrize("name", ["mesh", "sheet", "height field"])
 def test_rays_that_graze_triangles(name: str, height: float) -> None:
-    """Whose distances float64 finds, in packets of which other rays do not graze theirs."""
+    """Their distances are computed in float64, in packets with other rays that do not graze."""
     y, z = np.meshgrid(np.linspace(-0.3, 0.3, 64), np.linspace(0.0, 0.06, 48) * np.sign(0.5 - height))
     directions = unit(np.stack([np.ones_like(y), y, z], axis=-1).reshape(-1, 3))
     got, expected = in_packets_and_alone(bumpy(name).world(), (-1.7, 0.1, height), directions)
@@ -185,7 +185,7 @@ def test_rays_that_graze_triangles(name: str, height: float) -> None:
 
 @pytest.mark.parametrize("first", [(0, 1, 2), (2, 0, 1), (0, 2, 1)])
 def test_of_two_faces_in_one_place_the_one_that_faces_the_ray_is_hit(first: tuple[int, int, int]) -> None:
-    """Whatever comes first, and wherever the faces' vertices begin."""
+    """For any order of the faces, and any first vertex of each."""
     shape = turned(grid(12, 0.2, 4), 4)
     faces = np.concatenate([shape.faces[:, first], shape.faces[:, [1, 0, 2]], shape.faces])
     plan = Plan()
@@ -211,7 +211,7 @@ DOUBLED: dict[str, tuple[ArrayLike, Doubles, tuple[bool, bool, bool], set[int]]]
 
 @pytest.mark.parametrize("name", DOUBLED)
 def test_one_mesh_three_times(name: str) -> None:
-    """Of shapes that are the same the first is hit, of those that differ ever so little the nearer one."""
+    """Of equal meshes the first is hit; of meshes that differ by a little, the nearer one."""
     position, rotation, visible, hit = DOUBLED[name]
     plan = Plan()
     plan.add_mesh(turned(icosphere(2), 1))

@@ -1,4 +1,4 @@
-"""Packets of rays that were not sorted, and of rays from several origins: they hit what each of them hits alone."""
+"""Packets of consecutive rays, and of rays from several origins, have the hits of single rays."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ SEED = 6
 
 
 def path(count: int, turns: float = 8.0) -> Doubles:
-    """A beam that winds around +x."""
+    """Directions of a beam that winds around +x."""
     along = np.linspace(0, 1, count)
     aside, angle = 0.6 * np.sin(17 * along), 2 * np.pi * turns * along
     return unit(np.stack([np.ones(count), aside * np.cos(angle), aside * np.sin(angle)], axis=-1))
@@ -41,7 +41,7 @@ def hits_of(world: World, rays: Rays) -> Hits:
 
 
 def assert_every_ray_is_in_one_place(packets: Packets, group: NDArray[np.int32]) -> None:
-    """And the rays of a tile are of one group."""
+    """Assert that every ray is in one lane or single, and that the rays of a tile are of one group."""
     numbers = packets.packets.numpy()["ray"].reshape(packets.tiles.size, PACKETS * LANES)
     assert sorted([*numbers[numbers >= 0], *packets.singles.numpy()]) == list(range(len(group)))
     for rays, one in zip(numbers, packets.tiles.numpy()["ray"], strict=True):
@@ -66,7 +66,7 @@ def test_rays_in_order_are_in_one_place_each(name: str) -> None:
 
 @pytest.mark.parametrize("name", GROUPS)
 def test_rays_are_packed_in_the_order_that_is_given(name: str) -> None:
-    """Shuffled, they would all go alone."""
+    """In their shuffled order all of these rays would be cast singly."""
     group = GROUPS[name]
     shuffled = np.random.default_rng(2).permutation(len(group)).astype(np.int32)
     directions = vectors(path(len(group), turns=1)[shuffled])
@@ -82,7 +82,7 @@ def test_none_in_order_are_no_packets() -> None:
 
 
 def test_rays_that_do_not_follow_a_path_go_alone() -> None:
-    """The first 640 do; of the rest one is no direction at all."""
+    """The first 640 follow a path; one of the others is NaN."""
     directions = np.concatenate([path(640, turns=2), unit(np.random.default_rng(1).normal(size=(1000, 3)))])
     directions[900] = np.nan
     packets = pack_in_order(vectors(directions))
@@ -123,7 +123,7 @@ def test_rays_from_several_origins_hit_what_they_hit_alone(seed: int) -> None:
 @pytest.mark.parametrize("firings", [1, 6])
 @pytest.mark.parametrize("seed", range(3))
 def test_rays_from_the_second_imager_hit_what_they_hit_alone(seed: int, firings: int) -> None:
-    """In the packets of the camera's own rays, with those that see nothing among them."""
+    """They are packed in the order of the camera's rays, those that hit nothing included."""
     rng = np.random.default_rng(seed)
     world, pair = random_plan(seed).world(), StereoPair()
     x, y = np.meshgrid(np.linspace(-0.6, 0.6, 60), np.linspace(-0.4, 0.4, 40))
@@ -152,7 +152,7 @@ def test_rays_from_the_second_imager_hit_what_they_hit_alone(seed: int, firings:
 @pytest.mark.parametrize("origins", ["one", "of rows", "of rows, from one"])
 @pytest.mark.parametrize("firings", [1, 6])
 def test_steered_rays_hit_what_they_hit_alone(firings: int, origins: str, std: float) -> None:
-    """In the packets of the rays that they were, with some among them that are no rays."""
+    """They are packed in the order of the original rays; some directions are NaN."""
     rng = np.random.default_rng(SEED)
     elevation, azimuth = np.meshgrid(np.linspace(-0.4, 0.4, 12), np.linspace(-1, 1, 150), indexing="ij")
     flat = np.cos(elevation)

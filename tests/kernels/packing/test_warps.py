@@ -1,4 +1,4 @@
-"""Rays in warps of neighbours: each is there once, with its neighbours, and hits what it hits by itself."""
+"""Rays in warps: each is in one warp, with its neighbours, and has the hit of a single ray."""
 
 from dataclasses import replace
 
@@ -50,7 +50,7 @@ def test_rays_of_a_warp_are_closer_together_than_those_of_a_row(name: str, narro
 
 
 def test_warps_of_a_lidar_are_flat() -> None:
-    """Four rows of eight of a small one whose rows and columns are about as far apart."""
+    """Warps of a small lidar, whose rows and columns have about the same spacing, have at most four rows."""
     order = sort_into_warps(PATTERNS["a small lidar"], "cpu", LEVEL).order.numpy().reshape(-1, WARP)
     rows = [len(set(warp // 64)) for warp in order]
     assert max(rows) <= 4, rows
@@ -58,7 +58,7 @@ def test_warps_of_a_lidar_are_flat() -> None:
 
 
 def width(directions: Doubles) -> float:
-    """The mean square of distances of WARP rays after each other from their middle."""
+    """Mean square of the distances of WARP consecutive directions from their mean."""
     warps = directions.reshape(-1, WARP, 3)
     return float(np.square(warps - warps.mean(axis=1, keepdims=True)).sum(axis=2).mean())
 

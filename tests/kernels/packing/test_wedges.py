@@ -1,4 +1,4 @@
-"""A reading of beams behind wedges stays as it is while anybody holds any of it; then its arrays serve again."""
+"""A reading of beams behind wedges does not change while any of it is held; afterwards its arrays are reused."""
 
 from collections.abc import Callable
 
@@ -59,5 +59,5 @@ def test_a_reading_is_the_same_in_new_arrays_and_in_those_of_another() -> None:
     np.testing.assert_array_equal(again, new)
     for name in ("tiles", "packets"):
         got, expected = getattr(again_packed, name).numpy(), getattr(new_packed, name).numpy()
-        for field in expected.dtype.names:  # what is between fields is left as it was
+        for field in expected.dtype.names:  # padding between fields is not written
             np.testing.assert_array_equal(got[field], expected[field], err_msg=f"{name}: {field}")

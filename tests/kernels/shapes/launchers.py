@@ -1,6 +1,6 @@
-"""The functions of rigcast.kernels over rows of numpy arrays; a single row is repeated.
+"""Functions of rigcast.kernels applied to rows of numpy arrays; a single row is repeated.
 
-All test kernels stand here, in one Warp module, which compiles once.
+All these test kernels are in one Warp module, which compiles once.
 """
 
 # mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
@@ -181,7 +181,7 @@ def reference(
 def span(
     origin: ArrayLike, direction: ArrayLike, v0: ArrayLike, v1: ArrayLike, v2: ArrayLike, cull: int = CULL_NONE
 ) -> Floats:
-    """(n, 2) the cast's first look, in float32, with the normal that a triangle block has: nearest and farthest."""
+    """Interval (n, 2) of the distance from triage_triangle, in float32, with the normal that a triangle block has."""
     a, b, c = (np.asarray(v, np.float32).astype(np.float64) for v in (v0, v1, v2))
     n = np.cross(b - a, c - a)
     with np.errstate(invalid="ignore"):
@@ -192,7 +192,7 @@ def span(
 def triage(
     origin: ArrayLike, direction: ArrayLike, v0: ArrayLike, v1: ArrayLike, v2: ArrayLike, cull: int = CULL_NONE
 ) -> NDArray[np.float64]:
-    """The middle of the span, +inf on a miss, or UNDECIDED."""
+    """The middle of triage_triangle's interval, +inf on a miss, or UNDECIDED."""
     near, far = span(origin, direction, v0, v1, v2, cull).T.astype(np.float64)
     return np.where(np.isfinite(far), 0.5 * (near + far), np.where(np.isfinite(near), UNDECIDED, np.inf))
 
@@ -200,14 +200,14 @@ def triage(
 def decide(
     origin: ArrayLike, direction: ArrayLike, v0: ArrayLike, v1: ArrayLike, v2: ArrayLike, cull: int = CULL_NONE
 ) -> NDArray[np.float64]:
-    """The cast's second look, in float64."""
+    """The distance from decide_triangle, in float64; +inf on a miss."""
     return _over_rows(_decide, wp.float64, [origin, direction, v0, v1, v2], [cull])
 
 
 def intersect(
     origin: ArrayLike, direction: ArrayLike, v0: ArrayLike, v1: ArrayLike, v2: ArrayLike, cull: int = CULL_NONE
 ) -> NDArray[np.float64]:
-    """Both looks, as the cast takes them."""
+    """The distance from `triage`, or from `decide` where that is undecided, as in the cast; +inf on a miss."""
     first = triage(origin, direction, v0, v1, v2, cull)
     return np.where(first == UNDECIDED, decide(origin, direction, v0, v1, v2, cull), first)
 
@@ -215,12 +215,12 @@ def intersect(
 def closed_form_looks(
     kind: int, size: ArrayLike, origin: ArrayLike, direction: ArrayLike, cull: int = CULL_NONE
 ) -> NDArray[np.float64]:
-    """(n, 3) the distance that float64 decides, and the nearest and farthest of float32's first look."""
+    """(n, 3) distance from decide_closed_form, and interval from triage_closed_form."""
     return _over_rows(_closed_form, wp.vec3d, [size, origin, direction], [kind, cull])
 
 
 def closed_form(kind: int, size: ArrayLike, origin: ArrayLike, direction: ArrayLike, cull: int = CULL_NONE) -> Floats:
-    """The distance, as the cast rounds it."""
+    """The distance from decide_closed_form, rounded to float32; +inf on a miss."""
     return closed_form_looks(kind, size, origin, direction, cull)[:, 0].astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""Closed-form solids and planes: known answers, and at random against a search along the ray in float64.
+"""Closed-form solids and planes: known answers, and random rays against a search along the ray in float64.
 
 The search shares nothing with the kernels: along a line, the distance to a convex solid is a convex function, so its
 least value is found by narrowing an interval, and the surface on either side of it by halving.
@@ -133,7 +133,7 @@ def test_plane_has_one_side_and_ends_only_where_it_has_a_size(
 
 
 def implicit(kind: int, size: Doubles, p: Doubles) -> Doubles:
-    """Convex in p, below 0 inside, and as steep as a distance; of an ellipsoid in units of its radii. (n,)"""
+    """A convex function (n,) of p, below 0 inside: a signed distance, for an ellipsoid in units of its radii."""
     x, y, z = np.moveaxis(p, -1, 0)
     if kind == SPHERE:
         return norm(p) - size[..., 0]
@@ -148,7 +148,7 @@ def implicit(kind: int, size: Doubles, p: Doubles) -> Doubles:
 
 
 def least(f: Callable[[Doubles], Doubles], low: Doubles, high: Doubles) -> Doubles:
-    """Where a convex function is least, by thirds."""
+    """The minimum's place of a convex function, by ternary search."""
     for _ in range(150):
         third = (high - low) / 3
         is_left = f(low + third) < f(high - third)
@@ -157,7 +157,7 @@ def least(f: Callable[[Doubles], Doubles], low: Doubles, high: Doubles) -> Doubl
 
 
 def root(f: Callable[[Doubles], Doubles], inside: Doubles, outside: Doubles) -> Doubles:
-    """Where f changes its sign, by halving."""
+    """The place where f changes its sign, by bisection."""
     for _ in range(80):
         middle = (inside + outside) / 2
         is_inside = f(middle) <= 0
@@ -186,7 +186,7 @@ def random_rays(rng: np.random.Generator) -> tuple[Doubles, Doubles, Doubles]:
 @by_name
 @pytest.mark.parametrize("cull", [CULL_NONE, CULL_BACK, CULL_FRONT], ids=["none", "back", "front"])
 def test_hits_are_those_of_a_search_along_the_ray(kind: int, cull: int) -> None:
-    """The hit lies on the surface to 8 eps (|o| + size), on the right side; hit or miss differ within that only.
+    """The hit is on the surface, to 8 eps (|o| + size), on the right side; hit and miss are swapped only within that.
 
     8 eps = 16u: l = o - (o . d) d has 6u |o|, c and the roots of the quadratic another 6u, |d| is 1 to 2u.
     """
@@ -223,8 +223,8 @@ def test_hits_are_those_of_a_search_along_the_ray(kind: int, cull: int) -> None:
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: NAME[kind])
 @pytest.mark.parametrize("cull", [CULL_NONE, CULL_BACK, CULL_FRONT], ids=["none", "back", "front"])
-def test_the_first_look_holds_what_float64_decides(kind: int, cull: int) -> None:
-    """And leaves it open for few: those that touch, graze, or meet a crease."""
+def test_the_interval_of_float32_holds_the_distance_of_float64(kind: int, cull: int) -> None:
+    """It leaves open only few rays: those that touch, graze, or meet a crease."""
     size, o, d = random_rays(np.random.default_rng(SEED + 2))
     t, near, far = launchers.closed_form_looks(kind, size, o, d, cull).T
     outside = ~((near <= t) & (t <= far))
@@ -321,14 +321,14 @@ def test_normal_at_known_points(kind: int, size: Point, point: Point, expected: 
 def test_a_ray_within_a_face_hits_the_face_that_it_crosses(
     kind: int, size: Point, point: Point, direction: Point, distance: float, expected: Point
 ) -> None:
-    """The point, on an edge, tells nothing."""
+    """The point, on an edge, does not tell which face it is."""
     got = launchers.normal_at(kind, size, point, direction, distance)[0]
     np.testing.assert_allclose(got, expected, atol=2 * EPS)
 
 
 @by_name
 def test_normal_is_the_gradient(kind: int) -> None:
-    """By differences in float64, at points of the surface that are not on an edge of it."""
+    """By finite differences in float64, at points of the surface that are not on an edge."""
     size, o, d = random_rays(np.random.default_rng(SEED + 1))
     t = launchers.closed_form(kind, size, o, d).astype(np.float64)
     size, p, d = size[t < INF], (o + np.where(t < INF, t, 0)[:, None] * d)[t < INF], d[t < INF]

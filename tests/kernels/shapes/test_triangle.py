@@ -100,14 +100,14 @@ def forms(*names: str) -> pytest.MarkDecorator:
 
 
 def in_every_order() -> Iterator[NDArray[np.int64]]:
-    """The corners in both windings, each from any of them."""
+    """The corners in both windings, each beginning with any of them."""
     for turn in range(3):
         a, b, c = np.roll([V0, V1, V2], turn, axis=0)
         yield np.array([a, b, c])
         yield np.array([a, c, b])
 
 
-@forms("reference")  # of the cast's, a ray aimed at the border may or may not meet a triangle alone
+@forms("reference")  # in the cast, a ray aimed at the border may miss a triangle without neighbours
 @pytest.mark.parametrize(("x", "y"), [(0, 0), (4, 0), (0, 4), (2, 0), (2, 2), (0, 2), (1, 3), (3, 1)])
 def test_border_is_part_of_the_triangle(form: Form, x: float, y: float) -> None:
     for corners in in_every_order():

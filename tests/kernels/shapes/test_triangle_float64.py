@@ -1,6 +1,6 @@
-"""One ray against one triangle, at random: both forms against float64 numpy, with rounding bounds that are derived.
+"""Random rays, each against one triangle: both forms against float64 numpy, with derived rounding bounds.
 
-u = eps / 2 = 2^-24 is the error of one rounding. Bounds are to first order in u and taken times 1.1 for the rest.
+u = eps / 2 = 2^-24 is the error of one rounding. Bounds are to first order in u, times 1.1 for higher orders.
 """
 
 from itertools import permutations
@@ -23,7 +23,7 @@ ORDERS = list(permutations(range(3)))
 
 
 class Pairs(NamedTuple):
-    """Rays and triangles in float32, and what float64 makes of them, (n, ...)."""
+    """Rays and triangles in float32, and their distances and so on in float64, (n, ...)."""
 
     origin: launchers.Floats
     direction: launchers.Floats
@@ -40,12 +40,12 @@ class Pairs(NamedTuple):
 
     @property
     def vertices(self) -> Doubles:
-        """(n, 3, 3) V - O."""
+        """The vertices V - O, (n, 3, 3)."""
         return self.corners.astype(np.float64) - self.origin[:, None]
 
     @property
     def point(self) -> Doubles:
-        """(n, 3) P - O."""
+        """The point P - O, (n, 3)."""
         return self.t[:, None] * self.direction.astype(np.float64)
 
     @property
@@ -113,7 +113,7 @@ def reference_error(p: Pairs) -> Doubles:
 
 
 def triage_error(p: Pairs) -> Doubles:
-    """|t - t_ref| of float32 in the cast: as above, but that the normal is float64's, rounded."""
+    """|t - t_ref| of float32 in the cast: as above, but with a normal computed in float64 and rounded."""
     v0 = p.vertices[:, 0]
     return 1.1 * U * (4 * norm(v0) + 4 * np.abs(p.t) + norm(p.point - v0)) / p.cosine
 
@@ -133,7 +133,7 @@ def reference_band(p: Pairs) -> Doubles:
 
 
 def cast_band(p: Pairs) -> Doubles:
-    """(n, 3) the same for the cast: a tilt of 1e-9 rad, and 1e-14 of the distance to the edge, seen at |cos|."""
+    """(n, 3) the same for the cast: a tilt of 1e-9 rad, and 1e-13 of the distances to the edge's ends, over |cos|."""
     v = norm(p.vertices)
     return (1.1e-9 * np.abs(p.t)[:, None] + 1e-13 * (np.roll(v, -1, axis=1) + np.roll(v, -2, axis=1))) / (
         p.cosine[:, None] * p.height
@@ -141,7 +141,7 @@ def cast_band(p: Pairs) -> Doubles:
 
 
 def test_float32_is_never_wrong_where_it_decides(pairs: Pairs) -> None:
-    """There is no band: what could be wrong is left to float64."""
+    """Without exception: what could be wrong is left to float64."""
     t = launchers.triage(*pairs.rays)
     is_decided = t != launchers.UNDECIDED
     wrong = is_decided & ((t < INF) != pairs.is_inside)
@@ -154,7 +154,7 @@ def test_float32_is_never_wrong_where_it_decides(pairs: Pairs) -> None:
 
 
 def test_float32_knows_how_far_off_it_may_be(pairs: Pairs) -> None:
-    """The span holds the distance, and is not wider than it must be by more than 20 times."""
+    """The interval holds the distance, and is at most 20 times as wide as needed."""
     near, far = launchers.span(*pairs.rays).T.astype(np.float64)
     hit = np.isfinite(far)
     outside = hit & ((pairs.t < near) | (pairs.t > far))
@@ -164,7 +164,7 @@ def test_float32_knows_how_far_off_it_may_be(pairs: Pairs) -> None:
 
 
 def test_float32_decides_most_rays_that_are_not_aimed_at_edges(pairs: Pairs) -> None:
-    """Rays 16u |V - O| / sin and more off the edges, of a triangle not seen edge-on, are float32's to decide."""
+    """Rays at least 100u |V - O| / |cos| off the edges, of a triangle not seen edge-on, are decided in float32."""
     t = launchers.triage(*pairs.rays)
     far_off = 100 * U * norm(pairs.vertices).max(axis=1)[:, None] / (pairs.cosine[:, None] * pairs.height)
     is_plain = (np.abs(pairs.barycentric) > far_off).all(axis=1) & (pairs.cosine > 0.021) & (np.abs(pairs.t) > 1e-2)
@@ -179,7 +179,7 @@ def test_float64_decides_like_numpy_but_for_its_tilt(pairs: Pairs) -> None:
     wrong = is_clear & ((t < INF) != pairs.is_inside)
     assert not wrong.any(), first(wrong, "wrong")
     assert is_clear.mean() > 0.75
-    # away from edges and from edge-on, the ray itself is asked
+    # away from edges and from edge-on, the ray is not tilted
     is_plain = (np.abs(pairs.barycentric) > 1e3 * band).all(axis=1) & (pairs.cosine > 1e-6)
     hit = t < INF
     size = (norm(pairs.vertices).max(axis=1) + np.abs(pairs.t)) / pairs.cosine
@@ -189,7 +189,7 @@ def test_float64_decides_like_numpy_but_for_its_tilt(pairs: Pairs) -> None:
 
 
 def test_a_distance_has_the_same_bits_for_any_order_of_the_vertices() -> None:
-    """Of triangles on a grid, whose vertices share coordinates."""
+    """Vertices are on a grid, so that many share coordinates."""
     rng = np.random.default_rng(SEED)
     corners = (1 + 0.7 * rng.integers(0, 3, (10_000, 3, 3))).astype(np.float32)
     direction = unit(corners.mean(axis=1, dtype=np.float64))
@@ -253,7 +253,7 @@ def fans(rng: np.random.Generator, count: int, blades: int) -> tuple[Doubles, Do
 @pytest.mark.parametrize("blades", [3, 4, 5, 6, 8])
 @pytest.mark.parametrize("target", ["apex", "spoke"])
 def test_no_ray_leaks_through_a_fan(blades: int, target: str, cull: int) -> None:
-    """Rays aimed exactly at the shared vertex, or at a point of a shared edge."""
+    """Rays aimed exactly at the shared vertex of the triangles, or at a point of a shared edge."""
     count = 10_000
     rng = np.random.default_rng(blades)
     apex, rim = (a.astype(np.float32) for a in fans(rng, count, blades))

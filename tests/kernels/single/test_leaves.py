@@ -1,5 +1,5 @@
-"""No triangle of a block that a ray passes inside is left out, hardly one that it passes outside is kept, and none that
-it passes near an edge or outside counts as surely passed inside."""
+"""Triangles of a block that a ray may pass inside: all that it does, and hardly any that it passes outside; none near
+whose edge or outside which it passes counts as surely passed inside."""
 
 # mypy: disallow-untyped-decorators=False, disable-error-code="valid-type,index"
 
@@ -28,7 +28,7 @@ def pass_blocks(
     reach: float,
     passed: wp.array[int],
 ) -> None:
-    """Ray i against block i."""
+    """Test ray i against block i."""
     i = wp.tid()
     origin = wp.vec3(origins[i])
     rest = wp.vec3(origins[i] - wp.vec3d(origin))
@@ -36,7 +36,7 @@ def pass_blocks(
 
 
 def looked_at(corners: Doubles, origins: Doubles, directions: Doubles) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(n, 8) which of triangles (n, 8, 3, 3), those of one block each, rays (n, 3) may pass inside, and surely do."""
+    """(n, 8) each: which triangles (n, 8, 3, 3), a block per ray, rays (n, 3) may pass inside, and surely do."""
     blocks = struct_zeros(TriangleBlock, len(corners))
     for vertex in range(3):
         for axis, name in enumerate("xyz"):
@@ -53,7 +53,7 @@ def looked_at(corners: Doubles, origins: Doubles, directions: Doubles) -> tuple[
 
 
 def random_blocks(rng: np.random.Generator, away: float) -> tuple[Doubles, Doubles]:
-    """Triangles (n, 8, 3, 3), of float32, and places (n, 3) from which to look at them."""
+    """Triangles (n, 8, 3, 3) with float32 coordinates, and origins (n, 3)."""
     size = 10.0 ** rng.uniform(-3, 1, (BLOCKS, 1, 1, 1))
     center = rng.uniform(-away, away, (BLOCKS, 1, 1, 3))
     corners = (center + size * rng.normal(size=(BLOCKS, int(WIDTH), 3, 3))).astype(np.float32).astype(float)
@@ -61,13 +61,13 @@ def random_blocks(rng: np.random.Generator, away: float) -> tuple[Doubles, Doubl
 
 
 def aimed(rng: np.random.Generator, corners: Doubles, origins: Doubles, weights: Doubles) -> Doubles:
-    """Directions (n, 3), of float32, at a place in the first triangle of each block, by the weights of its corners."""
+    """Directions (n, 3), of float32, at a point of the first triangle of each block, with these barycentric weights."""
     towards = np.einsum("nc,nca->na", rng.permuted(weights, axis=1), corners[:, 0]) - origins
     return (towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32).astype(float)
 
 
 def distances(corners: Doubles, origins: Doubles, directions: Doubles) -> Doubles:
-    """(n, 8) How far a ray passes outside each triangle [m], about, at the edge where it is farthest; < 0 inside."""
+    """(n, 8) approximate distance [m] by which a ray passes outside the farthest edge of each triangle; < 0 inside."""
     a = corners - origins[:, None, None]
     b = np.roll(a, -1, axis=2)
     sides = np.einsum("na,ntea->nte", directions, np.cross(a, b)) / np.linalg.norm(a - b, axis=-1)

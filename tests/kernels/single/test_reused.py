@@ -1,4 +1,4 @@
-"""Casts whose launches serve again hit what a cast with one of its own hits, bit for bit."""
+"""Casts with a reused launch have the hits of casts with a new one, bit for bit."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -36,7 +36,7 @@ def test_any_number_of_rays_in_turn() -> None:
     for seed, count in enumerate(COUNTS):
         limit, cull = (np.inf, CULL_NONE) if seed % 2 else (5.0, CULL_BACK)
         kept.append((casts.cast(visible, rays(seed, count), limit, cull), limit, cull))
-    for seed, (hits, limit, cull) in enumerate(kept):  # none is written over by a later one
+    for seed, (hits, limit, cull) in enumerate(kept):  # none is overwritten by a later cast
         expected = cast(world.geometry, visible, rays(seed, COUNTS[seed]), limit, cull)
         assert_same(as_numpy(hits), as_numpy(expected), f"seed {seed}")
 

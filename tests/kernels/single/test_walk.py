@@ -1,4 +1,4 @@
-"""A ray that walks a tree is shown every leaf whose box it enters within its limit, hardly any other, nearest first."""
+"""A single ray visits every leaf whose box it enters within its limit, hardly any other, nearest first."""
 
 # mypy: disallow-untyped-decorators=False, disable-error-code="valid-type,index"
 
@@ -32,7 +32,7 @@ def walk(
     bottom: int,
     leaves: wp.array2d[int],
 ) -> None:
-    """The leaves that each ray is shown, one after the other, with so many entries on the stack that are to stay."""
+    """Write the leaves that each ray visits, in order. bottom: entries on the stack that must stay."""
     i = wp.tid()
     stack = wp.zeros(shape=NUMBERS_OF_STACK, dtype=int)
     d = directions[i]
@@ -52,7 +52,7 @@ def walk(
 
 
 class Walk(NamedTuple):
-    """Boxes (n, 3), each a leaf, and rays among them, (m, 3)."""
+    """Boxes (n, 3), one per leaf, and rays (m, 3) among them."""
 
     lower: Floats
     upper: Floats
@@ -72,7 +72,7 @@ def random_walk(seed: int, along_axes: bool) -> Walk:
 
 
 def shown(walked: Walk, limits: Floats, bottom: int = 0) -> list[list[int]]:
-    """The boxes that each ray is shown."""
+    """The boxes that each ray visits, in order."""
     tree: Tree = build_tree(walked.lower, walked.upper, leaf_size=1)
     leaves = np.full((RAYS, BOXES), -1, np.int32)
     reach = float(max(np.abs(walked.lower).max(), np.abs(walked.upper).max()))
@@ -86,7 +86,7 @@ def shown(walked: Walk, limits: Floats, bottom: int = 0) -> list[list[int]]:
 
 
 def spans(walked: Walk) -> tuple[Doubles, Doubles]:
-    """(rays, boxes) From where to where each ray is within each box, in float64; from more to less where it is not."""
+    """(rays, boxes) distances at which each ray enters and leaves each box, in float64; a miss has enter > leave."""
     o, d = walked.origins[:, None].astype(float), walked.directions[:, None].astype(float)
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack([(walked.lower - o) / d, (walked.upper - o) / d])
@@ -115,7 +115,7 @@ def test_every_box_that_is_entered_is_shown_once_and_hardly_any_other(
 
 @pytest.mark.parametrize("seed", range(4))
 def test_children_of_a_node_are_shown_nearest_first(seed: int) -> None:
-    """Of eight boxes, which are one node."""
+    """Eight boxes, which make a single node."""
     walked = random_walk(seed, along_axes=False)
     eight = walked._replace(lower=walked.lower[:8] * 0.5 - 2.0, upper=walked.upper[:8] * 0.5 + 2.0)
     near, _ = spans(eight)

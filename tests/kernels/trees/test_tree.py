@@ -1,4 +1,4 @@
-"""Trees hold every box once, enclose what they hold, and never ask for a deeper stack than there is."""
+"""Trees hold every box once, enclose what they hold, and never need a deeper stack than STACK."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def scattered(count: int, seed: int = 0) -> Boxes:
 
 
 def clustered(count: int, seed: int = 0) -> Boxes:
-    """Small boxes in a few tight clusters, listed in no order."""
+    """Small boxes in a few tight clusters, in random order."""
     rng = np.random.default_rng(seed)
     clusters = rng.uniform(-50, 50, (12, 3))
     return boxes_around(clusters[rng.integers(0, 12, count)] + rng.normal(size=(count, 3)), 0.05)
@@ -61,17 +61,17 @@ ALL = {**PLAIN, **ADVERSARIAL}
 
 @pytest.fixture(params=[tree.LARGE, 1], ids=["one round", "two rounds"])
 def rounds(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """These trees are small; large ones are grown in two rounds."""
+    """Build these small trees in one round, and in two as large ones."""
     monkeypatch.setattr(tree, "LARGE", request.param)
 
 
 def present(node: np.void) -> NDArray[np.int32]:
-    """Which of a node's eight children there are."""
+    """Indices of a node's children that are not absent."""
     return np.flatnonzero(node["child"] != NO_CHILD).astype(np.int32)
 
 
 def stack_needed(built: Tree) -> int:
-    """Entries that a traversal holds at most: a node is taken off, all of its children are put on."""
+    """The most entries of a traversal's stack, if each node is popped and all of its children are pushed."""
     room, most = np.ones(len(built.nodes), int), 1
     for k, node in enumerate(built.nodes):
         children = node["child"][present(node)]
@@ -125,7 +125,7 @@ def test_boxes_enclose_what_is_under_them_and_little_more(name: str, leaf_size: 
         for j in present(node):
             low, high = extent(built, boxes, int(node["child"][j]))
             middle, half = (np.array([node[f"{part}_{a}"][j] for a in "xyz"], float) for part in ("center", "half"))
-            # by as much as the two roundings of middle +- half in float32 take, and no more
+            # by no more than the two roundings of middle +- half in float32
             size = np.maximum(np.abs(low), np.abs(high))
             assert (middle - half <= low).all(), f"{name}: {middle} - {half} > {low}"
             assert (middle + half >= high).all(), f"{name}: {middle} + {half} < {high}"
@@ -149,7 +149,7 @@ def test_no_tree_needs_a_deeper_stack_than_there_is(name: str) -> None:
 
 @pytest.mark.parametrize("name", ADVERSARIAL)
 def test_the_heuristic_alone_would_need_a_deeper_stack(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Otherwise the test above would not see that such trees are balanced instead."""
+    """Else the test above would not show that such trees are balanced instead."""
     monkeypatch.setattr(tree, "STACK", 10**6)
     assert stack_needed(build_tree(*ALL[name], leaf_size=1)) > STACK
 
@@ -188,7 +188,7 @@ def test_no_thread_count_changes_a_bit_of_a_tree(monkeypatch: pytest.MonkeyPatch
 
 
 def test_leaves_are_filled() -> None:
-    """A leaf costs a ray the same however full it is."""
+    """The cost of a leaf does not depend on how full it is."""
     assert build_tree(*scattered(8000), leaf_size=8).leaf_count.mean() > 7
 
 

@@ -1,4 +1,4 @@
-"""Triangle trees that move give what trees built anew give, and are built anew themselves when they are loose."""
+"""Deforming trees have the hits of trees built anew, and are rebuilt when their boxes have become loose."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_moved_tree_is_hit_as_one_built_anew(name: str) -> None:
         vertices = waved(mesh, k)
         got, expected = cast_at(tree.move(vertices)), cast_anew(vertices, mesh)
         np.testing.assert_array_equal(got.distance, expected.distance, err_msg=f"step {k}")
-        same = got.face == expected.face  # of faces at one distance the tree's order decides
+        same = got.face == expected.face  # the tree's order decides between faces at equal distance
         assert (~same).mean() < 0.01, f"step {k}: {np.flatnonzero(~same)}"
         np.testing.assert_array_equal(got.normal[same], expected.normal[same], err_msg=f"step {k}")
         some += int((got.face >= 0).sum())

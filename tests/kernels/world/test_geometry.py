@@ -20,7 +20,7 @@ MESHES = {
 
 
 def lanes(tree: TriangleTree) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Faces (n,), corners (n, 3, 3) and normals (n, 3) of the lanes that are taken."""
+    """Faces (n,), corners (n, 3, 3) and normals (n, 3) of the lanes that hold a triangle."""
     taken = tree.blocks["face"] != NO_FACE
     corners = [[tree.blocks[f"{axis}{k}"][taken] for axis in "xyz"] for k in range(3)]
     normal = [tree.blocks[f"normal_{axis}"][taken] for axis in "xyz"]
@@ -57,7 +57,7 @@ def test_faces_without_area_are_dropped_and_counted_and_the_others_keep_their_nu
 
 
 def test_tiny_triangles_have_an_area() -> None:
-    """1e-25 m: float32 could not square it."""
+    """At 1e-25 m, whose square underflows float32."""
     tree = build_triangle_tree(1e-25 * np.eye(3), [(0, 1, 2)])
     assert tree.dropped == 0
     np.testing.assert_allclose(lanes(tree)[2], [np.ones(3) / np.sqrt(3)], rtol=1e-6)

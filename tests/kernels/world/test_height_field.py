@@ -1,4 +1,4 @@
-"""Height fields, whose triangles are not stored, are hit as meshes of the same triangles are."""
+"""Height fields, whose triangles are not stored, have the hits of meshes of the same triangles."""
 
 # mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
 
@@ -65,7 +65,7 @@ EPS = 2.0**-23
 
 
 def within(shape: Mesh) -> Doubles:
-    """(n, 3, 3) corners of those faces of a surface that no border touches."""
+    """Corners (n, 3, 3) of the faces of a surface that do not touch its border."""
     return shape.corners[(np.abs(shape.corners[..., :2]) < (0.999, 1.499)).all(axis=(1, 2))].astype(float)
 
 
@@ -105,7 +105,7 @@ def test_it_is_hit_as_a_mesh_of_its_triangles_is(name: str, cull: int) -> None:
 
 @pytest.mark.parametrize("name", FIELDS)
 def test_every_face_is_hit_where_it_is(name: str) -> None:
-    """One by one along its normal: what there is of a patch and no more, under its own number."""
+    """A ray along the normal of each face, at its middle, hits that face number."""
     shape = FIELDS[name].mesh
     corners = shape.corners.astype(float)
     normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
@@ -140,7 +140,7 @@ def test_no_ray_goes_through_the_surface(name: str, offset: float) -> None:
 
 
 def all_nodes(tree: TriangleTree) -> NDArray[np.void]:
-    """The nodes of a tree, and after them those that its plots are."""
+    """The nodes of a tree, followed by the nodes of its plots."""
     return np.concatenate([lead_to_nodes(tree.nodes, len(tree.nodes)), nodes_of(patches_of(tree.plots, tree.sides))])
 
 
@@ -195,7 +195,7 @@ def test_its_boxes_hold_all_triangles_below_them(name: str) -> None:
 
 
 def _corners(shape: Field, child: int) -> NDArray[np.float32]:
-    """(n, 3) of the triangles in a leaf."""
+    """Corners (n, 3) of the triangles in a leaf."""
     if ~child < FIRST_PATCH:
         block = shape.tree.blocks[~child]
         corners = np.array([[block[f"{axis}{k}"] for axis in "xyz"] for k in range(3)]).swapaxes(1, 2).reshape(-1, 3)
@@ -233,7 +233,7 @@ def test_triangles_without_area_are_never_hit() -> None:
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e19])
 @pytest.mark.parametrize("part", ["position", "rotation"])
 def test_a_field_that_is_nowhere_at_one_end_of_a_span_is_not_hit(part: str, bad: float, packets: bool) -> None:
-    """Large fields are met beside the tree over shapes, which leaves out what is nowhere."""
+    """Large fields are cast apart from the tree over shapes, which leaves out shapes without a finite pose."""
     plan = Plan()
     plan.add_tree(FIELDS["30 x 31, up to 0.1 m"].tree)
     poses = [np.array([each, each]) for each in plan.poses()]

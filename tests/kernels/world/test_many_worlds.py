@@ -1,4 +1,4 @@
-"""Many worlds in one geometry: each is hit as it is alone, bit for bit."""
+"""Many worlds in one geometry: each has the hits of that world alone, bit for bit."""
 
 from dataclasses import replace
 
@@ -80,7 +80,7 @@ def test_poses_in_float32_and_on_the_device_are_used_as_they_are(packets: bool) 
 @CAST
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e30])
 def test_a_world_that_is_lost_does_not_disturb_the_others(bad: float, packets: bool) -> None:
-    """Neither shapes nor a sensor that are nowhere, in the first world or another."""
+    """Shapes or the sensor of a world have poses that are not finite, in the first world or another."""
     plan = random_plan(2)
     at = sensor_poses(2)
     for lost in (0, 3):
@@ -167,7 +167,7 @@ def test_worlds_without_shapes_are_empty() -> None:
 
 @pytest.mark.parametrize("count", [3, 8, 9, 10, 16, 17, 25, 60, 200])
 def test_trees_of_many_worlds_take_at_most_100_bytes_a_shape(count: int) -> None:
-    """With planes, which are in no box, and shapes of all sizes that are here crowded and there far apart."""
+    """With planes, which are unbounded, and shapes of all sizes, some crowded, some far apart."""
     for planes in (0, 1, 4):
         rng, plan = np.random.default_rng(count + planes), Plan()
         for k in range(count + planes):

@@ -1,4 +1,4 @@
-"""Shapes that move while rays are fired: each ray meets them where they are at its own time."""
+"""Shapes that move while rays are fired: each ray meets them at their poses at its own time."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ CAST = pytest.mark.parametrize("packets", [False, True], ids=["alone", "in packe
 
 
 def between(poses: Poses, span: int, fraction: float) -> Poses:
-    """Where the shapes are, in float64: position linear, rotation slerp."""
+    """Poses of the shapes within a span, in float64: linear in position, slerp in rotation."""
     position, (start, end) = poses[0], poses[1][span : span + 2]
     quaternions = [[transformations.quaternion_from_matrix(r) for r in pair] for pair in zip(start, end, strict=True)]
     turned = [transformations.quaternion_slerp(*pair, fraction) for pair in quaternions]
@@ -36,7 +36,7 @@ def all_hits(world: World, rays: Rays) -> Hits:
 
 
 def cast_one_by_one(plan: Plan, poses: list[Poses], rays: Rays) -> Hits:
-    """Every firing in a scene that stands still where it is then."""
+    """Cast every firing through a scene that stands still at the poses of that moment."""
     world, found = World(plan.trees, plan.shapes, "cpu"), []
     assert rays.firing is not None
     assert rays.span is not None
@@ -58,7 +58,10 @@ def cast_one_by_one(plan: Plan, poses: list[Poses], rays: Rays) -> Hits:
 
 
 def assert_near(got: Hits, expected: Hits, message: str) -> None:
-    """Distances to a few ulps, as poses are alike to 1e-15; a ray in a thousand may pass an edge on the other side."""
+    """Assert that hits are equal, with distances to a few ulps, as poses differ by 1e-15.
+
+    One ray in a thousand may pass an edge on the other side.
+    """
     same = got.shape == expected.shape
     assert same.mean() > 0.999, f"{message}: {np.flatnonzero(~same)} differ"
     hit = same & (got.shape >= 0)
@@ -125,7 +128,7 @@ def test_what_stands_still_is_placed_once_and_hit_bit_for_bit_as_if_it_moved(pac
 
 @pytest.mark.parametrize("angle", [0.1, 1.0, 3.1])
 def test_no_hit_is_lost_however_far_shapes_turn(angle: float) -> None:
-    """Long and thin shapes, off their own origins, seen from close by; boxes of the ends alone would lose many."""
+    """Long and thin shapes off their own origins; boxes around both ends, without the bulge, would lose many hits."""
     rng = np.random.default_rng(0)
     plan = Plan()
     for _ in range(12):
@@ -163,7 +166,7 @@ def test_unbounded_planes_are_hit_while_they_slide(packets: bool) -> None:
 
 
 def test_an_unbounded_plane_that_is_turned_over_is_hit_on_the_way() -> None:
-    """It lies in the same thin box before and after, and stands upright halfway, its front to either side."""
+    """It has the same thin box before and after, and stands upright halfway."""
     plan = Plan()
     plan.add(PLANE, (0, 0, 0))
     world = World(plan.trees, plan.shapes, "cpu")

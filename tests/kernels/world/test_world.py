@@ -1,4 +1,4 @@
-"""Shapes that move: the refitted tree gives what a new one gives, and what is not finite is not there."""
+"""Shapes that move: a refitted tree gives the hits of a new one, and shapes whose pose is not finite are not hit."""
 
 import numpy as np
 import pytest
@@ -152,7 +152,7 @@ def test_of_many_unbounded_planes_the_nearest_is_hit() -> None:
     rng = np.random.default_rng(0)
     plan = Plan()
     for k in range(30):
-        size = (0, 0, 0) if k % 3 else (0, 0.5, 0)  # all the plane, or a strip of it
+        size = (0, 0, 0) if k % 3 else (0, 0.5, 0)  # an unbounded plane, or a strip
         plan.add(PLANE, size, rng.uniform(-4, 4, 3), random_rotations(rng, 1)[0])
         plan.add(SPHERE, (0.3, 0, 0), rng.uniform(-4, 4, 3))
     world = plan.world()
@@ -168,14 +168,14 @@ def test_of_many_unbounded_planes_the_nearest_is_hit() -> None:
 
 
 def facing(axis: int, sign: float) -> Doubles:
-    """(3, 3) of a plane along two axes of the world, whose normal is along the third."""
+    """The rotation (3, 3) of a plane along two axes of the world, with its normal along the third."""
     normal, along = sign * np.eye(3)[axis], np.eye(3)[axis - 1]
     return np.stack([along, np.cross(normal, along), normal], axis=1)
 
 
 @pytest.mark.parametrize("distance", [0.0, 30.0, 1e6])
 def test_unbounded_planes_along_the_axes_are_hit_from_their_front(distance: float) -> None:
-    """From among them, and from a distance; also by rays along them, on them and away from them."""
+    """Rays from among them and from a distance, some of them along, on or away from planes."""
     plan, rng = Plan(), np.random.default_rng(0)
     for k in range(12):
         plan.add(PLANE, (0, 0, 0), rng.integers(-4, 5, 3), facing(k % 3, (-1) ** k))
@@ -206,7 +206,7 @@ def test_only_planes_along_the_axes_have_thin_boxes() -> None:
 
 @pytest.mark.parametrize("offset", [1e5, 1e7])
 def test_world_far_from_its_origin_is_hit_the_same(offset: float) -> None:
-    """Poses and origins are multiples of 2^-20 m, so that they are exact in float64 there too."""
+    """Poses and origins are multiples of 2^-20 m, and so are exact in float64 at the offset, too."""
     plan = random_plan(5)
     position, rotation = plan.poses()
     position = np.round(position * 2.0**20) / 2.0**20

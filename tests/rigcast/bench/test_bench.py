@@ -1,4 +1,4 @@
-"""`rigcast bench`: what it compares and the shape of what it writes; not how fast anything is."""
+"""`rigcast bench`: what it compares, and the form of its results; no speeds."""
 
 import json
 from pathlib import Path
@@ -79,7 +79,7 @@ def test_casters_are_compared_on_the_same_rays_and_rightness_is_shown() -> None:
         assert [speed.caster for speed in result.speeds] == list(MUJOCO_ONLY)
         ours, multi, reference = result.speeds
         assert ours.agree == ours.close == reference.agree == 1
-        assert multi.close < 1  # it sees no ball: fast by being wrong
+        assert multi.close < 1  # it misses the ball: fast but wrong
         assert ours.ratio.lowest == ours.ratio.highest == 1
         for speed in result.speeds:
             assert speed.rays == np.prod(result.shape)
@@ -188,7 +188,7 @@ def test_trees_and_memory_are_measured_small(monkeypatch: pytest.MonkeyPatch) ->
     measure = preparing._child
 
     def only_height_field(module: str, kind: str, *rest: str, **environment: str) -> dict[str, float]:
-        """That of a mesh is measured by test_no_growth."""
+        """Skip that of a mesh, which test_no_growth measures."""
         return measure(module, kind, *rest, **environment) if kind == "hfield" else {"bytes_per_triangle": 1.0}
 
     monkeypatch.setattr(preparing, "_child", only_height_field)

@@ -1,4 +1,4 @@
-"""The shell gets tables, or one message and exit code 2, never a traceback."""
+"""Commands print tables, or one message with exit code 2, never a traceback."""
 
 import errno
 import io
@@ -204,7 +204,7 @@ def test_a_run_whose_words_nobody_reads_is_recorded_whole(rig: Path) -> None:
     os.close(read)
     out = rig.parent / "out"
     try:
-        outside = "sensors.top.mount.pos=[0, 0, 9]"  # of the torso, of which there would be a word before
+        outside = "sensors.top.mount.pos=[0, 0, 9]"  # outside the torso, about which a warning would be printed before
         code, _ = run_main("run", str(rig), "--device", "cpu", "--out", str(out), "--set", outside, stdout=write)
     finally:
         os.close(write)
@@ -248,7 +248,7 @@ def test_letters_that_the_terminal_does_not_have_are_escaped(rig: Path) -> None:
 
 
 def test_no_file_takes_the_number_of_a_closed_stream() -> None:
-    """What libraries print would get into it."""
+    """Else the output of libraries would be written to that file."""
     opens = "import os; from rigcast.cli.common.streams import prepare_streams; prepare_streams()"
     opens += "; os._exit(os.open(os.devnull, os.O_WRONLY))"
     command = ["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", sys.executable, "-c", opens]
@@ -384,7 +384,7 @@ def test_kernels_that_cannot_be_written_are_told_with_their_folder(
 def test_damaged_kernels_are_told_with_their_folder(
     rig: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
-    """What Warp raises for a file of its cache that is cut off."""
+    """Errors that Warp raises for a truncated file of its cache."""
 
     folder, wp.config.kernel_cache_dir = wp.config.kernel_cache_dir, None
 
@@ -451,7 +451,18 @@ def test_schema_knows_the_keys_and_explains_them() -> None:
     definitions = document["$defs"]
     assert set(document["properties"]) == set(RigFile.model_fields)
     of_all = {"Mount", "Filter", "Prop", "Surface", "Export"}
-    of_lidars = {"Lidar", "Rosette", "Wedge", "Nodding", "RayFile", "Noise", "Detection", "Beam", "Weather"}
+    of_lidars = {
+        "Lidar",
+        "Rosette",
+        "Wedge",
+        "Nodding",
+        "RayArrays",
+        "RayFile",
+        "Noise",
+        "Detection",
+        "Beam",
+        "Weather",
+    }
     of_cameras = {"DepthCamera", "BrownConrady", "KannalaBrandt", "Stereo", "TimeOfFlight"}
     assert set(definitions) == of_all | of_lidars | of_cameras | {"HeightScan"}
     for name, definition in {"RigFile": document, **definitions}.items():

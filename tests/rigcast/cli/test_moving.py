@@ -1,4 +1,4 @@
-"""What moves the robot in `rigcast run`: a controller of the user's own, or recorded positions."""
+"""Motion of the robot in `rigcast run`: by a user's controller, or by recorded positions."""
 
 from pathlib import Path
 
@@ -68,7 +68,7 @@ def run(*arguments: str) -> tuple[int, str]:
 
 
 def positions() -> dict[float, float]:
-    """Where the sensor was at each of the frames' times."""
+    """The x coordinate of the sensor [m] by the time of each frame [s]."""
     with np.load("o/frames.npz") as index:
         return dict(zip(index["time"].round(6).tolist(), index["pose"][:, 0, 3].tolist(), strict=True))
 

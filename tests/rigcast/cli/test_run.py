@@ -1,4 +1,4 @@
-"""`rigcast run` from the shell: what it writes, what it says, and what it refuses."""
+"""`rigcast run` from the shell: its files, its output, and what it refuses."""
 
 import io
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What makes the shell pleasant: overrides, JSON for programs, completion, a first rig, a schema for editors."""
+"""The shell: overrides, JSON for programs, completion, a first rig, a schema for editors."""
 
 import json
 import runpy

@@ -1,4 +1,4 @@
-"""`rigcast watch` draws again when a file is saved, and outlives mistakes."""
+"""`rigcast watch` draws again when a file is saved, and goes on after mistakes in it."""
 
 import io
 import os
@@ -42,7 +42,7 @@ class Stop(Exception):
 
 
 def watched(rig: Path, monkeypatch: pytest.MonkeyPatch, saves: Sequence[Callable[[], None]]) -> tuple[int, str]:
-    """How often it drew, and what it said, when files are saved one after another, each while it waits."""
+    """How often it draws, and its output, when files are saved one after another while it waits."""
     left, drawn, screen = iter(saves), 0, io.StringIO()
 
     def save_next(_period: float) -> None:

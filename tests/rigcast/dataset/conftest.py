@@ -1,4 +1,4 @@
-"""A data set's files in a folder of their own, and what they make."""
+"""The files of a data set in a temporary folder, and the data set made from them."""
 
 import sys
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from small_datasets import MODULE_NAME, contents, make, write_files
 
 @contextmanager
 def _own_modules() -> Iterator[None]:
-    """Each folder has a module of the same name; Python would keep the first."""
+    """Forget the module of a folder afterwards, as Python would use it for others of the same name."""
     before = list(sys.path)
     yield
     sys.path[:] = before
@@ -20,7 +20,7 @@ def _own_modules() -> Iterator[None]:
 
 @pytest.fixture
 def path(tmp_path: Path) -> Iterator[Path]:
-    """The file of a small data set."""
+    """The path of a small data set's description."""
     with _own_modules():
         yield write_files(tmp_path)
 
@@ -36,5 +36,5 @@ def whole_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def whole(whole_folder: Path) -> dict[str, bytes]:
-    """Its files."""
+    """The files of `whole_folder`."""
     return contents(whole_folder)

@@ -1,4 +1,4 @@
-"""Files appear whole or not at all, and a folder that cannot be written is told before work begins."""
+"""Files appear whole or not at all, and a folder that cannot be written is an error before work begins."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Which class a geom has."""
+"""Names, bodies and classes of ids."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A simulation that diverges is told with what diverged, and of which joint."""
+"""The error of a diverged simulation names what diverged, and its joint."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""A recording that is long, interrupted, killed, or out of disk."""
+"""Recordings that are long, interrupted, killed, or out of disk space."""
 
 import gc
 import json
@@ -224,7 +224,7 @@ def test_a_library_that_is_missing_is_named_with_what_brings_it(
 @pytest.mark.usefixtures("no_older_objects")
 @pytest.mark.parametrize("name", ALL)
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path, name: str) -> None:
-    """A frame takes 4 kB here. What stays, 235 bytes of each, is an MCAP's index, which is written at its end."""
+    """A frame takes 4 kB here. What stays in memory is an MCAP's index, 235 bytes per frame, written at its end."""
     rig = [CAMERA] if FORMATS[name].images_only else [LIDAR]
     data = mujoco.MjData(made_frames.model())
     recorder = Recorder(tmp_path, made_frames.model(), rig, [name])
@@ -293,7 +293,7 @@ def test_a_run_that_is_killed_leaves_every_finished_frame_readable(tmp_path: Pat
 
 @pytest.fixture
 def ctrl_c_interrupts() -> Iterator[None]:
-    """Also in a process that was started in the background, where Ctrl-C is ignored."""
+    """Make Ctrl-C interrupt, also in a process that was started in the background, which ignores it."""
     usual = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, usual)
@@ -371,7 +371,7 @@ trap 'status=$?; cp -r disk/out kept; umount disk; exit $status' EXIT
 
 
 def test_a_really_full_disk_leaves_complete_files(tmp_path: Path) -> None:
-    """A run on a file system of 40 MB, mounted where the kernel lets this user do so."""
+    """A run on a file system of 40 MB; skipped where the user may not mount one."""
     (tmp_path / "room.xml").write_text(made_frames.MODEL_XML)
     (tmp_path / "rig.yaml").write_text(
         "model: room.xml\n"

@@ -1,4 +1,4 @@
-"""The folder that a run leaves: its files, which formats of which sensors, and its index."""
+"""The folder of a run: its files, the formats of each sensor, and its index."""
 
 import json
 from pathlib import Path
@@ -37,7 +37,7 @@ def a_frame(name: str, time: float = 0.1) -> Any:
 def record(
     folder: Path, names: list[str], formats: list[str] | None = None, rig: tuple[SensorSpec, ...] = RIG
 ) -> Recorder:
-    """Frames of these sensors, 0.1 s apart, written to `folder`."""
+    """Write a frame of each of these sensors, 0.1 s apart, to `folder`; return the recorder."""
     recorder = Recorder(folder, made_frames.model(), rig, formats)
     for i, name in enumerate(names):
         recorder.write(a_frame(name, 0.1 * (i + 1)))

@@ -213,7 +213,7 @@ FAULTS = [
 
 
 def place_of(text: str) -> str | None:
-    """line:column of the §."""
+    """line:column of the § in the text; None without one."""
     before = text.partition("§")[0].split("\n")
     return f"{len(before)}:{len(before[-1]) + 1}" if "§" in text else None
 
@@ -242,7 +242,7 @@ def test_an_unknown_key_is_told_beside_a_sensor_that_is_no_mapping(folder: Path)
 
 
 def test_all_faults_are_told_at_once_in_the_files_order(folder: Path) -> None:
-    """Faults of the file, of names that the model does not have, and of sensors side by side."""
+    """Faults of the file, names that the model does not have, and faults of sensors, together."""
     path = write(
         folder,
         """\

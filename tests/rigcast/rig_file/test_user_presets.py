@@ -1,4 +1,4 @@
-"""Users' own presets and files of rays live beside their rigs, and their faults are shown where they are."""
+"""Users' presets and files of rays are found beside their rigs, and their faults are shown in their files."""
 
 from pathlib import Path
 from typing import Any

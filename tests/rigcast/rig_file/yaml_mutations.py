@@ -23,7 +23,7 @@ VALUES: st.SearchStrategy[Any] = st.recursive(
 KEYS = (
     *("mount", "filter", "preset", "rate_hz", "min_range", "max_range", "elevation_deg", "azimuth_deg", "columns"),
     *("resolution", "fov_y_deg", "size", "spacing", "alignment", "phase", "latency", "jitter", "frame_loss"),
-    *("column_period_us", "firing_time_us", "scan_time", "origin_height", "rosette", "nodding", "ray_file"),
+    *("column_period_us", "firing_time_us", "scan_time", "origin_height", "rosette", "nodding", "rays", "ray_file"),
 )
 INNER = st.dictionaries(
     st.sampled_from(("body", "site", "camera", "pos", "quat", "euler_deg", "geom_groups", "exclude_bodies", "static")),
@@ -38,7 +38,7 @@ SENSORS = st.builds(
 
 
 def mutated(originals: Sequence[bytes]) -> st.SearchStrategy[bytes]:
-    """One of the texts, with pieces put in place of some of its bytes."""
+    """One of the texts with some of its bytes replaced."""
     return st.builds(_edit, st.sampled_from(originals), EDITS)
 
 
@@ -50,6 +50,6 @@ def _edit(text: bytes, edits: list[tuple[float, int, bytes]]) -> bytes:
 
 
 def as_yaml(content: Any) -> bytes:
-    """Flow style, which JSON is but for the numbers that it does not have."""
+    """The content as YAML in flow style: JSON, with YAML's forms of infinity and NaN."""
     text = json.dumps(content).replace("-Infinity", "-.inf").replace("Infinity", ".inf").replace("NaN", ".nan")
     return text.encode()

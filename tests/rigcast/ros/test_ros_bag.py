@@ -118,7 +118,7 @@ def test_clouds_scans_and_images_hold_what_the_frames_hold(recording: Recording)
 
 
 def test_the_transforms_lead_from_the_world_to_every_frame(recording: Recording) -> None:
-    """Through /tf and /tf_static, points of a message are where `points_world` has them."""
+    """By /tf and /tf_static, the points of a message have the coordinates of `points_world`."""
     (static,) = recording.on("/tf_static")
     fixed = {t.child_frame_id: (t.header.frame_id, matrix(t.transform)) for t in static.message.transforms}
     ids = {"top": "top_frame", "eye": "eye_optical_frame", "cctv": "cctv_optical_frame", "feet": "feet_frame"}

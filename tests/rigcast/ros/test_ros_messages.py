@@ -1,4 +1,4 @@
-"""What is in the messages of a frame, decoded from their bytes by a library that is not ours."""
+"""The messages of a frame, decoded from their bytes by a third-party library."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -45,7 +45,7 @@ def sent(spec: SensorSpec, frame: Frame, **options: Any) -> dict[str, Any]:
 
 
 def lidar_frame(intensity: bool, seed: int = 3) -> Any:
-    """Fired column by column within 0.1 s; the rays of a column at once."""
+    """A frame fired column by column within 0.1 s, all rays of a column at once."""
     rng, shape = np.random.default_rng(seed), (3, 8)
     stamp = START + np.broadcast_to(np.linspace(0, 0.0875, 8), shape)
     given = {"intensity": rng.uniform(0, 3, shape).astype(np.float32)} if intensity else {}
@@ -270,7 +270,7 @@ def test_the_points_of_a_camera_are_sent_where_they_are_asked_for() -> None:
 
 
 def test_camera_info_counts_from_the_centre_of_the_first_pixel() -> None:
-    """Seen through K, the directions of the pixels are at whole numbers: column u, row v."""
+    """K maps the directions of the pixels to whole numbers: column u, row v."""
     pattern = CAMERA.pattern(MODEL)
     frame = make_frame(CameraFrame, random_range((4, 6), 0), time=START)
     object.__setattr__(frame, "intrinsics", pattern.intrinsics)

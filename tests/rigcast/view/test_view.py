@@ -1,4 +1,4 @@
-"""What a view shows is what the sensors saw: in a page, in a browser, and in a rerun recording."""
+"""A view shows what the sensors saw: in a page, in a browser, and in a rerun recording."""
 
 import base64
 import json
@@ -260,7 +260,7 @@ def test_without_rerun_a_page_is_made(folder: Path, monkeypatch: pytest.MonkeyPa
 
 
 def screenshot(page: Path, script: str, picture: Path) -> Any:
-    """What Chromium shows of a page once a script has run in it, and the text of its console, both as they are."""
+    """The picture (H, W, 3) that Chromium shows of a page after a script has run in it; its console must be empty."""
     copy = picture.with_suffix(".html")
     copy.write_text(page.read_text().replace("</body>", f"<script>{script}</script></body>"))
     flags = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1000,700"]

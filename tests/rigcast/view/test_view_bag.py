@@ -1,4 +1,4 @@
-"""What a view shows of a bag is what the sensors saw, in every layout; of other people's bags too."""
+"""A view of a bag shows what the sensors saw, in every layout; third-party bags are shown, too."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -47,7 +47,7 @@ SENSORS: list[Any] = [
 
 
 def record(folder: Path, formats: list[str], **options: Any) -> list[Shot]:
-    """Drive the cart, write what it sees, and return that."""
+    """Drive the cart, record its frames, and return them as shots."""
     model = mujoco.MjModel.from_xml_string(XML)
     data = mujoco.MjData(model)
     data.qvel[:] = 1.0, 2.0
@@ -137,7 +137,7 @@ def test_at_most_so_many_are_read(formats: list[str], tmp_path: Path) -> None:
 
 
 def write_bag(folder: Path, sent: list[tuple[str, Any]]) -> Path:
-    """A bag of somebody else: messages by topic, a second apart."""
+    """Write a third-party bag: messages by topic, a second apart."""
     kinds = {topic: message.__msgtype__ for topic, message in sent}
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {t: writer.add_connection(t, kind, typestore=messages.typestore()) for t, kind in kinds.items()}
@@ -154,7 +154,7 @@ def cloud(dtype: Any, points: Any, frame: str = "lidar") -> Any:
 
 
 def test_a_bag_of_others_is_shown(tmp_path: Path) -> None:
-    """Doubles with a gap between them, a topic called otherwise, no transforms, and things that are not shown."""
+    """Doubles with a gap between them, a topic of another name, no transforms and messages that are not shown."""
     dtype = np.dtype({"names": ["x", "y", "z"], "formats": ["<f8"] * 3, "offsets": [4, 12, 24], "itemsize": 40})
     folder = write_bag(tmp_path / "other", [("/chatter", messages.text("hi")), ("/velo", cloud(dtype, [[1, 2, 3]]))])
     (shot,) = read_bag(folder)

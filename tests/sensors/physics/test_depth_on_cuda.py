@@ -35,7 +35,7 @@ STEREO = Stereo(
     ],
 )
 def test_cuda_measures_what_the_cpu_measures(arguments: dict[str, Any]) -> None:
-    """A few pixels in a thousand lie at an edge, or at a step, and may fall to either side."""
+    """A few pixels in a thousand are at an edge, or at a rounding step, and may differ."""
     model = mujoco.MjModel.from_xml_path(str(SCENE))
     data = mujoco.MjData(model)
     spec = camera(mount=Mount(camera="eye"), **arguments)

@@ -1,4 +1,4 @@
-"""The first Kinect errs as Nguyen et al. and Barron and Malik say. Statistics fail by chance once in a million runs."""
+"""The first Kinect has the errors of Nguyen et al. and of Barron and Malik."""
 
 from statistics import NormalDist
 from typing import Any, Literal
@@ -20,7 +20,7 @@ def kinect_depth(worldbody: str, model: Model, focal: float = OPTICS["fx"], seed
 
 
 def tilted(z: float, theta_deg: float) -> str:
-    """A wall whose normal is theta off the camera's axis, turned up, at this depth ahead."""
+    """A wall at depth z ahead [m], whose normal is tilted up by theta from the camera's axis."""
     theta = np.deg2rad(theta_deg)
     return f'<geom type="plane" size="0 0 1" zaxis="{-np.cos(theta)} 0 {np.sin(theta)}" pos="{z} 0 0"/>'
 
@@ -28,7 +28,7 @@ def tilted(z: float, theta_deg: float) -> str:
 @pytest.mark.parametrize("z", [0.6, 1.5, 3.5])
 @pytest.mark.parametrize("theta_deg", [0, 40, 70, 85])
 def test_axial_noise_is_nguyens(z: float, theta_deg: float) -> None:
-    """Through so long a lens that depth is the same all over the image, and a shift of a pixel makes no difference."""
+    """The focal length is so long that all pixels have one depth, so that lateral noise makes no difference."""
     theta = np.deg2rad(theta_deg)
     sigma = 0.0012 + 0.0019 * (z - 0.4) ** 2 + 0.0001 / np.sqrt(z) * theta**2 / (np.pi / 2 - theta) ** 2
     measured = kinect_depth(tilted(z, theta_deg), "nguyen", focal=1e8)
@@ -38,7 +38,7 @@ def test_axial_noise_is_nguyens(z: float, theta_deg: float) -> None:
 @pytest.mark.parametrize("theta_deg", [0, 60, 88])
 @pytest.mark.parametrize("model", ["nguyen", "disparity"])
 def test_lateral_noise_blurs_an_edge(model: Model, theta_deg: float) -> None:
-    """At x pixels from the edge of a half plane the share Phi(x / sigma) of pixels sees it.
+    """At x pixels from the edge of a half plane, the share Phi(x / sigma) of pixels sees it.
 
     The edge runs up the middle of a narrow image, between a near and a far wall that are both turned by theta.
     """
@@ -72,7 +72,7 @@ def test_disparity_model_has_barron_and_maliks_distribution(z: float) -> None:
 
 
 def test_a_floor_below_a_level_camera_is_measured() -> None:
-    """At right angles to the camera's axis, yet seen at 45 deg and more."""
+    """Its normal is perpendicular to the camera's axis, but not to the rays."""
     floor = '<geom type="plane" size="0 0 1" pos="0 0 -0.35"/>'
     ideal, measured = depth_of(floor), kinect_depth(floor, "nguyen")
     near = np.isfinite(ideal) & (ideal < 2)

@@ -1,4 +1,4 @@
-"""Beams, returns, glass, mirrors and weather of a lidar: each echo is where its formula has it, and as strong."""
+"""Beams, returns, glass, mirrors and weather of a lidar: echoes have the ranges and powers of their formulas."""
 
 import math
 from typing import Any
@@ -20,7 +20,7 @@ T = 2 / 3
 
 
 def only(frame: Any) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-    """Range, intensity and geom of the one ray."""
+    """Range, intensity and geom of all returns of the only ray."""
     return tuple(getattr(frame, field).numpy().reshape(-1) for field in ("range", "intensity", "geom_id"))
 
 
@@ -126,14 +126,14 @@ BEAM = Beam(divergence_deg=(0.4, 0.2), rings=3)
 
 
 def edge_scene(y: float, near: float, far: float) -> mujoco.MjModel:
-    """A box that covers all to the left of y at x = near, before a wall at x = far."""
+    """A box whose face at x = near covers everything to the left of y, in front of a wall at x = far."""
     box = f'<geom name="box" type="box" size="0.05 5 5" pos="{near + 0.05} {y + 5} 0" rgba="0.8 0.8 0.8 1"/>'
     return model_of(box + wall("wall", far))
 
 
 @pytest.mark.parametrize("y", [-0.021, -0.006, 0.0011, 0.013])
 def test_a_beam_across_an_edge_mixes_the_surfaces_within_a_pulse(y: float) -> None:
-    """The range is the mean of the sub-rays' by rho cos w / R^2."""
+    """The range is the mean of the sub-rays' ranges, weighted by rho cos w / R^2."""
     angles, weights = hexagonal_rings(3, tuple(np.deg2rad(BEAM.divergence_deg)))
     turn = np.hypot(*angles.T.astype(np.float64))
     slope = np.where(turn > 0, np.tan(turn) / np.where(turn > 0, turn, 1), 1)
@@ -180,7 +180,7 @@ def test_several_beams_each_have_their_own_sub_rays() -> None:
     ],
 )
 def test_weather_dims_what_is_seen_through_it(weather: Weather, extinction: float) -> None:
-    """Intensity rho exp(-2 a R), where no drop or fog is brighter."""
+    """The intensity is rho exp(-2 a R), where no drop or fog has a stronger echo."""
     frame = sense(model_of(bubble(12, 0.9)), wide(detection=Detection(range=100), weather=weather))
     at_wall = frame.geom_id.numpy() == 0
     assert at_wall.mean() > 0.99
@@ -210,7 +210,7 @@ def test_dense_fog_is_what_is_seen_first() -> None:
 
 
 def test_drops_are_seen_as_often_as_there_are_bright_enough_ones() -> None:
-    """With a receiver that sees every drop: the chance of one in the cone from 1.5 m to the wall."""
+    """The receiver detects every drop: the probability is that of a drop in the cone from 1.5 m to the wall."""
     lidar = wide(
         detection=Detection(range=1000, reflectivity=1e-9),
         weather=Weather(rain_rate=50),

@@ -1,4 +1,4 @@
-"""Noise, detection and drop-out of a lidar follow their formulas: 102 400 rays each, doubt 1e-6 (see confidence)."""
+"""Noise, detection and dropout of a lidar follow their formulas; tested on 102 400 rays each."""
 
 import math
 from statistics import NormalDist

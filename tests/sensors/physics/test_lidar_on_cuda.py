@@ -26,7 +26,7 @@ NOISE = Noise(range_std=0.02, angle_std_deg=0.1, dropout=0.1, dark_dropout=0.3, 
     ],
 )
 def test_cuda_measures_what_the_cpu_measures(options: dict[str, Any]) -> None:
-    """A few rays in a thousand lie at an edge, or at a step, and may fall to either side."""
+    """A few rays in a thousand are at an edge, or at a rounding step, and may differ."""
     model = mujoco.MjModel.from_xml_path(str(SCENE))
     data = mujoco.MjData(model)
     spec = wide(mount=Mount(site="eye"), **options)

@@ -1,4 +1,4 @@
-"""Effects of lidars whose rays fire one after the other, change from reading to reading, or leave from many places."""
+"""Effects of lidars whose rays fire one after the other, change between readings, or have many origins."""
 
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ def pattern(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Any]:
 
 
 def later_readings(pattern: dict[str, Any], **effects: Any) -> tuple[Lidar, list[LidarFrame]]:
-    """Of a wall 5 m ahead, at the times 0.1 s and 0.3 s."""
+    """A lidar, and its readings of a wall 5 m ahead at the times 0.1 s and 0.3 s."""
     spec = Lidar(**{"name": "top", "mount": Mount(), "rate_hz": 10, **pattern, **effects})
     model = model_of(wall("ahead", 5))
     rig, frames = Rig(model, [spec], seed=SEED), []
@@ -69,7 +69,7 @@ def test_effects_too_small_to_see_change_nothing(pattern: dict[str, Any], effect
 
 
 def test_angular_noise_is_about_the_rays_of_the_reading(pattern: dict[str, Any]) -> None:
-    """A ray turned by a small angle a meets the wall a multiple of tan(incidence) a farther or nearer."""
+    """A ray deflected by a small angle a meets the wall R a tan(incidence) farther or nearer, to first order."""
     _, plain = later_readings(pattern)
     _, noisy = later_readings(pattern, noise=Noise(angle_std_deg=0.01))
     for ideal, frame in zip(plain, noisy, strict=True):

@@ -1,4 +1,4 @@
-"""Presets err as their devices do: every one has errors, and the makers' figures come out of what is measured."""
+"""Presets have the errors of their devices: measured errors agree with the makers' figures."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ def preset(name: str, **arguments: Any) -> Lidar | DepthCamera:
 
 
 def ranges(worldbody: str, spec: Lidar | DepthCamera, reflectivity: float = 0.8) -> NDArray[np.float64]:
-    """What a preset reads in a world of one reflectivity."""
+    """The ranges [m] that a preset reads in a world of one reflectivity."""
     model = model_of(worldbody)
     rig = Rig(model, [spec], "cpu", surfaces=[Surface(body="world", reflectivity=reflectivity)])
     return rig.sense(mujoco.MjData(model))["eye"].range.numpy().astype(np.float64)
@@ -60,7 +60,7 @@ def test_stereo_presets_err_by_less_than_the_maker_allows(name: str, figure: str
 
 
 def test_azure_kinects_have_the_makers_noise_and_bias() -> None:
-    """sigma 17 mm, bias 11 mm + 0.1 %, on the inside of a ball: every ray meets it at one range."""
+    """sigma 17 mm, bias 11 mm + 0.1 %, on the inside of a ball, which all rays meet at the same range."""
     radius = 1.5
     error = ranges(BALL.format(radius), preset("azure_kinect_nfov", resolution=(360, 288))) - radius
     assert error.size >= 1e5

@@ -1,4 +1,4 @@
-"""Stereo cameras err as their formulas say. Statistics over 1.2e5 pixels fail by chance once in a million runs."""
+"""Stereo cameras have the errors of their formulas, in statistics of 1.2e5 pixels."""
 
 from statistics import NormalDist
 from typing import Any
@@ -40,7 +40,7 @@ def test_disparity_noise_is_normal(z: float, std: float, baseline: float) -> Non
 
 @pytest.mark.parametrize(("z", "std"), [(0.5, 0.02), (1.0, 0.02), (2.0, 0.02)])
 def test_the_error_of_depth_grows_with_its_square(z: float, std: float) -> None:
-    """sigma_z = z^2 s / (f B), to first order in s: the second is s / d below 1 / 500 of it."""
+    """sigma_z = z^2 s / (f B) to first order in s; the second order is less than 1 / 500 of it."""
     measured = stereo_depth(WALL.format(z), disparity_std=std)
     expected = z * z * std / FB
     allowed = expected * (4.89 / np.sqrt(2 * measured.size) + 4e-3)
@@ -59,7 +59,7 @@ def test_disparity_is_a_multiple_of_its_step(step: float) -> None:
 
 
 def test_noise_comes_before_the_step() -> None:
-    """P(k steps) is the normal distribution's between k - 1/2 and k + 1/2 steps."""
+    """P(k steps) is the normal distribution's probability between k - 1/2 and k + 1/2 steps."""
     std, step, z = 0.1, 1 / 8, 2.03
     measured = stereo_depth(WALL.format(z), disparity_std=std, disparity_step=step)
     steps = np.rint(FB / measured / step)
@@ -70,7 +70,7 @@ def test_noise_comes_before_the_step() -> None:
 
 @pytest.mark.parametrize(("offset", "reads"), [(-0.001, -np.inf), (0.001, None)])
 def test_the_nearest_depth_is_that_of_the_greatest_disparity(offset: float, reads: float | None) -> None:
-    """A RealSense D455: fx 447 at 848 pixels, 95 mm and 126 pixels make 0.337 m."""
+    """For a RealSense D455 with fx = 447 pixels, a baseline of 95 mm and 126 pixels of disparity it is 0.337 m."""
     z = 447 * 0.095 / 126 + offset
     assert z - offset == pytest.approx(0.337, abs=5e-4)
     spec = camera(
@@ -90,7 +90,7 @@ def test_a_disparity_below_half_a_step_is_no_return() -> None:
 
 @pytest.mark.parametrize("baseline", [0.05, -0.08])
 def test_shadow_beside_a_plate(baseline: float) -> None:
-    """It is f |B| (1 / z1 - 1 / z2) wide, on the side away from the second imager; the picture's edge cuts f B / z."""
+    """It is f |B| (1 / z1 - 1 / z2) wide, on the side away from the second imager; f |B| / z is outside its image."""
     half_width, near, far, centre = 0.1, 1.0, 3.0, 150.0
     stereo = Stereo(baseline=baseline, shadow=True)
     seen = depth_of(PLATE.format(half_width) + WALL.format(far), cx=centre, stereo=stereo)
@@ -109,7 +109,7 @@ def test_shadow_beside_a_plate(baseline: float) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_shadow_is_what_mj_ray_says_that_the_second_imager_does_not_see(seed: int) -> None:
-    """Round and slanted things, every pixel: none is in the shadow of its own surface."""
+    """Every pixel at round and slanted geoms; none is in the shadow of its own surface."""
     random = np.random.default_rng(seed)
     geoms = "".join(
         f'<geom type="{kind}" size="{" ".join(map(str, random.uniform(0.1, 0.4, 3)))}" '
@@ -144,7 +144,7 @@ def test_edges_grow_by_half_a_window(window: int) -> None:
     frame = look(PLATE.format(0.1) + WALL.format(3), camera(stereo=Stereo(baseline=BASELINE, matching_window=window)))
     near = np.abs(columns() - WIDTH / 2) < FOCAL * 0.1 + window // 2
     np.testing.assert_allclose(frame.depth.numpy(), np.tile(np.where(near, 1.0, 3.0), (HEIGHT, 1)), rtol=1e-6)
-    # what is measured is the plate, wherever it is
+    # ids are those of the surface whose depth is measured
     np.testing.assert_array_equal(frame.geom_id.numpy(), np.tile(np.where(near, 0, 1), (HEIGHT, 1)))
 
 
@@ -197,7 +197,7 @@ def test_dark_surfaces_are_lost() -> None:
 
 
 def test_the_measured_range_is_what_limits_bound() -> None:
-    """Half of the readings are beyond max_range, which is where the wall is: it is cast before it is measured."""
+    """Limits apply after the errors: of a wall exactly at the limit, half of the readings are beyond it."""
     narrow: dict[str, Any] = {"fx": 1e6, "fy": 1e6}  # so that range and depth are the same
     error = Stereo(baseline=0.05 * FOCAL / 1e6, disparity_std=0.01)
     measured = depth_of(WALL.format(2), max_range=2.0, stereo=error, **narrow)

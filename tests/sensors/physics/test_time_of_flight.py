@@ -1,4 +1,4 @@
-"""Time-of-flight cameras err as their formulas say, and the infrared picture is that of a lamp at the camera."""
+"""Time-of-flight cameras have the errors of their formulas; the infrared image is that of a lamp at the camera."""
 
 from typing import Any
 
@@ -61,7 +61,7 @@ def test_ranges_wrap_at_half_a_wavelength(modulation_hz: float) -> None:
 
 @pytest.mark.parametrize("subrays", [2, 3, 5])
 def test_flying_pixels_are_the_mean_of_their_ranges_by_light(subrays: int) -> None:
-    """Against a camera with as many times the pixels across and down, whose pixels are the sub-rays."""
+    """Compared with a camera with `subrays` times as many pixels across and down, which are the sub-rays."""
     width, height = WIDTH // 5, HEIGHT // 5
     optics = {"fx": FOCAL / 5, "fy": FOCAL / 5, "cx": width / 2, "cy": height / 2}
     finer = {key: subrays * value for key, value in optics.items()}
@@ -80,7 +80,7 @@ def test_flying_pixels_are_the_mean_of_their_ranges_by_light(subrays: int) -> No
 
 
 def test_sub_rays_that_hit_nothing_change_no_range() -> None:
-    """They bring no light; ids are those of what is brightest."""
+    """They return no light; ids are those of the brightest sub-ray."""
     pole = '<geom type="box" size="0.01 0.005 2" pos="1.01 0 0"/>'
     frame = frame_of(pole, subrays=4)
     distance = frame.range.numpy()
@@ -102,7 +102,7 @@ def test_losses_leave_nothing_behind(name: str) -> None:
 
 
 def test_intensity_is_that_of_a_lamp_at_the_camera() -> None:
-    """rho |n . d| / R^2, with the luminance of the geom's colour: 1 for white, faced, at 1 m."""
+    """rho |n . d| / R^2, where rho is the luminance of the geom's colour: 1 for a white, facing surface at 1 m."""
     frame = look(ROOM, camera())
     rays = frame.points.numpy() / frame.range.numpy()[..., None]
     cosine = np.abs((rays * frame.normal.numpy()).sum(axis=-1))
@@ -119,7 +119,7 @@ def test_intensity_of_nothing_is_0_and_losses_do_not_show_in_it() -> None:
 
 
 def test_intensity_follows_the_model() -> None:
-    """The material's colour where the geom has none of its own, and as it is now."""
+    """The reflectivity is that of the material's present colour."""
     xml = (
         '<mujoco><asset><material name="m" rgba="1 1 1 1"/></asset>'
         '<worldbody><geom type="plane" size="0 0 1" zaxis="-1 0 0" pos="2 0 0" material="m"/></worldbody></mujoco>'

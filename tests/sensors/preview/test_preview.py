@@ -43,7 +43,7 @@ def scan(x: float, y: float) -> Pattern:
 
 
 def draw(kind: type[Frame], pattern: Pattern, distance: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """The preview, as (H, W, 3), of a frame with points where these ranges put them."""
+    """The preview (H, W, 3) of a frame with these ranges and their points."""
     distance = distance.astype(np.float32).reshape(pattern.shape)
     origins = 0.0 if pattern.origins is None else pattern.origins
     reached = np.where(np.isfinite(distance), distance, np.nan)[..., None]
@@ -175,7 +175,7 @@ def test_a_camera_pixel_is_where_the_image_has_it(row: int, column: int) -> None
 
 
 def test_of_a_lens_that_sees_behind_the_ranges_are_drawn() -> None:
-    """Its z-depths are negative there, which would be the warmest colour."""
+    """Its z-depths are negative behind the camera, and would get the warmest colour."""
     depth, distance = np.full((30, 40), -3.0, np.float32), np.full((30, 40), 4.0, np.float32)
     depth[0], distance[0] = 1.0, 1.0
     page = np.asarray(make_frame(CameraFrame, distance, depth=depth).picture())
@@ -241,7 +241,7 @@ def test_a_preview_is_a_png_that_is_read_back(tmp_path: Any) -> None:
 
 
 def test_beams_that_are_turned_against_each_other_make_a_straight_picture() -> None:
-    """What stands upright does so in the picture: each column is of one azimuth, to within a step."""
+    """Upright things are upright in the picture: each column has one azimuth, to within a step."""
     offsets = [3.2, 1.1, -1.1, -3.2]
     spec = Lidar(name="top", mount=Mount(), elevation_deg=[-3, 0, 3, 6], azimuth_offset_deg=offsets, columns=360)
     directions = spec.pattern(MODEL).directions

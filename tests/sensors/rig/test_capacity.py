@@ -1,4 +1,4 @@
-"""What many worlds take of memory: as much as is said, and nothing is allocated for more than there is."""
+"""Memory of many worlds: it is as predicted, and nothing is allocated for more worlds than fit."""
 
 import gc
 from collections.abc import Callable
@@ -22,7 +22,7 @@ WORLDBODIES = {"36 geoms": MANY_GEOMS, "6 geoms": MANY_GEOMS[: len(MANY_GEOMS) /
 
 @pytest.fixture(autouse=True)
 def one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Others let go of what they have launched a moment after it is done."""
+    """Other threads release the arrays of a launch a moment after it is done."""
     monkeypatch.setenv("RIGCAST_THREADS", "1")
 
 
@@ -34,7 +34,7 @@ def allocated() -> int:
 
 
 def poses(model: mujoco.MjModel, worlds: int) -> dict[str, Any]:
-    """As mujoco_warp keeps them: float32, on the device."""
+    """Poses of geoms in `worlds` worlds as in mujoco_warp: float32, on the device."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     return {
@@ -56,7 +56,7 @@ def listed(model: mujoco.MjModel, worlds: int) -> list[mujoco.MjData]:
 
 
 def of_other_sizes(model: mujoco.MjModel, worlds: int) -> Worlds:
-    """Each with sizes of its own and without some geom, from float64 on the host."""
+    """Worlds of float64 poses on the host, each with its own sizes and one geom left out."""
     scale = np.linspace(0.5, 1.5, worlds)[:, None, None]
     visible = np.arange(model.ngeom) != np.arange(worlds)[:, None] % model.ngeom
     return Worlds(on_the_host(model, worlds, np.float64), geom_size=scale * model.geom_size, visible=visible)
@@ -81,7 +81,7 @@ def taken_by_worlds(rig: Rig, batch_of: Callable[[mujoco.MjModel, int], Any]) ->
         frames: Any = rig.sense(batch)
         taken[worlds] = allocated() - before
         del frames
-        rig._mounted["one"].pool._last.clear()  # which serve for later frames
+        rig._mounted["one"].pool._last.clear()  # which are kept for later frames
         kept[worlds] = allocated() - before
     stays = kept[1010] - kept[10]
     return stays / 1000, (taken[1010] - taken[10] - stays) / 1000
@@ -114,7 +114,7 @@ def test_trees_of_worlds_that_are_read_at_one_time_take_at_most_100_bytes_per_ge
 
 @pytest.mark.parametrize("name", list(SENSORS))
 def test_what_a_world_is_said_to_take_is_no_less_than_it_takes(name: str) -> None:
-    """With frames as they are returned; what a reading needs meanwhile is in it as well."""
+    """Including the returned frames; the prediction includes temporary arrays of a reading, too."""
     robot = model()
     rig, taken = rig_of(robot, name), {}
     for worlds in (2, 22):
@@ -143,7 +143,7 @@ def test_more_worlds_than_memory_holds_are_refused_before_anything_is_allocated(
     )
     with pytest.raises(InputError, match=expected):
         rig.sense(datas)
-    assert allocated() <= before  # less, where what was found of an earlier list of MjData is dropped for this one
+    assert allocated() <= before  # less if data about an earlier list of MjData are dropped
 
 
 def test_frames_that_are_written_over_need_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -168,7 +168,7 @@ def test_readings_that_need_as_much_as_the_one_before_do_not_ask_for_free_memory
     monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", free_memory)
     rig, datas = rig_of(robot, "lidar"), states(robot, 1) * 20
     frames = rig.sense(datas)
-    rig.sense(datas, out=frames)  # by now what the trees take is known
+    rig.sense(datas, out=frames)  # the size of the trees is known from here on
     asked.clear()
     rig.sense(datas, out=frames)
     assert not asked
@@ -205,7 +205,7 @@ def test_more_rays_than_kernels_count_are_refused() -> None:
 
 @pytest.mark.cuda
 def test_memory_that_was_freed_on_a_gpu_counts_as_free(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It does once the device has nothing left to do."""
+    """It is free once the device has finished its work."""
     free = iter([0, 10**9])
     monkeypatch.setattr("rigcast.sensors.rig.capacity.free_memory", lambda _: next(free))
     robot = model()

@@ -1,4 +1,4 @@
-"""Frames go to torch and JAX as they are: the same memory, of the same kind and shape."""
+"""torch and JAX share the memory of frames, with the same type and shape."""
 
 import gc
 from typing import Any
@@ -57,6 +57,6 @@ def test_a_tensor_outlives_its_frame() -> None:
     tensor = torch.from_dlpack(sense()["top"].range)
     expected = tensor.clone()
     gc.collect()
-    for _ in range(5):  # would take the memory over if it had been given back
+    for _ in range(5):  # would reuse the memory if it had been released
         sense()
     assert torch.equal(tensor, expected)

@@ -62,7 +62,7 @@ CASES = [(name, field) for name in SENSORS for field in (*PER_RAY, *OWN[name])]
 
 @dataclass
 class Reading:
-    """A frame, its fields on the host, and what its rays hit before range limits."""
+    """A frame, its fields on the host, and the hits of its rays without range limits."""
 
     frame: Frame
     hits: Hits
@@ -76,7 +76,7 @@ class Reading:
         return np.isfinite(self.range)
 
     def ends(self) -> NDArray[np.float64]:
-        """(n, 3) where the valid rays end in the sensor's frame: origin + range * direction."""
+        """Ends (n, 3) of the valid rays in the sensor's frame [m]: origin + range * direction."""
         pattern = SENSORS[self.frame.sensor].pattern(self.model)
         origins = np.zeros_like(pattern.directions) if pattern.origins is None else pattern.origins
         distance = self.range[self.valid, None].astype(np.float64)

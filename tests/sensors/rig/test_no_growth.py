@@ -1,4 +1,4 @@
-"""A scene takes little memory, and reading frames without end no more; benchmarks/endless.py does it 100 000 times."""
+"""A scene takes little memory, and reading frames takes no more and more; benchmarks/endless.py reads 100 000."""
 
 import gc
 import json
@@ -42,6 +42,6 @@ def test_frames_leave_nothing_behind() -> None:
         gc.collect()
         objects.append(len(gc.get_objects()))
         memory.append(resident())
-    # the least, as what is taken once, by whatever else runs in this process, is in one of them
+    # the least, as memory that is allocated once, for whatever reason, is in one of them
     assert min(np.diff(objects)) < FRAMES / 20, objects
     assert min(np.diff(memory)) < BYTES_PER_FRAME * FRAMES, memory

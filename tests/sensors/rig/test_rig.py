@@ -122,7 +122,7 @@ def arrays(data: mujoco.MjData) -> dict[str, np.ndarray]:
 
 
 def test_an_edited_model_whose_bodies_may_sleep_is_seen_as_it_is() -> None:
-    """What slept, and all that cannot move, stayed where it had been at the start."""
+    """MuJoCo does not update sleeping bodies and all that cannot move, so a rig must."""
     may_sleep = (
         '<worldbody><body name="still" pos="1 1 0" sleep="init"><freejoint/><geom size="0.2" pos="0 0 0.3"/></body>'
     )
@@ -231,7 +231,7 @@ def sense_worlds(rig: Rig, data: mujoco.MjData) -> object:
 )
 @pytest.mark.parametrize("field", ["cam_fovy", "cam_intrinsic", "cam_sensorsize"])
 def test_optics_of_a_camera_that_were_edited_are_refused(call: Callable[[Rig, mujoco.MjData], Any], field: str) -> None:
-    """They were taken when the rig was made; what sensors have of their own, or do not look through, may change."""
+    """The rig reads them once. Those of cameras that no sensor uses, or for which a sensor has its own, may change."""
     model = mujoco.MjModel.from_xml_string(XML)
     taken = DepthCamera(name="taken", mount=Mount(camera="eye"), resolution=(8, 6))
     own = DepthCamera(name="own", mount=Mount(camera="tracker"), resolution=(8, 6), fov_y_deg=40)
@@ -274,7 +274,7 @@ def test_unsupported_geometry_is_refused_or_left_out() -> None:
     asset = '<asset><mesh name="m" vertex="-1 -1 -1  1 -1 -1  0 1 -1  0 0 1"/></asset>'
     geom = '<worldbody><geom name="blob" type="sdf" mesh="m"/></worldbody>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{asset}{geom}</mujoco>")
-    model.geom_dataid[0] = -1  # a distance function alone
+    model.geom_dataid[0] = -1  # only a distance function, no mesh
     with pytest.raises(InputError, match="rays cannot hit sdf geom 'blob'"):
         Rig(model, SENSORS[:0])
     with pytest.warns(UserWarning, match="rays cannot hit sdf geom 'blob'") as caught:

@@ -1,4 +1,4 @@
-"""A list of MjData is read with the poses that it has; a rig says so where these are of the step before."""
+"""A list of MjData is read with its present poses; a rig warns if these are of the step before."""
 
 import warnings
 from collections.abc import Callable
@@ -25,7 +25,7 @@ def forward(data: mujoco.MjData) -> None:
 
 
 def kinematics(data: mujoco.MjData) -> None:
-    data.qpos[:7] = np.random.default_rng(0).normal(size=7)  # a quaternion that is no unit
+    data.qpos[:7] = np.random.default_rng(0).normal(size=7)  # a quaternion not of unit length
     mujoco.mj_kinematics(MODEL, data)
 
 
@@ -38,7 +38,7 @@ Prepare = Callable[[mujoco.MjData], None]
 
 
 def said(rig: Rig, read: Callable[[list[mujoco.MjData]], object], turns: tuple[Prepare, ...]) -> list[int]:
-    """The turns in which a rig warns of the poses that data were prepared with."""
+    """The turns in which a rig warns of stale poses, when data are prepared in these ways, one per turn."""
     datas, warned = [mujoco.MjData(MODEL) for _ in range(2)], []
     for turn, prepare in enumerate(turns):
         for data in datas:
@@ -66,7 +66,7 @@ def said(rig: Rig, read: Callable[[list[mujoco.MjData]], object], turns: tuple[P
 def test_poses_of_the_step_before_are_told(
     read: Callable[[list[mujoco.MjData]], object], turns: tuple[Prepare, ...], warned: list[int]
 ) -> None:
-    """Brackets around an MjData changed what was read, without a word."""
+    """An MjData in a list is read with other poses than alone, which must not happen silently."""
     assert said(Rig(MODEL, [SCAN], "cpu"), read, turns) == warned
 
 

@@ -1,4 +1,4 @@
-"""A rig that is reset gives what a rig made anew gives, bit for bit."""
+"""A rig that is reset gives the frames of a new rig, bit for bit."""
 
 from collections.abc import Callable
 from typing import Any

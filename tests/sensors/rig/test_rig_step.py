@@ -246,7 +246,7 @@ def test_readings_of_one_sensor_in_one_step_look_where_each_does_alone(given: di
 def test_calls_that_skip_steps_give_one_frame_of_a_state_with_its_time(
     rate_hz: float | None, skipped: int, expected: list[float]
 ) -> None:
-    """They gave a frame for each due time, all of which showed the world as it was by then."""
+    """Frames for the due times in between would all show the world at the time of the call."""
     rig, data = rig_and_data(0.002, ("every",))
     spec = rig.sensors[0].model_copy(update={"rate_hz": rate_hz})
     rig, got = Rig(rig.model, [spec], "cpu"), []
@@ -304,7 +304,7 @@ def test_a_rig_names_sensors_that_read_more_often_than_the_model_steps(given: di
 
 
 def test_two_data_in_turn_are_refused() -> None:
-    """One of them got no frames, as the other had reached the times at which they fell due."""
+    """One of them would get no frames, as the other has reached the times at which they fall due."""
     rig, first = rig_and_data(0.002, ("slow",))
     second = mujoco.MjData(rig.model)
     drive(rig, first, 0.05)

@@ -54,7 +54,7 @@ def turned(model: mujoco.MjModel, seed: int) -> mujoco.MjData:
 
 
 def mount_on(kind: str, model: mujoco.MjModel, data: mujoco.MjData) -> Mount:
-    """Return a mount at the robot's own pose, carried by this kind of thing."""
+    """Return a mount on a carrier of this kind, at the robot's pose."""
     now = mujoco.MjData(model)
     now.qpos[:] = data.qpos
     mujoco.mj_kinematics(model, now)

@@ -1,4 +1,4 @@
-"""What is edited in the model while the simulation runs is seen at the next update: no hit is ever stale.
+"""Edits of the model during a simulation are seen at the next update: no hit is ever stale.
 
 The judge is `mj_ray` on the edited model, and for meshes, whose bounding volumes `mj_ray` keeps as they were
 compiled, a model compiled with the new vertices.
@@ -38,7 +38,7 @@ def pair() -> mujoco.MjModel:
 
 
 def rays(seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rays from around (2.5, 0, 0) through its surroundings."""
+    """Rays from around (2.5, 0, 0) to points near it."""
     rng = np.random.default_rng(seed)
     origins = np.array([2.5, 0, 0]) + 4 * rng.normal(size=(RAYS, 3))
     return origins, np.array([2.5, 0, 0]) + 0.7 * rng.normal(size=(RAYS, 3)) - origins
@@ -53,7 +53,7 @@ def assert_like_mj_ray(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene,
 
 
 def assert_differ(before: NumpyHits, after: NumpyHits) -> None:
-    """An edit that changed nothing would prove nothing."""
+    """Assert that an edit changes hits, else the test would prove nothing."""
     assert (before.distance != after.distance).mean() > 0.02
 
 
@@ -91,7 +91,7 @@ def test_edited_elevations_are_seen_at_the_next_update() -> None:
 
 
 def test_a_height_field_of_more_than_a_million_triangles_is_hit_as_mj_ray_hits_it_before_and_after_an_edit() -> None:
-    """It is cast at in code of its own, whose rays come one by one or from one place."""
+    """Such fields have code of their own, for single rays and for rays from one origin."""
     hills = '<asset><hfield name="hills" nrow="731" ncol="727" size="3 3 0.5 0.5"/></asset>'
     geoms = '<geom type="hfield" hfield="hills" euler="5 -3 20"/><geom size="0.3" pos="1 1 0.3"/>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{hills}<worldbody>{geoms}</worldbody></mujoco>")
@@ -196,7 +196,7 @@ def test_geoms_and_mocap_bodies_that_are_moved_are_seen() -> None:
 
 
 def compiled_anew(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjModel:
-    """The first mesh of `model` as it stands in the world, in a model of its own."""
+    """A model with the first mesh of `model` alone, at its present vertices and pose."""
     count, faces = model.mesh_vertnum[0], model.mesh_facenum[0]
     vertices = model.mesh_vert[:count] @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
     spec = mujoco.MjSpec()

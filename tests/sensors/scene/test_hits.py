@@ -1,4 +1,4 @@
-"""Hits say the same on the device and on the host, and belong to whoever asked for them."""
+"""Hits are the same on the device and on the host, and later casts do not change them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""How surfaces look: from the model's colours, or as the user says."""
+"""Optical properties of surfaces: from the model's colours, or given by the user."""
 
 import re
 from pathlib import Path

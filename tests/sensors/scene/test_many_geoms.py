@@ -1,4 +1,4 @@
-"""A model of a hundred thousand geoms: MuJoCo takes half a minute to compile it."""
+"""A model of a hundred thousand geoms, which MuJoCo takes half a minute to compile."""
 
 import mujoco
 import numpy as np

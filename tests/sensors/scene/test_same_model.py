@@ -1,4 +1,4 @@
-"""Data of a copy of the model is looked at as the model's own, or refused: never with shapes of the other."""
+"""Data of a copy of the model is read like the model's own, or refused; never with the other's shapes."""
 
 import copy
 from collections.abc import Callable
@@ -91,7 +91,7 @@ def test_data_of_a_copy_with_other_places_is_refused_where_poses_are_worked_out(
     for read in (sense, step):
         with pytest.raises(InputError, match=rf"Rig: data is of a copy of the model that has another {field}"):
             read(model, data)
-    for read in (sense_worlds, update):  # which take poses as they stand
+    for read in (sense_worlds, update):  # which use poses as they are
         read(model, data)
 
 

@@ -1,4 +1,4 @@
-"""A scene casts the rays it is given against the poses it was last given."""
+"""A scene casts rays against the poses of the last update."""
 
 import itertools
 from collections.abc import Callable
@@ -83,7 +83,7 @@ def test_rays_may_be_any_array_like(row: Scene, kind: Any) -> None:
 
 
 def test_a_view_with_strides_is_read_as_it_stands(row: Scene) -> None:
-    rays = np.zeros((3, 8))[:, ::2].T  # (4, 3), neither contiguous nor writeable order
+    rays = np.zeros((3, 8))[:, ::2].T  # (4, 3), not contiguous
     rays[:, 0], rays[2] = 1, (0, 0, 1)
     np.testing.assert_allclose(row.cast((0, 0, 0), rays).numpy().distance, [0.9, 0.9, np.inf, 0.9], atol=1e-6)
 

@@ -1,4 +1,4 @@
-"""What a scene or a rig cannot use is refused with one InputError; a diverged simulation passes without a trace."""
+"""Input that a scene or a rig cannot use is refused with one InputError; a diverged simulation leaves no trace."""
 
 import warnings
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""A sensor within a geom of what carries it is named, once, when its rig is made."""
+"""A sensor inside a geom of its carrier is named in one warning when its rig is made."""
 
 import warnings
 
@@ -67,7 +67,7 @@ ON_SURFACE = {
 
 @pytest.mark.parametrize(("geom", "place"), ON_SURFACE.values(), ids=ON_SURFACE.keys())
 def test_a_sensor_on_the_surface_of_a_geom_of_its_body_is_named(geom: str, place: tuple[float, float, float]) -> None:
-    """All that it would read is 0."""
+    """All of its ranges would be 0."""
     model = model_of(geom)
     assert len(words(model, lidar(Mount(body="torso", pos=place)))) == 1
     outwards = np.array(place) / np.linalg.norm(place)
@@ -113,7 +113,7 @@ def test_a_rig_warns_once() -> None:
 
 
 def test_within_a_thick_open_shell_is_outside() -> None:
-    """As in a car: a cube with a smaller one cut out, of which a side is missing."""
+    """Like a car: a hollow cube with thick walls, open at one side."""
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4)]  # all but z = 1
     outer = np.array([face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))])

@@ -1,4 +1,4 @@
-"""A filter lets through what mj_ray lets through, and what else it says."""
+"""A filter lets through the geoms that mj_ray sees, by its further options."""
 
 from typing import Any
 

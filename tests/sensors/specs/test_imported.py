@@ -1,4 +1,4 @@
-"""What a model has of cameras and rangefinders reads in rigcast what it reads in MuJoCo."""
+"""Imported cameras and rangefinders of a model have MuJoCo's readings."""
 
 import mujoco
 import numpy as np

@@ -81,7 +81,7 @@ def test_the_pixel_of_opencv_looks_along_the_ray(
 
 
 def random_lens(seed: int) -> tuple[Lens, float]:
-    """A lens as calibrations give them, and how far from the centre its image reaches."""
+    """A lens with typical coefficients, and the radius of its image on the plane z = 1."""
     random = np.random.default_rng(seed)
     if seed % 2:
         k = random.normal(0, 0.01, 4)
@@ -108,7 +108,7 @@ def test_pixels_are_undistorted_to_1e9(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_rays_come_back_to_1e9(seed: int) -> None:
-    """The other way round: the ray that a pixel is undistorted to is the very one that it shows."""
+    """The inverse: `undistort` of the distorted rays gives the rays."""
     lens, reach = random_lens(seed)
     rays = np.random.default_rng(seed).uniform(-1, 1, (5000, 3))
     rays[:, :2] *= 0.5 * reach

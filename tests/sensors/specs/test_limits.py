@@ -1,4 +1,4 @@
-"""The numbers that each key takes, as the schema has them; a key without a line here takes any finite number."""
+"""Limits of the numeric keys, as in the schema; a key that is not listed here takes any finite number."""
 
 from typing import Any
 
@@ -10,6 +10,7 @@ from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lens import BrownConrady, KannalaBrandt
 from rigcast.sensors.specs.lidars.effects import Beam, Detection, Noise, Weather
 from rigcast.sensors.specs.lidars.lidar import Lidar
+from rigcast.sensors.specs.lidars.ray_arrays import RayArrays
 from rigcast.sensors.specs.lidars.ray_file import RayFile
 from rigcast.sensors.specs.lidars.rosette import Nodding, Rosette, Steered, Wedge
 from rigcast.sensors.specs.prop import Prop
@@ -74,6 +75,7 @@ LIMITS: list[tuple[type[Spec], dict[str, dict[str, Any]]]] = [
         Weather,
         {"rain_rate": {"minimum": 0, "maximum": 500}, "rain_range_noise": NOT_NEGATIVE, "visibility": {"minimum": 5}},
     ),
+    (RayArrays, {}),
     (RayFile, {"sample_rate_hz": POSITIVE}),
     (Steered, {"sample_rate_hz": POSITIVE, "start": FREE}),
     (Rosette, {}),

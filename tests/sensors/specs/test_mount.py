@@ -1,4 +1,4 @@
-"""A mount puts the sensor where it says: on bodies, sites, cameras and the world, turned by its offset."""
+"""A mount places the sensor on bodies, sites, cameras and the world, with its offset."""
 
 from typing import Any
 

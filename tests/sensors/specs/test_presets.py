@@ -1,4 +1,4 @@
-"""Presets carry the devices' figures, say where they are from, and give way to what a user writes."""
+"""Presets have the devices' figures with their sources, and users' keys take precedence over them."""
 
 from typing import Any, NamedTuple
 
@@ -28,9 +28,9 @@ def pattern_of(preset: str) -> Pattern:
 
 
 class Table(NamedTuple):
-    """What a lidar's rays must be: their count, extremes [deg], when the last one fires [ms], points per second.
+    """The rays of a lidar: shape, least and largest elevation [deg], time of the last ray [ms], points per second.
 
-    first is the row that fires first, clockwise whether the head turns so.
+    first: the row that fires first. clockwise: whether the head turns clockwise.
     """
 
     shape: tuple[int, ...]
@@ -209,7 +209,7 @@ def test_vls128_fires_groups_of_eight() -> None:
 
 
 def test_puck_hi_res_has_the_makers_heights() -> None:
-    """The manual's heights [mm] of lasers 7 to 15 (p. 54), and those of a head that is alike above and below."""
+    """The manual's heights [mm] of lasers 7 to 15 (p. 54); the others are symmetric to them."""
     height = {4.667: -3.7, -4.667: 3.7, 6: -4.6, -3.333: 2.7, 7.333: -5.5, -2: 1.8, 8.667: -6.5, -0.667: 0.9, 10: -7.4}
     sensor = load_preset("velodyne_vlp16_hires").sensor
     rows = dict(zip(sensor["elevation_deg"], sensor["origin_height"], strict=True))

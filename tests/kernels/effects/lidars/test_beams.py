@@ -1,4 +1,4 @@
-"""Beams: turned by normal angles about two axes, and spread over a Gaussian cross-section."""
+"""Beams: deflected by normally distributed angles, and spread over a Gaussian cross-section."""
 
 import math
 
@@ -28,7 +28,7 @@ def aimed(
 
 
 def direction(azimuth: float, elevation: float) -> tuple[float, float, float]:
-    """Of angles [deg]."""
+    """The unit direction at these angles [deg]."""
     a, e = math.radians(azimuth), math.radians(elevation)
     return (math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e))
 
@@ -78,7 +78,7 @@ def test_rings_fill_the_cross_section_with_weights_of_a_gaussian(rings: int) -> 
 
 @pytest.mark.parametrize("edge", [-0.6, -0.3, 0.0, 0.2, 0.5])
 def test_an_edge_across_the_beam_takes_the_share_of_the_gaussian_beyond_it(edge: float) -> None:
-    """The exact share is that of exp(-2 r^2) within r < 1; 127 sub-rays give it to 0.04, 2 / rows of them."""
+    """The exact share is that of exp(-2 r^2) over r < 1. 127 sub-rays give it to 0.04, about half a row of them."""
     angles, weights = hexagonal_rings(6, (2.0, 2.0))
     x, y = np.meshgrid(np.linspace(-1, 1, 1001), np.linspace(-1, 1, 1001))
     density = np.exp(-2 * (x**2 + y**2)) * (x**2 + y**2 < 1)

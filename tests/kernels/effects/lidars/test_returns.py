@@ -1,4 +1,4 @@
-"""Returns of echoes: grouped by gaps, chosen by place and power, as a plain loop over sorted echoes has it."""
+"""Returns: echoes are grouped by gaps and chosen by range and power, as in a plain loop over sorted echoes."""
 
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ NONE = Group(np.inf, 0.0, -1)
 
 
 def made(distance: NDArray[np.float32], power: NDArray[np.float32]) -> Echoes:
-    """Echoes of (beams, slots), the shape of each its slot."""
+    """Echoes with these distances and powers (beams, slots); the shape of each is its slot."""
     beams, slots = distance.shape
     echoes = new_echoes(slots, beams, "cpu")
     echoes.distance.assign(distance.T.reshape(-1))
@@ -36,7 +36,7 @@ def made(distance: NDArray[np.float32], power: NDArray[np.float32]) -> Echoes:
 
 
 def groups_of(distance: NDArray[np.float32], power: NDArray[np.float32], gap: float) -> list[Group]:
-    """Of one beam, in order."""
+    """The groups of the echoes of one beam, nearest first."""
     order = [k for k in np.argsort(distance, kind="stable") if np.isfinite(distance[k])]
     split = np.flatnonzero(np.diff(distance[order]) > gap) + 1
     parts = [part for part in np.split(np.array(order, int), split) if len(part)]
@@ -102,7 +102,7 @@ def test_one_echo_keeps_its_range_bit_for_bit_and_a_black_one_has_a_range_too() 
 @pytest.mark.parametrize("mode", [FIRST, LAST, STRONGEST, DUAL])
 @pytest.mark.parametrize("least", [0.0, 0.4])
 def test_a_beam_with_one_slot_has_the_returns_of_one_whose_other_slots_are_empty(mode: int, least: float) -> None:
-    """Bit for bit, though it is not searched for groups."""
+    """Bit for bit, although `choose_only` does not search for groups."""
     rng = np.random.default_rng(SEED)
     distance, power = np.full((4000, 3), np.inf, np.float32), np.zeros((4000, 3), np.float32)
     special = np.array([np.inf, np.nan, 0.0, 1e-30, 3e38], np.float32)

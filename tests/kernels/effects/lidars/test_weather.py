@@ -1,4 +1,4 @@
-"""Rain and fog: extinction by the drops there are, the strongest drop as brute force finds it, fog by quadrature."""
+"""Rain and fog: extinction by an integral over drops, the strongest drop by brute force, fog by quadrature."""
 
 # mypy: disallow-untyped-decorators=False, disable-error-code="valid-type"
 
@@ -69,7 +69,7 @@ def test_extinction_of_fog_leaves_a_twentieth_at_the_visibility() -> None:
 def brute_force(
     rate: float, divergence: float, target: float, extinction: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """LISA's drops: all of those in the beam, the strongest taken. Ranges, +inf for none, and powers (COUNT,)."""
+    """Range, +inf for none, and power (COUNT,) of the strongest of all drops in each beam, as in LISA."""
     rng = np.random.default_rng(SEED)
     slope = 4.1 * rate**-0.21
     density = 8000 / slope * np.exp(-slope * 0.05)
@@ -88,7 +88,7 @@ def brute_force(
 
 @pytest.mark.parametrize(("rate", "divergence", "target"), [(10, 0.003, 15), (50, 0.003, 20), (25, 0.001, 30)])
 def test_the_strongest_drop_is_that_of_all_drops(rate: float, divergence: float, target: float) -> None:
-    """Chance of a drop, its power and its range in 20 bins each, over 10^5 beams, against 10^5 of brute force."""
+    """Probability of a drop, and its power and range in 20 bins each: 10^5 beams against 10^5 by brute force."""
     extinction = weather.rain_extinction(rate)
     r, p = scattered(np.full(COUNT, target), weather.rain_of(rate, divergence), extinction=extinction)
     want_r, want_p = brute_force(rate, divergence, target, extinction)
@@ -117,7 +117,7 @@ def test_no_drop_is_nearer_than_lisas_first_or_behind_the_target() -> None:
 @pytest.mark.parametrize("visibility", [10.0, 50.0, 200.0])
 @pytest.mark.parametrize("target", [0.5, 1.5, 5.0, 100.0])
 def test_the_echo_of_fog_is_the_largest_of_the_integral(visibility: float, target: float) -> None:
-    """By quadrature over the pulse, at steps of 1 mm; the table has 1 cm, and targets every 10 cm."""
+    """Quadrature over the pulse in steps of 1 mm; the table is computed in steps of 1 cm for targets every 10 cm."""
     extinction = weather.fog_extinction(visibility)
     half_pulse, c = 20e-9, 299_792_458.0
     lag = np.arange(0.0, c * half_pulse, 1e-3)

@@ -1,4 +1,4 @@
-"""The hits of packets get to where the caller wants them, row by row or one by one."""
+"""The hits of packets are written to the caller's arrays, row by row or one by one."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -53,7 +53,7 @@ def test_a_tile_has_the_rows_of_its_packets(name: str, pack: Callable[[Doubles],
 def test_hits_are_written_wherever_arrays_begin(
     name: str, across: set[int], streamed_from: int, before: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In line with the cache or not, in several worlds, and without a change beside them."""
+    """Arrays begin on a cache line or not; several worlds are written; nothing before or after the hits changes."""
     monkeypatch.setattr(casting, "STREAMED_FROM", streamed_from)
     world, directions, rng = random_plan(2).world(), PATTERNS[name], np.random.default_rng(2)
     packets = sort_into_packets(directions)

@@ -1,4 +1,4 @@
-"""No box that a ray of a packet enters is refused, and hardly one that none enters is let through.
+"""Every box that a ray of a packet enters is entered, and hardly any other.
 
 Within a mesh it may be let through where it is entered by the mirror images of rays of which some go either way.
 """
@@ -39,7 +39,7 @@ CASES = 20_000
 
 @wp.func
 def _packets(view: View, p: lanes, q: lanes, far: float, center: wp.vec3, half: wp.vec3) -> int:
-    """Bit by bit, which of eight packets that are all the same enter a box."""
+    """Bit mask of those of eight equal packets that enter a box."""
     tile = Tile()
     reach = vec8()
     tile.packets = wp.static(2**PACKETS - 1)
@@ -54,7 +54,7 @@ def _packets(view: View, p: lanes, q: lanes, far: float, center: wp.vec3, half: 
 
 @wp.func
 def _tile(view: View, p: lanes, q: lanes, far: float, node: Node) -> int:
-    """Bit by bit, the boxes of a node that a tile of these rays enters."""
+    """Bit mask of the boxes of a node that a tile of these rays enters."""
     frustum = frustum_of(view, wp.min(p), wp.max(p), wp.min(q), wp.max(q))
     return enter_frustum(boxes_from(node, view.origin, view.margin), frustum, far).children
 
@@ -136,7 +136,7 @@ class Packets:
         self.points = self.origin + t * self.directions[np.arange(CASES), self.rng.integers(0, LANES, CASES)]
 
     def enter(self, center: Doubles, half: Doubles, far: Doubles | float = np.inf) -> NDArray[np.bool_]:
-        """Whether any ray enters a box: of each the same, taken with the others or by itself."""
+        """Whether any ray of each packet enters its box; the test of all lanes and that of one lane at a time agree."""
         out = [
             wp.empty(CASES, dtype=kind, device="cpu") for kind in (PacketHits, Vectors, int, int, int, float, int, int)
         ]
@@ -163,7 +163,10 @@ class Packets:
         return np.asarray(at_once != 0)
 
     def seen(self, center: Doubles, is_mirrored: bool = False) -> tuple[Doubles, Doubles]:
-        """Centres of boxes from the origin, and directions; mirrored: |c| and |d| where rays go both ways."""
+        """Centres of boxes relative to the origin, and directions.
+
+        is_mirrored: take |c| and |d| along axes on which the rays of a packet go both ways.
+        """
         c, d = np.broadcast_arrays((center - self.origin)[:, None], self.directions)
         ways = [np.array([self.p.min(1), self.p.max(1)]), np.array([self.q.min(1), self.q.max(1)])]
         a, u, v = (self.basis[:, k] for k in range(3))
@@ -182,7 +185,7 @@ class Packets:
         return np.asarray((off <= np.stack(room, axis=-1)).all(axis=-1).any(axis=-1), bool)
 
     def distances(self, center: Doubles, half: Doubles, is_mirrored: bool = False) -> Doubles:
-        """At which the first of the rays is in a box, in float64; +inf where none enters it."""
+        """The least distance at which a ray of each packet is in its box, in float64; +inf where none enters it."""
         c, d = self.seen(center, is_mirrored)
         unit = d / np.linalg.norm(d, axis=-1, keepdims=True)
         inverse = 1 / np.where(np.abs(unit) < 1e-20, 1e-20, unit)
@@ -192,7 +195,7 @@ class Packets:
 
 
 def box_around(points: Doubles, rng: np.random.Generator, scale: float) -> tuple[Doubles, Doubles]:
-    """Boxes of all sizes, many without any, that hold the points."""
+    """Boxes that contain the points, of all sizes, many of size 0 along some axes."""
     half = scale * np.exp(rng.uniform(-12, 0, points.shape)) * (rng.random(points.shape) < 0.5)
     center = (points + rng.uniform(-1, 1, points.shape) * half).astype(np.float32).astype(np.float64)
     return center, np.nextafter(np.maximum(half, np.abs(points - center)).astype(np.float32), np.float32(np.inf))

@@ -1,8 +1,8 @@
-"""The source that Warp generates for CUDA, compiled for the host: where there is no GPU, its threads run on the CPU.
+"""The source that Warp generates for CUDA, compiled for the CPU, so that it runs where there is no GPU.
 
-That tests what the source says, launched as on CUDA: one block after the other, and all threads of a block at the same
-time, which wait for each other where the source says so. It tests nothing of a GPU, neither NVIDIA's compiler, nor
-memory of its own, nor blocks at the same time. Products and sums are not fused, as NVIDIA's compiler is told too.
+Blocks run one after the other, all threads of a block at the same time, and these wait for each other at barriers. This
+tests the source, but not NVIDIA's compiler, separate device memory, or concurrent blocks. Products and sums are not
+fused, as with the options given to NVIDIA's compiler.
 """
 
 import ctypes
@@ -90,7 +90,7 @@ extern "C" void run(void** args, const unsigned* blocks, unsigned count)
 class CudaSource:
     """One kernel's source for CUDA, compiled by g++ in a folder of its own.
 
-    block_dim: threads of a block, as fill warps.
+    block_dim: threads of a block, a multiple of the warp size.
     """
 
     def __init__(self, kernel: wp.Kernel, folder: Path, block_dim: int) -> None:
@@ -118,7 +118,10 @@ class CudaSource:
         self._run = ctypes.CDLL(str(folder / "kernel.so")).run
 
     def launch(self, blocks: NDArray[np.integer[Any]], arguments: Sequence[Any]) -> None:
-        """Run these blocks of a launch over as many, one after the other; arguments as for `wp.launch`."""
+        """Run blocks with these indices of a launch of len(blocks) blocks, one after the other.
+
+        arguments: as for `wp.launch`.
+        """
         packed = [launch_bounds_t((len(blocks) * self._block_dim,)), *map(_packed, arguments)]
         pointers = (ctypes.c_void_p * len(packed))(*map(ctypes.addressof, packed))
         order = np.ascontiguousarray(blocks, np.uint32)
@@ -126,7 +129,7 @@ class CudaSource:
 
 
 def _generated(module: Any, folder: Path) -> str:
-    """The module's source for CUDA: Warp writes it before it compiles it, which is left out here."""
+    """The module's source for CUDA, which Warp writes before it compiles it; compiling is skipped."""
     compile_cuda = build.build_cuda
     build.build_cuda = lambda _source, _arch, output, **_options: Path(output).touch()
     try:
@@ -138,7 +141,7 @@ def _generated(module: Any, folder: Path) -> str:
 
 
 def _packed(value: Any) -> Any:
-    """An argument of a kernel as C has it."""
+    """An argument of a kernel as a ctypes value."""
     if isinstance(value, int):
         return ctypes.c_int32(value)
     return ctypes.c_float(value) if isinstance(value, float) else value.__ctype__()

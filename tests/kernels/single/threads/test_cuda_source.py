@@ -1,4 +1,4 @@
-"""The cast as Warp writes it for CUDA, run on the CPU: it has the bits of the CPU's own, and no ray slips through."""
+"""The cast from Warp's source for CUDA, run on the CPU, has the bits of the CPU's own cast, and no ray leaks."""
 
 import shutil
 from collections.abc import Callable, Sequence
@@ -45,8 +45,8 @@ def source_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[wp.Kernel],
 
 @pytest.fixture
 def begin_cuda(source_of: Callable[[wp.Kernel], CudaSource], monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """From when this is called, single rays are cast by CUDA's source, in blocks one after the other: the first of
-    them takes all rays, and the others see that none are left."""
+    """A function after whose call single rays are cast by CUDA's source. Blocks run one after the other: the first
+    casts all rays, the others find none left."""
 
     def launch(source: CudaSource, geometry: Geometry, inputs: Sequence[Any]) -> None:
         trees = geometry.nodes, geometry.top

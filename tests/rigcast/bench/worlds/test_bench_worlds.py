@@ -1,4 +1,4 @@
-"""`rigcast bench worlds`: what is cast in many worlds, who casts it, and the shape of what is written; not how fast."""
+"""`rigcast bench worlds`: worlds, rays and casters, and the form of its results; no speeds."""
 
 import json
 from dataclasses import replace
@@ -151,7 +151,7 @@ def test_rays_of_a_warp_share_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def of_gpu(found: OnDevice) -> OnDevice:
-    """The same as if a GPU had done it: with graphs and limits."""
+    """The results as those of a GPU: with graphs and limits."""
     batches = [
         replace(batch, ways=tuple(replace(way, name=way.name + end) for way in batch.ways for end in ("", ", graph")))
         for batch in found.batches

@@ -1,4 +1,4 @@
-"""What the file of a data set may say, and where its mistakes are shown."""
+"""The description of a data set: its keys, and where mistakes are shown."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A Ray cluster of two machines, one of which is lost while it works."""
+"""A Ray cluster of two machines, of which one is lost during a run."""
 
 import os
 import shutil
@@ -14,12 +14,12 @@ import pytest
 from small_datasets import SECOND_MACHINE, contents, controlled_by, make
 
 BIN = Path(sys.executable).parent
-OPEN = {**os.environ, "RAY_AUTH_MODE": "disabled"}  # a cluster that asks nobody for a token
+OPEN = {**os.environ, "RAY_AUTH_MODE": "disabled"}  # a cluster without tokens
 DEADLINE = 120.0
 
 
 def start(*arguments: str, **environment: str) -> subprocess.Popen[str]:
-    """`ray start`, which stays there as long as the machine that it stands for."""
+    """A process of `ray start` that stands for a machine; it blocks until it is ended."""
     command = [str(BIN / "ray"), "start", "--block", "--num-cpus=1", "--object-store-memory=80000000", *arguments]
     return subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=OPEN | environment
@@ -43,7 +43,7 @@ def cluster() -> Iterator[tuple[str, subprocess.Popen[str]]]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    folder = tempfile.mkdtemp(prefix="ray")  # short: sockets in it have names of 107 bytes at most
+    folder = tempfile.mkdtemp(prefix="ray")  # short, as the paths of sockets in it may have at most 107 bytes
     machines = [start("--head", f"--port={port}", f"--temp-dir={folder}", "--include-dashboard=false")]
     try:
         wait_until_started(machines[0])

@@ -1,4 +1,4 @@
-"""Workers that are killed for real: what comes out is what an undisturbed run makes."""
+"""With workers that are really killed, the data set is that of an undisturbed run."""
 
 import multiprocessing
 import os
@@ -23,25 +23,25 @@ from rigcast.sensors.errors import InputError
 
 @pytest.fixture
 def unlucky(path: Path) -> Path:
-    """The file of a data set one of whose workers is killed, half an episode into its work."""
+    """The file of a data set of which one worker is killed once, in the middle of an episode."""
     return controlled_by(path, "type: python, function: 'users_functions:unlucky'")
 
 
 def undisturbed(path: Path) -> dict[str, bytes]:
-    """What the data set is when nobody is killed any more."""
+    """The data set made without a killed worker."""
     assert (path.parent / "killed").exists(), "no worker was killed"
     make(path, "undisturbed")
     return contents(path.parent / "undisturbed")
 
 
 def command(path: Path, engine: str) -> list[str]:
-    """`rigcast dataset` into the folder `out` with two workers."""
+    """The command `rigcast dataset` with two workers, which writes to the folder `out`."""
     options = ["--out", str(path.parent / "out"), "--engine", engine, "--workers", "2", "--device", "cpu"]
     return [str(Path(sys.executable).parent / "rigcast"), "dataset", str(path), *options]
 
 
 def test_processes_go_on_where_workers_were_killed(unlucky: Path) -> None:
-    """One worker dies once, half an episode into its work; another episode kills its worker each time."""
+    """One worker is killed once, in the middle of an episode; another episode kills its worker each time."""
     deadly = read_dataset(unlucky).units()[1]
     (unlucky.parent / "deadly").write_text(str(deadly.seed))
     done = make(unlucky, engine=Processes(2))
@@ -81,7 +81,7 @@ def test_ray_goes_on_where_a_worker_was_killed(unlucky: Path) -> None:
 
 
 class FakeRay:
-    """What the engine uses of Ray, on a cluster of 8 CPUs; every task ends with `error`, or with a result."""
+    """The part of Ray that the engine uses, on a cluster of 8 CPUs; every task ends with `error`, or with a result."""
 
     class exceptions:
         class RayError(Exception): ...
@@ -133,7 +133,7 @@ def test_ray_is_asked_for_no_more_workers_than_it_shall_use(
 
 
 def test_ray_gives_up_what_never_fits_into_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ray's own number of trials is infinite, and it is taken from the environment."""
+    """Ray retries for ever by default, and reads the number of retries from the environment."""
     monkeypatch.setenv("RAY_task_oom_retries", "")
     monkeypatch.delenv("RAY_task_oom_retries")
     monkeypatch.setattr(engines, "load_extra", lambda *_names: FakeRay())
@@ -161,7 +161,7 @@ def test_ray_starts_one_of_its_own_or_says_why_it_joins_none(monkeypatch: pytest
     ],
 )
 def test_where_nobody_answers_ray_is_not_asked(monkeypatch: pytest.MonkeyPatch, address: str, message: str) -> None:
-    """It tries for minutes, and says nothing meanwhile."""
+    """Ray itself would try for minutes without a message."""
     ray = FakeRay()
     monkeypatch.setattr(engines, "load_extra", lambda *_names: ray)
     with pytest.raises(InputError) as caught:
@@ -197,7 +197,7 @@ def test_what_ray_could_not_make_is_told(monkeypatch: pytest.MonkeyPatch, error:
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read as Linux tells it")
 def test_a_worker_s_memory_does_not_grow_with_its_episodes(path: Path) -> None:
-    """Every episode has five frames of 1.8 MB, so that one that stayed behind would show."""
+    """An episode has five frames of 1.8 MB, so that one kept in memory would be noticed."""
     edited(path, '  - {name: made, python: "users_functions:room"}\n', "")
     edited(path, "count: 2", "count: 8")
     edited(path.parent / "rig.yaml", "elevation_deg: [-20, 0]", f"elevation_deg: {list(range(-16, 0))}")

@@ -1,4 +1,4 @@
-"""A data set is the same however it comes about, and nothing that happens on the way loses or doubles a frame."""
+"""A data set is the same in whatever way it is made, and no interruption loses or repeats a frame."""
 
 import errno
 import json
@@ -270,7 +270,7 @@ def test_what_another_job_sweeps_away_fails_that_episode(
 
 
 def test_a_shard_without_its_entry_is_made_anew(path: Path, whole: dict[str, bytes]) -> None:
-    """As a copy that was cut off, or a machine that lost its power, leaves one."""
+    """A truncated copy or a power cut leaves such a shard."""
     make(path)
     shard = path.parent / "out/room/000001"
     (shard / "entry.json").unlink()
@@ -343,7 +343,7 @@ def test_a_file_that_changes_meanwhile_stops_the_run(path: Path) -> None:
 
 
 def test_jobs_that_end_at_the_same_time_leave_nothing_out(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A job that looked before another's last shard was there writes its manifest after the other's."""
+    """A job collects before another's last shard exists, and writes its manifest after the other's."""
     make(path, part=(1, 2))
     config, folder = read_dataset(path), path.parent / "out"
     collect, others = manifest._collected, iter([(2, 2)])

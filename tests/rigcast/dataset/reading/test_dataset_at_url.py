@@ -1,4 +1,4 @@
-"""Data sets at URLs are read as those in folders are, and no more of them than is asked for."""
+"""Data sets at URLs are read like those in folders, and only the requested parts are read."""
 
 import pickle
 import sys
@@ -20,7 +20,7 @@ fsspec: Any = pytest.importorskip("fsspec")
 
 @pytest.fixture
 def memory() -> Iterator[Any]:
-    """The files of memory:// URLs, of which there are none yet."""
+    """The file system of memory:// URLs, empty at first."""
     files = fsspec.filesystem("memory")
     yield files
     for name in files.ls("/", detail=False):

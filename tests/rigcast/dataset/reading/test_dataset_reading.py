@@ -1,4 +1,4 @@
-"""Frames of a data set come back by their number, as they were written, or it is said what is wrong."""
+"""Frames of a data set are read by their number as they were written, or an error says what is wrong."""
 
 import pickle
 import shutil

@@ -24,7 +24,7 @@ LIDAR = COMMON | {"ring": "<u2", "column": "<i4"}
 
 
 def write_and_read(path: Path, frame: Frame) -> np.ndarray[Any, Any]:
-    """The vertices of the file as trimesh's reader sees them, one record per point."""
+    """Write a frame and read its vertices with trimesh: one record per point."""
     write_ply(path, frame)
     cloud = trimesh.load(path)
     raw = cloud.metadata["_ply_raw"]["vertex"]

@@ -1,4 +1,4 @@
-"""Point files and depth images, each read back with a reader that is not ours."""
+"""Point files and depth images, each read with a third-party reader."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -34,7 +34,7 @@ def a_frame(kind: type[Frame], **given: Any) -> Any:
 
 
 def rich_frame(kind: type[Frame]) -> Any:
-    """A frame with the fields that only some have."""
+    """A frame with the optional fields, too: intensity, and ids of flexes, skins and props."""
     rng, shape = np.random.default_rng(1), SHAPES[kind]
     ids = {name: np.full(shape, -1, np.int32) for name in ("flex_id", "skin_id", "prop_id")}
     return a_frame(kind, intensity=rng.uniform(0, 1.2, shape).astype(np.float32), **ids)

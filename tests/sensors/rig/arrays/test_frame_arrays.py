@@ -1,4 +1,4 @@
-"""The arrays of frames: nothing that is held ever changes, what nobody holds is used again, `out` is written over."""
+"""The arrays of frames: held arrays never change, arrays that nobody holds are reused, `out` is overwritten."""
 
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -57,7 +57,7 @@ def assert_same(got: dict[str, NDArray[Any]], expected: dict[str, NDArray[Any]],
 
 @contextmanager
 def counted_arrays(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[Any, ...]]]:
-    """The shapes of the Warp arrays that are made meanwhile."""
+    """A list of the shapes of the Warp arrays that are made within the context."""
     made: list[tuple[Any, ...]] = []
     init = wp.array.__init__
 
@@ -92,7 +92,7 @@ def seen(held: Any) -> NDArray[Any]:
 @pytest.mark.parametrize("what", HELD)
 def test_what_is_held_never_changes(what: str, name: str) -> None:
     rig = Rig(MODEL, SENSORS, "cpu")
-    for k in range(3):  # into arrays that are used again too
+    for k in range(3):  # also into reused arrays
         held = HELD[what](rig.sense(moved(0.3 * k), [name])[name])
         before = seen(held)
         for by in (1.0, 1.3, 1.7):
@@ -115,7 +115,7 @@ def test_what_is_held_of_one_of_many_worlds_never_changes(what: str) -> None:
 def test_arrays_that_nobody_holds_are_used_again(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(MODEL, SENSORS, "cpu")
     frames: dict[str, Frame] = {}
-    # the last frames are still there while the next are made; into arrays that are used again launches are prepared
+    # the last frames still exist while the next are made; the launches for reused arrays are prepared here
     for by in (0.0, 0.1, 0.2, 0.3):
         frames = rig.sense(moved(by), IDEAL)
         got = {name: values(frame) for name, frame in frames.items()}
@@ -133,7 +133,7 @@ WORKED_OUT = ("points", "depth", "body_id")
 
 
 def by_cast(rig: Rig, name: str) -> set[str]:
-    """What the cast of a sensor's last reading wrote beside hits."""
+    """Names of the fields that the cast of a sensor's last reading wrote beside its hits."""
     return set(rig._mounted[name].pool._last[-1].fields.written)
 
 
@@ -303,7 +303,7 @@ def test_fields_that_were_asked_for_are_worked_out_again_into_their_arrays() -> 
 def test_fields_that_are_held_are_worked_out_again_after_a_reading_that_failed(
     state: Callable[[float], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of sensors before and after the one that failed, too."""
+    """Also those of sensors before and after the one that failed."""
     rig, again = (Rig(MODEL, SENSORS, "cpu", seed=3) for _ in range(2))
     first = rig.sense(state(0.0))
     held = {name: {field: getattr(frame, field) for field in FIELDS} for name, frame in first.items()}

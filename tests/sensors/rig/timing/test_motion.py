@@ -1,4 +1,4 @@
-"""Readings of sensors that move are those of a cast for each firing time in a simulation with a tiny timestep."""
+"""Readings with motion are those of a cast at each firing time in a simulation with a tiny timestep."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -63,7 +63,7 @@ def moving(timestep: float, velocity: tuple[float, ...] = TURNING) -> tuple[mujo
 
 
 def frames_of(*specs: Lidar | DepthCamera, timestep: float = TIMESTEP, until: float = 0.25) -> list[Frame]:
-    """What begins after time 0, which the rig has seen."""
+    """The frames that begin after time 0, at which the rig is stepped first."""
     model, data = moving(timestep)
     rig = Rig(model, specs, "cpu")
     rig.step(data)
@@ -89,7 +89,7 @@ def rolling(**arguments: Any) -> DepthCamera:
 def expected_ranges(frame: Frame, spec: Lidar | DepthCamera, jolt: float = 0.0) -> NDArray[np.float64]:
     """Ranges by mj_ray, each at the time of its ray, in a simulation with a timestep of a hundredth.
 
-    jolt: by how much each ray is turned up and to the left [rad].
+    jolt: angle by which each ray is turned up and to the left [rad].
     """
     model, data = moving(TIMESTEP / 100)
     pattern = spec.pattern(model)
@@ -113,9 +113,9 @@ def expected_ranges(frame: Frame, spec: Lidar | DepthCamera, jolt: float = 0.0) 
 
 
 def assert_ranges(frame: Frame, spec: Lidar | DepthCamera, within: float = 1e-3, *, facing: bool = False) -> None:
-    """Outside of the edge band, where rays turned by half a milliradian to both sides do not find the same surface.
+    """Assert that ranges are as expected outside the edge band, where rays turned by 0.5 mrad meet other surfaces.
 
-    facing: it is the distance of the point from the surface that is within the bound [m], not the range.
+    facing: bound the distance of the point from the surface [m] in place of the error of the range.
     """
     got, expected = frame.range.numpy(), expected_ranges(frame, spec)
     aside = [expected_ranges(frame, spec, jolt) for jolt in (-5e-4, 5e-4)]
@@ -132,7 +132,7 @@ def assert_ranges(frame: Frame, spec: Lidar | DepthCamera, within: float = 1e-3,
 
 
 def test_a_spinning_lidar_on_a_turning_body_agrees_to_a_millimetre() -> None:
-    """10 Hz, at 2 rad/s, past a moving box; and it does not where the world stands still for a reading."""
+    """At 10 Hz and 2 rad/s past a moving box; without `motion` it does not agree."""
     spec = spinning()
     moved, still = (frames_of(each, until=0.2)[0] for each in (spec, spec.model_copy(update={"motion": False})))
     assert moved.time == still.time == pytest.approx(0.1)
@@ -143,7 +143,7 @@ def test_a_spinning_lidar_on_a_turning_body_agrees_to_a_millimetre() -> None:
 
 @pytest.mark.parametrize("origin_height", [None, (0.01, 0.005, 0, -0.005, -0.01)])
 def test_rows_that_fire_one_after_the_other_agree_too(origin_height: tuple[float, ...] | None) -> None:
-    """As in a VLP-16, cast alone and, from one origin, in packets, where rays of up to 0.1 ms leave from one pose."""
+    """With one origin, rays fired within 0.1 ms leave from one pose, in packets; else they are single."""
     table = {**{key: value for key, value in SPINNING.items() if key != "columns"}, "rate_hz": 20.0}
     times = (0, 9.2, 18.4, 27.6, 36.9)
     spec = Lidar(
@@ -165,13 +165,13 @@ def test_a_rolling_shutter_agrees_to_a_millimetre() -> None:
 
 
 def test_points_in_the_world_lie_where_things_are() -> None:
-    """The wall and the floor do not move, the sensor does: each point goes by the pose of its own ray."""
+    """Wall and floor stand still while the sensor moves: each point is placed by the pose at its own ray's time."""
     frame = frames_of(spinning(), until=0.2)[0]
     points, geom = frame.points_world.numpy(), frame.geom_id.numpy()
     np.testing.assert_allclose(points[geom == 0][:, 2], -1, atol=1e-5)
     np.testing.assert_allclose(points[geom == 1][:, 0], 4.9, atol=1e-5)
     assert (geom == 1).sum() > 100
-    # in the sensor's frame they are as a driver has them, turned by 0.2 rad in the end
+    # in the sensor's frame they are distorted as a driver's are, at the end by 0.2 rad
     local = np.concatenate([frame.points.numpy().reshape(-1, 3), np.ones((geom.size, 1))], axis=1)
     by_first_pose = (local @ frame.pose.T)[:, :3].reshape(points.shape)
     assert np.nanmax(np.abs(by_first_pose - points)) > 0.3
@@ -189,7 +189,7 @@ def test_normals_are_in_the_frame_of_their_ray() -> None:
 
 @pytest.mark.parametrize("timestep", [0.001, 0.0037, 0.03, 0.15])
 def test_readings_do_not_depend_on_the_timestep(timestep: float) -> None:
-    """Steady motion is the same in all steps but for chords; rays, stamps and readings stay as many."""
+    """Steady motion differs only by chords; the numbers of rays, stamps and readings are the same."""
     specs = spinning(), rolling(name="rolling")
     fine, coarse = (frames_of(*specs, timestep=step, until=0.45) for step in (0.002, timestep))
     for name in ("eye", "rolling"):

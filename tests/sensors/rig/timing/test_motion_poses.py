@@ -1,4 +1,4 @@
-"""What a moving reading is made of: slots of rays, the steps that it spans, and poses between them."""
+"""The parts of a reading with motion: slots of rays, the steps that it spans, and poses between them."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""Every due time is given out once, in the step that reaches it, whatever the timestep."""
+"""Every due time is returned once, in the step that reaches it, for any timestep."""
 
 from fractions import Fraction
 

@@ -1,4 +1,4 @@
-"""Whatever holds the poses of many worlds reads as a list of MjData does, wherever these are by then."""
+"""All sources of poses of many worlds are read like a list of MjData, at their present poses."""
 
 import gc
 import weakref
@@ -43,7 +43,7 @@ def test_worlds_that_are_made_once_follow_their_data(robot: mujoco.MjModel, data
 def test_lists_that_are_told_again_are_read_where_they_are_now(
     robot: mujoco.MjModel, datas: list[mujoco.MjData]
 ) -> None:
-    """Where each MjData has its poses is known from the last reading: others in its place are others."""
+    """A rig remembers the addresses of each MjData's poses between readings; another list must not get those."""
     rig, others = rig_of(robot, "scan", "lidar"), states(robot, COUNT, seed=1)
     mixed = [datas[0], others[1], *datas[2:]]
     for given in (datas, mixed, datas[::-1], datas[:2], datas):
@@ -68,7 +68,7 @@ def plain(datas: list[mujoco.MjData], _device: str) -> Any:
 
 
 def nested(datas: list[mujoco.MjData], _device: str) -> Any:
-    """Rotations as matrices, positions as lists."""
+    """Poses with rotations as 3 x 3 matrices and positions as nested lists."""
     arrays: dict[str, Any] = arrays_of(datas)
     for name, values in arrays.items():
         arrays[name] = values.reshape(*values.shape[:2], 3, 3) if name.endswith("xmat") else values.tolist()
@@ -131,7 +131,7 @@ def warp_data(robot: mujoco.MjModel, datas: list[mujoco.MjData], device: str) ->
 
 
 def rounded(datas: list[mujoco.MjData]) -> dict[str, np.ndarray]:
-    """Poses as float32 has them."""
+    """Poses rounded to float32."""
     return {name: values.astype(np.float32) for name, values in arrays_of(datas).items()}
 
 

@@ -1,4 +1,4 @@
-"""Many worlds at once: each reads what it would read alone."""
+"""Many worlds at once: each has the readings of that world alone."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def test_each_world_reads_what_it_reads_alone(robot: mujoco.MjModel, datas: list
 def test_the_first_world_reads_what_one_mjdata_does(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
     batch, one = rig_of(robot), rig_of(robot)
     for reading in range(2):
-        # a rosette's pattern in a batch is that of the time which its rate makes of the number of the reading
+        # in a batch, a rosette's pattern is that at the time (number of the reading) / rate
         datas[0].time = reading / 100
         frames = batch.sense(datas)
         for name, frame in one.sense(datas[0]).items():
@@ -60,7 +60,7 @@ def test_one_world_is_a_batch_too(robot: mujoco.MjModel, datas: list[mujoco.MjDa
 
 
 def test_worlds_are_told_apart_where_the_scenes_differ(robot: mujoco.MjModel) -> None:
-    """Each world has one thing before its camera, 1000 km from where the others have theirs."""
+    """Each world has one thing in front of its lidar, 1000 km away from that of the others."""
     datas = []
     for k, name in enumerate(("ball", "tent", "can")):
         data = mujoco.MjData(robot)

@@ -1,4 +1,4 @@
-"""Worlds that are read some at a time, as many as poses and trees have room for: each reads what it reads otherwise."""
+"""Worlds read in parts, as many at a time as poses and trees have room for, have the readings of all at once."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ def datas(robot: mujoco.MjModel) -> list[mujoco.MjData]:
 
 
 def make_room(monkeypatch: pytest.MonkeyPatch, rig: Rig, batch: Any, at_a_time: int) -> None:
-    """For so many worlds at a time."""
+    """Limit the memory of readings to that of `at_a_time` worlds."""
     worlds = batch if isinstance(batch, Worlds) else Worlds(batch)
     errors = max(m.bytes_per_posed_world for m in rig._mounted.values())
     room = at_a_time * (rig.scene.bytes_per_posed_world(worlds) + errors)
@@ -33,7 +33,7 @@ def make_room(monkeypatch: pytest.MonkeyPatch, rig: Rig, batch: Any, at_a_time: 
 
 
 def parts_of(rig: Rig) -> list[tuple[int, int]]:
-    """Which worlds stand one after the other from now on."""
+    """A list to which the parts (begin, end) of worlds are added as they are posed from now on."""
     parts, pose_worlds = [], rig.scene.pose_worlds
 
     def noted(worlds: Worlds, part: slice) -> Any:
@@ -68,7 +68,7 @@ def test_every_sensor_reads_the_same(
 
 
 def differing(datas: list[mujoco.MjData]) -> Worlds:
-    """In all in which worlds can differ."""
+    """Worlds that differ in everything in which worlds can differ."""
     robot, rng = model(), np.random.default_rng(8)
     dataid = np.tile(robot.geom_dataid, (COUNT, 1))
     dataid[:, robot.geom("tent").id] = [robot.mesh("cube").id, robot.mesh("tent").id, -1, -1, robot.mesh("cube").id]

@@ -1,4 +1,4 @@
-"""What is no batch of worlds, or not one of the rig's model, is refused, and says what is wrong and where."""
+"""Anything but a batch of worlds of the rig's model is refused; the error says what is wrong and where."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Worlds that differ in more than where things are: each reads what it would read alone."""
+"""Worlds that differ in more than poses: each has the readings of that world alone."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ def test_sizes_may_differ(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> 
         other.geom_size[:] *= scale
         for name, frame in alone(other, data, world, "lidar", "weather").items():
             assert_same(frames[name].world(world), frame, f"world {world}, sizes times {scale}")
-    # and are the model's again for worlds that say nothing of them
+    # and are those of the model again for worlds without sizes of their own
     again = rig_of(robot, "lidar").sense(datas)["lidar"]
     assert_same(rig.sense(datas, ["lidar"])["lidar"], again, "sizes of the model")
     np.testing.assert_array_equal(rig.sense(datas[1], ["lidar"])["lidar"].range.numpy(), again.range.numpy()[1])
@@ -95,7 +95,7 @@ def test_geoms_may_be_there_in_some_worlds_only(robot: mujoco.MjModel, datas: li
 
 
 def with_own(robot: mujoco.MjModel, data: mujoco.MjData, world: int, name: str, **own: Any) -> Any:
-    """What a sensor reads alone, with a mount or a filter of its own."""
+    """The frame of a sensor alone in a world, with another mount or filter."""
     sensor = SENSORS[name].model_copy(update=own)
     worlds = Worlds([state_of(robot, data)], ids=[world])
     return Rig(robot, [sensor], "cpu", seed=5).sense(worlds)[name].world(0)

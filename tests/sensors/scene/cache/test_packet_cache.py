@@ -1,4 +1,4 @@
-"""Packets on disk: read where the same rays were sorted before, sorted where what lies there is not theirs."""
+"""Packets on disk are read if they are of the same rays; else rays are sorted."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def sorts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The rays of each pattern that was sorted and not read."""
+    """A list of the numbers of rays of patterns that are sorted, not read."""
     sorted_: list[int] = []
 
     def sort(directions: NDArray[np.float64], group: NDArray[np.int32] | None) -> Packets:
@@ -44,7 +44,7 @@ def groups(count: int) -> NDArray[np.int32]:
 
 
 def packed(directions: wp.array, group: NDArray[np.int32] | None) -> Packets:
-    """Without the folder."""
+    """Packets sorted without the cache."""
     return sort_into_packets(directions.numpy(), group)
 
 

@@ -1,4 +1,4 @@
-"""Triangle trees on disk: read where they were built before, built where what lies there is not whole."""
+"""Triangle trees on disk are read if they are whole; else they are built."""
 
 import multiprocessing
 from collections.abc import Callable
@@ -32,7 +32,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def builds(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The faces of each tree that was built and not read."""
+    """A list of the numbers of faces of trees that are built, not read."""
     built: list[int] = []
 
     def build(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> TriangleTree:
@@ -148,7 +148,7 @@ def test_several_processes_at_once(folder: Path) -> None:
 
 
 def test_folders_that_others_remove_meanwhile_are_passed_over(folder: Path) -> None:
-    """Two writers, each with a folder of its own for a moment, while the other looks for room."""
+    """Writers have temporary folders, which disappear while others look for room."""
     with ThreadPool(4) as pool:
         pool.map(lambda k: disk_cache.keep_arrays({"k": np.zeros(k)}, folder / f"{k}.npz"), range(150))
     assert len(list(folder.glob("*.npz"))) == 150

@@ -1,4 +1,4 @@
-"""Flexes in a scene: what a hit says, which filters see them, and what becomes of one that is not finite."""
+"""Flexes in a scene: the ids and faces of hits, filters, and flexes that are not finite."""
 
 import mujoco
 import numpy as np
@@ -109,7 +109,7 @@ def test_a_pinned_flex_is_static_and_a_transparent_one_is_not_hit() -> None:
 
 @pytest.mark.skipif(not CAN_JUDGE, reason="this MuJoCo cannot say what rays hit of flexes")
 def test_normals_of_a_soft_body_that_is_inside_out_point_outward_and_so_again_when_it_is_not() -> None:
-    """They pointed inward, and `cull` left out the wrong side."""
+    """Else `cull` would drop the wrong side."""
     model = model_of(CUBE)
     data, scene, seed = posed(model), Scene(model), 1
     directions = np.random.default_rng(seed).normal(size=(500, 3))

@@ -1,4 +1,4 @@
-"""The geometry that rays meet is MuJoCo's: the same triangles, the same solids, in boxes that hold them."""
+"""The geometry of a scene is MuJoCo's: the same triangles and solids, in boxes that contain them."""
 
 from collections import Counter
 
@@ -41,7 +41,7 @@ def volume(corners: Floats) -> float:
 
 
 def open_edges(corners: Floats) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-    """Directed edges of the triangles that have an area which no other triangle runs the other way."""
+    """Directed edges of triangles with an area that no other triangle has in the opposite direction."""
     has_area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any(axis=1)
     points = [[tuple(p) for p in triangle] for triangle in corners[has_area].tolist()]
     edges = Counter((t[i], t[(i + 1) % 3]) for t in points for i in range(3))
@@ -180,7 +180,7 @@ def test_a_mesh_has_the_models_vertices_and_faces(model: mujoco.MjModel, name: s
 
 
 def extremes(model: mujoco.MjModel, name: str) -> Floats:
-    """(n, 3) points of a geom in its own frame that reach as far as it does; +-inf where it has no end."""
+    """Points (n, 3) whose bounding box is that of a geom in its own frame; +-inf where it is unbounded."""
     if name in ("wedge", "wedge2", "tetra"):
         mesh = model.mesh(name.rstrip("2"))
         return np.array(model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]])
@@ -213,7 +213,7 @@ def test_a_local_box_holds_its_geom_and_is_no_larger(model: mujoco.MjModel, name
 
 
 def bare_sdf(*attributes: str) -> mujoco.MjModel:
-    """A ball, and SDF geoms that have lost their meshes: nothing but a distance function."""
+    """A ball, and SDF geoms without meshes, which have only a distance function."""
     mesh = '<asset><mesh name="m" vertex="-1 -1 -1  1 -1 -1  0 1 -1  0 0 1"/></asset>'
     geoms = "".join(f'<geom type="sdf" mesh="m" {each}/>' for each in attributes)
     ball = '<geom name="ball" size="0.1" pos="3 0 0"/>'

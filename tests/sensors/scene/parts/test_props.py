@@ -31,7 +31,7 @@ EXPORTS = {
 
 
 def wedge() -> trimesh.Trimesh:
-    """A convex solid without symmetry, about 1 m across."""
+    """An ellipsoid of triangles off the origin, about 1 m across, with a different radius along each axis."""
     points = np.random.default_rng(5).normal(size=(9, 3)) * (0.5, 0.3, 0.4)
     mesh = trimesh.creation.icosphere(subdivisions=1)
     mesh.vertices = mesh.vertices * (0.5, 0.3, 0.4) + 0.1 * points[0]
@@ -56,7 +56,7 @@ def rays(seed: int, around: NDArray[np.float64]) -> tuple[NDArray[np.float64], N
 
 
 def in_mujoco(prop: Prop, parent: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjModel:
-    """The parent's geoms at rest and the prop's mesh as MuJoCo reads, scales and places it, in one model."""
+    """A model of the parent's geoms at their poses, and of the prop's mesh, scaled and placed, as a mesh geom."""
     pose, mesh = prop.mount.bind(parent).pose(data), trimesh.load_mesh(prop.file, process=False)
     vertices = (mesh.vertices * np.broadcast_to(prop.scale, 3)) @ pose[:3, :3].T + pose[:3, 3]
     faces = mesh.faces[:, ::-1] if np.prod(np.sign(np.broadcast_to(prop.scale, 3))) < 0 else mesh.faces
@@ -190,7 +190,7 @@ def test_materials_and_foreign_letters_in_an_obj_are_ignored(tmp_path: Path) -> 
 
 
 def test_relative_indices_in_an_obj_count_from_their_face(tmp_path: Path) -> None:
-    """trimesh alone counts them from the end of the file."""
+    """trimesh itself counts them from the end of the file."""
     file = tmp_path / "a.obj"
     file.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3/1/1 -2/2/1 \\\n-1/3/1\nv 0 0 5\nv 1 0 5\nv 0 1 5\nf -3 -2 6\n")
     vertices, faces = read_mesh(file)

@@ -1,4 +1,4 @@
-"""SDF geoms are cast by their meshes: how far these are from the true surfaces and from mj_ray's sphere tracing."""
+"""SDF geoms are cast by their meshes: distances of these from the true surfaces and from mj_ray's sphere tracing."""
 
 import mujoco
 import numpy as np
@@ -47,7 +47,7 @@ def test_a_torus_is_hit_on_its_surface() -> None:
 
 
 def both_ways(xml: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
-    """Which rays the scene and mj_ray hit with, and where both do the signed difference across the surface [m]."""
+    """Which rays hit in the scene and in mj_ray, and, where both hit, the difference along the normal [m]."""
     model = mujoco.MjModel.from_xml_string(xml)
     data, scene = posed(model), Scene(model)
     scene.update(data)
@@ -77,7 +77,7 @@ def test_a_plugins_surface_is_hit_where_mj_ray_hits_it() -> None:
 
 
 def test_where_mj_ray_differs_on_a_sampled_distance_field_it_went_through_the_surface() -> None:
-    """Of a mesh without a plugin MuJoCo samples the distance in an octree."""
+    """For a mesh without a plugin, MuJoCo samples the distance in an octree."""
     got, wanted, difference = both_ways(BLOB)
     assert np.median(np.abs(difference)) < 5e-4
     assert (difference[np.abs(difference) > 5e-3] < 0).mean() > 0.99

@@ -20,7 +20,7 @@ def numbers(values: object) -> str:
 
 
 def sleeve(name: str, place: tuple[float, float, float], attributes: str = "") -> str:
-    """A ball stretched over both bodies; those on its middle third follow both."""
+    """A ball stretched over both bodies; vertices of its middle third follow both."""
     ball = trimesh.creation.icosphere(2)
     weight = np.clip(1.5 * ball.vertices[:, 0] + 0.5, 0, 1)
     bones = [
@@ -48,7 +48,7 @@ def moved(model: mujoco.MjModel, k: int) -> mujoco.MjData:
 
 
 def corners_of(skins: Skins, data: mujoco.MjData) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """(faces, 3, 3): where the triangles of all skins are in the world."""
+    """Corners (faces, 3, 3) of the triangles of all skins in the world [m]."""
     position = skins.update(data).position
     world = []
     for tree, center in zip(skins.trees, position, strict=True):

@@ -1,4 +1,4 @@
-"""Whatever a scene cannot use is refused with one error that says what and where."""
+"""Input that a scene cannot use is refused with one error that says what and where."""
 
 import os
 import re
@@ -130,6 +130,6 @@ def test_a_folder_for_kernels_that_cannot_be_written_is_named(tmp_path: Path, mo
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert re.search(message, done.stderr.splitlines()[-1])
     assert str(folder) in done.stderr.splitlines()[-1]
-    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(folder))  # as one that is there, and empty
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(folder))  # as if it existed and were empty
     with pytest.raises(InputError, match=message):
         Scene(model_of(""), "cpu")

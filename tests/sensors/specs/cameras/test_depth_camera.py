@@ -1,4 +1,4 @@
-"""A depth camera's rays go through the centres of its pixels, and an MJCF camera's are where MuJoCo sees."""
+"""A depth camera's rays go through the centres of its pixels; those of an MJCF camera agree with MuJoCo's."""
 
 from typing import Any
 
@@ -122,7 +122,7 @@ def test_sensor_of_the_mjcf_camera_is_taken(model: mujoco.MjModel) -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_image_edges_are_those_of_mujocos_frustum(seed: int) -> None:
-    """Corners of the image against what `mjv_updateScene` hands to the renderer."""
+    """Corners of the image compared with the frustum that `mjv_updateScene` gives to the renderer."""
     random = np.random.default_rng(seed)
     focal, size = random.uniform(0.002, 0.02, 2), random.uniform(0.001, 0.01, 2)
     principal, (width, height) = random.uniform(-0.5, 0.5, 2) * size, random.integers(2, 1000, 2)
@@ -145,7 +145,7 @@ def test_image_edges_are_those_of_mujocos_frustum(seed: int) -> None:
 
 
 def frustum_edges(model: mujoco.MjModel) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of what camera 0 sees at distance 1."""
+    """Left, right, bottom and top edges of camera 0's frustum at distance 1."""
     data, scene, view = mujoco.MjData(model), mujoco.MjvScene(model, 10), mujoco.MjvCamera()
     mujoco.mj_forward(model, data)
     view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, 0

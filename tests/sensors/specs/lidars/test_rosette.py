@@ -1,4 +1,4 @@
-"""Wedges bend light by Snell's law, and the patterns they draw go on from reading to reading."""
+"""Wedges refract light by Snell's law, and their patterns continue from reading to reading."""
 
 from typing import Any
 
@@ -63,7 +63,7 @@ def test_one_wedge_deviates_as_a_prism_does(tilt: float, index: float) -> None:
 @pytest.mark.parametrize("samples", [1, 15, 16, 17, 1000])
 @pytest.mark.parametrize("preset", [name for name in LIVOX if name != "livox_mid360"])
 def test_later_readings_are_those_of_the_formula(preset: str, samples: int) -> None:
-    """But for rounding, which grows with how far the wedges have turned [rad]: it is that of an angle."""
+    """To within rounding, which grows with the angle [rad] by which the wedges have turned."""
     rosette = livox(preset, rate_hz=10).rosette
     assert rosette is not None
     aim, sampled = rosette.aim(samples), np.arange(samples) / rosette.sample_rate_hz
@@ -81,7 +81,7 @@ def test_later_readings_are_those_of_the_formula(preset: str, samples: int) -> N
 def test_later_readings_come_in_packets_of_neighbouring_lines(
     lines: int, samples: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same ones in any number of threads, and each as rays in this order are packed."""
+    """They are the same for any number of threads, and those of rays packed in this order."""
     elevation = np.linspace(-2, 2, lines).tolist()
     wedges = [wedge(rpm=7000), wedge(rpm=-3000)]
     aim = Rosette(wedges=wedges, sample_rate_hz=40_000, line_elevation_deg=elevation).aim(samples)

@@ -1,4 +1,4 @@
-"""As much of rclpy as a publisher needs; it keeps what is published. Not on the path but where a test puts it."""
+"""The part of rclpy that a publisher uses, which keeps what is published. Only tests put it on the path."""
 
 from dataclasses import dataclass, field
 from typing import Any
