@@ -5,7 +5,9 @@ alignment A keeps the whole rotation ("base"), only the heading of the frame's x
 ("yaw"), or nothing of it ("world").
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from operator import is_
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ import numpy.typing as npt
 import warp as wp
 
 from rigcast.kernels.launching.launch import launch
+from rigcast.kernels.launching.recorded import recorded
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -114,6 +117,7 @@ def place_on_carrier(
     # carriers:
     position: wp.array2d[Any],
     rotation: wp.array2d[Any],
+    time: wp.array[Any],  # of each world; empty for 0
     # the frame on it, in all worlds or in each:
     which: wp.array[int],
     offset: wp.array[wp.vec3d],
@@ -124,6 +128,9 @@ def place_on_carrier(
     placed_position: wp.array2d[wp.vec3d],
     placed_rotation: wp.array2d[wp.mat33d],
     slot: int,
+    # out, of each world; may be empty:
+    poses: wp.array3d[wp.float64],
+    times: wp.array[wp.float64],
 ) -> None:
     """Place frame `slot` of each world on its carrier; see Frames.place."""
     w = wp.tid()
@@ -135,8 +142,20 @@ def place_on_carrier(
     if active.shape[0] > 0:  # noqa: SIM102
         if not active[w]:
             place = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
+    axes = aligned(turned_by(r, turns[own]), alignment)
     placed_position[w, slot] = place
-    placed_rotation[w, slot] = aligned(turned_by(r, turns[own]), alignment)
+    placed_rotation[w, slot] = axes
+    if poses.shape[0] > 0:
+        for row in range(3):
+            for column in range(3):
+                poses[w, row, column] = axes[row, column]
+            poses[w, row, 3] = place[row]
+            poses[w, 3, row] = wp.float64(0.0)
+        poses[w, 3, 3] = wp.float64(1.0)
+    if times.shape[0] > 0:
+        times[w] = wp.float64(0.0)
+        if time.shape[0] > 0:
+            times[w] = wp.float64(time[w])
 
 
 @wp.kernel
@@ -153,53 +172,54 @@ def copy_frames(
     copied_rotation[w, k] = as_mat33d(rotation[w, k])
 
 
-@wp.kernel
-def join_poses(position: wp.array2d[wp.vec3d], rotation: wp.array2d[wp.mat33d], poses: wp.array3d[wp.float64]) -> None:
-    """Write the pose of frame 0 of each world as a 4 x 4 matrix."""
-    w = wp.tid()
-    for row in range(3):
-        for column in range(3):
-            poses[w, row, column] = rotation[w, 0][row, column]
-        poses[w, row, 3] = position[w, 0][row]
-        poses[w, 3, row] = wp.float64(0.0)
-    poses[w, 3, 3] = wp.float64(1.0)
-
-
-def _of_each_kind(kernel: wp.Kernel) -> dict[type, wp.Kernel]:
-    """The kernel's overloads by type of position. Warp would look one up at every launch, which takes longer than the
-    kernel."""
-    kinds = ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d))
-    return {
-        vector: wp.overload(kernel, {"position": wp.array2d[vector], "rotation": wp.array2d[matrix]})
-        for vector, matrix in kinds
-    }
-
-
-# all overloads are made here, so that the module is compiled once
-_PLACE_ON_CARRIER, _COPY_FRAMES = _of_each_kind(place_on_carrier), _of_each_kind(copy_frames)
+# All overloads are made here, so that the module is compiled once. Warp would look one up at every launch, which takes
+# longer than the kernel.
+_KINDS = ((wp.vec3, wp.mat33), (wp.vec3d, wp.mat33d))
+_PLACE_ON_CARRIER = {
+    (vector, number): wp.overload(
+        place_on_carrier,
+        {"position": wp.array2d[vector], "rotation": wp.array2d[matrix], "time": wp.array[number]},
+    )
+    for vector, matrix in _KINDS
+    for number in (wp.float32, wp.float64)
+}
+_COPY_FRAMES = {
+    vector: wp.overload(copy_frames, {"position": wp.array2d[vector], "rotation": wp.array2d[matrix]})
+    for vector, matrix in _KINDS
+}
 
 
 BYTES_PER_FRAME = 96
 """Size of one frame of Frames."""
 
 
-@dataclass(frozen=True)
 class Frames:
-    """Poses of n frames in many worlds: position (nworld, n) vec3d [m], rotation (nworld, n) mat33d, columns axes."""
+    """Poses of n frames in many worlds: position (nworld, n) vec3d [m], rotation (nworld, n) mat33d, columns axes.
 
-    position: wp.array
-    rotation: wp.array
+    pose: (nworld, 4, 4) float64, the matrix of the frame placed last, frame to world; time: (nworld,) float64 [s]. Both
+    are empty unless `with_matrix`.
+    """
+
+    def __init__(self, position: wp.array, rotation: wp.array, pose: wp.array, time: wp.array) -> None:
+        self.position, self.rotation, self.pose, self.time = position, rotation, pose, time
+        self._everywhere = wp.empty(0, dtype=wp.bool, device=position.device)
+        self._no_time = wp.empty(0, dtype=wp.float64, device=position.device)
+        self._given: dict[int, tuple[object, ...]] = {}  # what each frame was placed with
+        self._launches: dict[int, Callable[[], None]] = {}
 
     @staticmethod
-    def empty(worlds: int, count: int, device: wp.DeviceLike) -> "Frames":
+    def empty(worlds: int, count: int, device: wp.DeviceLike, *, with_matrix: bool = False) -> "Frames":
+        matrices = worlds if with_matrix else 0
         return Frames(
             wp.empty((worlds, count), dtype=wp.vec3d, device=device),
             wp.empty((worlds, count), dtype=wp.mat33d, device=device),
+            wp.empty((matrices, 4, 4), dtype=wp.float64, device=device),
+            wp.empty(matrices, dtype=wp.float64, device=device),
         )
 
     def of_worlds(self, part: slice) -> "Frames":
         """Views of the frames in some of the worlds."""
-        return Frames(self.position[part], self.rotation[part])
+        return Frames(self.position[part], self.rotation[part], self.pose[part], self.time[part])
 
     def copy(self, carriers: Carriers) -> None:
         """Set the first frames of each world to the poses of the carriers, given for every world, in float64."""
@@ -216,30 +236,33 @@ class Frames:
         *,
         alignment: str = "base",
         active: wp.array | None = None,
+        time: wp.array | None = None,
     ) -> None:
-        """Set frame `slot` of every world to its pose on its carrier.
+        """Set frame `slot` of every world to its pose on its carrier, and `pose` and `time` if there are any.
+
+        The launch is kept, and made again while the arrays stay the same.
 
         Args:
             slot: the frame.
             carriers: poses of the carriers, in the world.
             on: the frame's mounting on one of them.
             alignment: one of ALIGNMENTS.
-            active: (nworld,) bool; in worlds where it is False the position is NaN. None or empty: all are active.
+            active: (nworld,) bool; in worlds where it is False the position is NaN. None: all are active.
+            time: (nworld,) float32 or float64 [s]; None for 0.
         """
-        device = self.position.device
-        everywhere = wp.empty(0, dtype=wp.bool, device=device) if active is None else active
-        kept = ALIGNMENTS.index(alignment)
-        inputs = [carriers.position, carriers.rotation, on.which, on.offset, on.turn, kept, everywhere]
-        outputs = [self.position, self.rotation, slot]
-        kernel = _PLACE_ON_CARRIER[carriers.position.dtype]
-        launch(kernel, self.position.shape[0], inputs, outputs, device)
-
-    def poses(self, out: wp.array | None = None) -> wp.array:
-        """Poses of frame 0 as matrices (nworld, 4, 4) float64, frame to world."""
-        worlds, device = self.position.shape[0], self.position.device
-        poses = wp.empty((worlds, 4, 4), dtype=wp.float64, device=device) if out is None else out
-        launch(join_poses, worlds, [self.position, self.rotation], [poses], device)
-        return poses
+        given = carriers.position, carriers.rotation, time, on, alignment, active
+        known = self._given.get(slot)
+        if known is None or not all(map(is_, given, known)):
+            when = self._no_time if time is None else time
+            everywhere = self._everywhere if active is None else active
+            kernel = _PLACE_ON_CARRIER[carriers.position.dtype, when.dtype]
+            mounting = on.which, on.offset, on.turn, ALIGNMENTS.index(alignment)
+            inputs = [carriers.position, carriers.rotation, when, *mounting, everywhere]
+            outputs = [self.position, self.rotation, slot, self.pose, self.time]
+            worlds, device = self.position.shape[0], self.position.device
+            self._launches[slot] = recorded(kernel, worlds, inputs, outputs, device)
+            self._given[slot] = given
+        self._launches[slot]()
 
 
 def origin(device: wp.DeviceLike) -> Carriers:

@@ -90,10 +90,6 @@ class DevicePattern:
             return rays
         return replace(rays, packets=_packets(self.given, rays) if self.given.origins is None else None)
 
-    def in_worlds(self, count: int) -> "DevicePattern":
-        """The pattern in each of `count` worlds: per-ray fields have a first axis for the world."""
-        return replace(self, ring=_same_in_each(self.ring, count), column=_same_in_each(self.column, count))
-
 
 def _uploaded(spec: SensorSpec, pattern: Pattern, rays: Rays) -> DevicePattern:
     """A pattern whose rays are on the device, but not yet packed."""
@@ -161,13 +157,3 @@ def _upload(values: NDArray[np.generic] | None, dtype: type, spec: SensorSpec, d
     returns = spec.returns_per_ray
     every = values if returns == 1 else np.repeat(values[..., None], returns, axis=-1)
     return wp.array(every, dtype=dtype, device=device)
-
-
-def _same_in_each(values: wp.array | None, worlds: int) -> wp.array | None:
-    """A view (worlds, ...) of an array (...), which is stored once."""
-    if values is None:
-        return None
-    shape, strides = (worlds, *values.shape), (0, *values.strides)
-    repeated = wp.array(ptr=values.ptr, dtype=values.dtype, shape=shape, strides=strides, device=values.device)
-    repeated._ref = values  # which keeps the memory
-    return repeated

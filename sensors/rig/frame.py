@@ -34,6 +34,8 @@ class Source(NamedTuple):
     shape_ids: ShapeIds
     body_of_shape: wp.array
     firing_times: wp.array | None
+    ring: wp.array | None
+    column: wp.array | None
     pattern: Pattern
 
 
@@ -258,14 +260,22 @@ class Frame:
 
 @dataclass(eq=False, repr=False)
 class LidarFrame(Frame):
-    """A reading of a lidar. ring, column: (...) int32, the row or line of each ray, and its place in that.
+    """A reading of a lidar.
 
     With `returns: dual` every field of each ray has a last axis of 2, before that of vectors.
     """
 
-    ring: DeviceArray
-    column: DeviceArray
     _intensity: Callable[[wp.array | None], wp.array]
+
+    @cached_property
+    def ring(self) -> DeviceArray:
+        """(...) int32: the row or line of each ray."""
+        return self._in_each_world(self._source.ring)
+
+    @cached_property
+    def column(self) -> DeviceArray:
+        """(...) int32: the place of each ray in its row or line."""
+        return self._in_each_world(self._source.column)
 
     @cached_property
     def intensity(self) -> DeviceArray:
@@ -276,8 +286,17 @@ class LidarFrame(Frame):
         return self._values("intensity", self._intensity)
 
     def _of_world(self, k: int) -> dict[str, Any]:
-        own = {"ring": self.ring[k], "column": self.column[k], "_intensity": lambda _: self.intensity[k]}
-        return super()._of_world(k) | own
+        return super()._of_world(k) | {"_intensity": lambda _: self.intensity[k]}
+
+    def _in_each_world(self, values: wp.array | None) -> wp.array:
+        """Values of the pattern in the frame's shape; for many worlds a view, as they are stored once."""
+        assert values is not None
+        if values.ndim == len(self.shape):
+            return values
+        strides = (0, *values.strides)
+        repeated = wp.array(ptr=values.ptr, dtype=values.dtype, shape=self.shape, strides=strides, device=values.device)
+        repeated._ref = values  # which keeps the memory
+        return repeated
 
     def _drawn(self) -> "Image.Image":
         from rigcast.sensors.preview.lidar import draw_lidar

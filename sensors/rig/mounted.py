@@ -119,7 +119,8 @@ class Mounted:
     def source(self) -> Source:
         """The data shared by its frames."""
         scene, pattern = self.scene, self.pattern
-        return Source(self.spec.name, scene.shape_ids, scene.body_of_shape, pattern.firing_times, pattern.given)
+        of_rays = pattern.firing_times, pattern.ring, pattern.column
+        return Source(self.spec.name, scene.shape_ids, scene.body_of_shape, *of_rays, pattern.given)
 
     def pose(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """The pose (4, 4) of the sensor's frame in the world."""
@@ -144,14 +145,20 @@ class Mounted:
         """
         number = next(self.batches)
         time = number / self.spec.rate_hz if self.spec.rate_hz else number * self.pattern.given.duration
-        pattern = self.at(time).pattern.in_worlds(worlds.count)
-        return replace(self, pattern=pattern, filter=worlds.filter_of(self.spec))
+        fired, filter = self.at(time), worlds.filter_of(self.spec)
+        return fired if filter is fired.filter else replace(fired, filter=filter)
 
     def aim_in_worlds(self, worlds: PosedWorlds, arrays: FrameArrays) -> Rays:
         """The sensor's rays at its poses in these worlds."""
         at = worlds.mounts_of(self.spec, self.mount_in_worlds)
-        alignment = self.spec.frame_alignment
-        arrays.frames.place(0, worlds.carriers(at), at.on, alignment=alignment, active=worlds.active)
+        arrays.frames.place(
+            0,
+            worlds.carriers(at),
+            at.on,
+            alignment=self.spec.frame_alignment,
+            active=worlds.active,
+            time=worlds.time,
+        )
         return arrays.aim_in_worlds(self.pattern.rays)
 
     def next_arrays(self, shape: tuple[int, ...], out: Mapping[str, Frame] | None = None) -> FrameArrays:

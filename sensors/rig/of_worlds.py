@@ -88,7 +88,7 @@ class ReadingOfWorlds:
         arrays, (fired, number) = self._arrays.of_worlds(posed.part), self._fired
         rays = fired.aim_in_worlds(posed, arrays)
         name, of_each = fired.spec.name, math.prod(fired.pattern.shape)
-        return Request(fired, rays, arrays, partial(random_source, self._seed, name, number, posed.ids, of_each))
+        return Request(fired, rays, arrays, lambda: random_source(self._seed, name, number, posed.ids, of_each))
 
     def take(self, posed: PosedWorlds, brightness: Brightness | None, *used: object) -> None:
         """Take over the readings of these worlds, and hold what a CUDA graph that repeats them needs."""
@@ -101,8 +101,8 @@ class ReadingOfWorlds:
     def frame(self) -> Frame:
         """The frame of all worlds, after they have been read."""
         fired, arrays, device = self._fired[0], self._arrays, self._arrays.range.device
-        time = arrays.fields.get("time", partial(self._worlds.times, device))
-        pose = arrays.fields.get("pose", arrays.frames.poses)
+        time = arrays.fields.get("time", lambda _: arrays.frames.time)
+        pose = arrays.fields.get("pose", lambda _: arrays.frames.pose)
         aim = Aim(time, pose, arrays.aim_in_worlds(fired.pattern.rays), arrays)
         brightness = partial(_joined, self._brightness, arrays.range.size, device) if self._brightness else None
         return frame_of(fired, aim, brightness)

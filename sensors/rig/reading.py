@@ -66,10 +66,7 @@ def frame_of(mounted: Mounted, aim: Aim, brightness: Brightness | None) -> Frame
     common = aim.time, aim.pose, arrays.shape, arrays, mounted.source
     if isinstance(spec, Lidar):
         bright = brightness or partial(intensity, arrays.hits, aim.rays, looks().reflectivity)
-        ring, column = mounted.pattern.ring, mounted.pattern.column
-        assert ring is not None
-        assert column is not None
-        frame: Frame = LidarFrame(*common, ring, column, bright)
+        frame: Frame = LidarFrame(*common, bright)
     elif isinstance(spec, DepthCamera):
         bright = brightness or partial(infrared, arrays.hits, aim.rays.directions, looks().reflectivity)
         pattern = mounted.pattern.given

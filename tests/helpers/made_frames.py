@@ -39,13 +39,13 @@ def make_frame(kind: type[Frame], distance: NDArray[np.float32], **given: Any) -
     Fields can be `given` by name, and a `pattern`, which all but cameras need for a picture. The fields, which a frame
     computes on request, are already computed.
     """
-    own = _own_fields(kind, distance.shape) | ({"lens": given.pop("lens")} if "lens" in given else {})
+    own = _own_fields(kind) | ({"lens": given.pop("lens")} if "lens" in given else {})
     sensor, time, pattern = given.pop("sensor", "eye"), given.pop("time", 0.1), given.pop("pattern", None)
     fields = _random_fields(kind, distance) | {"range": distance} | given
     arrays = {name: wp.array(array, device="cpu") for name, array in fields.items()}
     hit: Any = SimpleNamespace(range=arrays.pop("range"), normal=arrays.pop("normal"))
     nothing: Any = None
-    source = Source(sensor, shape_ids=ShapeIds({}), body_of_shape=nothing, firing_times=None, pattern=pattern)
+    source = Source(sensor, ShapeIds({}), nothing, firing_times=None, ring=None, column=None, pattern=pattern)
     frame = kind(time=time, pose=POSE, shape=distance.shape, _arrays=hit, _source=source, **own)
     vars(frame).update(arrays)
     if kind is not Frame and "intensity" not in given:
@@ -62,14 +62,11 @@ def random_range(shape: tuple[int, ...], seed: int) -> NDArray[np.float32]:
     return distance
 
 
-def _own_fields(kind: type[Frame], shape: tuple[int, ...]) -> dict[str, Any]:
+def _own_fields(kind: type[Frame]) -> dict[str, Any]:
     """Arguments of the constructor of this kind alone."""
     if kind is CameraFrame:
         return {"intrinsics": INTRINSICS, "lens": None, "depth_scale": 0.001, "_intensity": None}
-    if kind is LidarFrame:
-        ring, column, *_ = np.indices(shape, dtype=np.int32)
-        return {"ring": wp.array(ring, device="cpu"), "column": wp.array(column, device="cpu"), "_intensity": None}
-    return {}
+    return {"_intensity": None} if kind is LidarFrame else {}
 
 
 def _random_fields(kind: type[Frame], distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
@@ -84,7 +81,13 @@ def _random_fields(kind: type[Frame], distance: NDArray[np.float32]) -> dict[str
         "body_id": np.where(hit, rng.integers(0, 3, shape), -1).astype(np.int32),
         "stamp": 1700000000.123 + rng.random(shape),
         **(_of_camera(rng, distance) if kind is CameraFrame else {}),
+        **(_of_lidar(shape) if kind is LidarFrame else {}),
     }
+
+
+def _of_lidar(shape: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+    ring, column, *_ = np.indices(shape, dtype=np.int32)
+    return {"ring": ring, "column": column}
 
 
 def _of_camera(rng: np.random.Generator, distance: NDArray[np.float32]) -> dict[str, NDArray[Any]]:

@@ -85,8 +85,8 @@ class FrameArrays:
 
     @cached_property
     def frames(self) -> Frames:
-        """Frames for the sensor's poses in many worlds."""
-        return Frames.empty(self.shape[0], 1, self.range.device)
+        """Frames for the sensor's poses in many worlds, and their times."""
+        return Frames.empty(self.shape[0], 1, self.range.device, with_matrix=True)
 
     def aim_in_worlds(self, fixed: Rays) -> Rays:
         """The rays at the poses of `frames`."""

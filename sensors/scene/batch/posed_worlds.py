@@ -52,14 +52,20 @@ class PosedWorlds:
         self._carriers: dict[tuple[str, bytes], Carriers] = {}
 
     @cached_property
-    def active(self) -> wp.array:
-        """(n,) bool, which of the worlds are sensed; empty if all are."""
+    def active(self) -> wp.array | None:
+        """(n,) bool, which of the worlds are sensed; None if all are."""
         return self._worlds.active(self.device, self.part)
+
+    @cached_property
+    def time(self) -> wp.array | None:
+        """(n,) float32 or float64 [s], the time of each world; None for 0."""
+        return self._worlds.time(self.device, self.part)
 
     @cached_property
     def ids(self) -> wp.array:
         """Ids (n,) uint32 that determine the random numbers of each world."""
-        return _uploaded_ids(self._worlds.ids.tobytes(), self.device.alias)[self.part]
+        ids = _uploaded_ids(self._worlds.ids.tobytes(), self.device.alias)
+        return ids if self.part == self._worlds.all else ids[self.part]
 
     def mounts_of(self, spec: SensorSpec, own: WorldMounts) -> WorldMounts:
         """The mounts of a sensor: those given by the worlds, else its own."""

@@ -8,7 +8,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from rigcast.kernels.launching.launch import LOADING
 from rigcast.sensors.captured import require_as_before, require_on_device
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.names import expected_one_of
@@ -169,30 +168,26 @@ class Worlds:
             self._bound[spec.name] = spec, bound
         return bound
 
-    def active(self, device: wp.Device, part: slice) -> wp.array:
-        """Which of some of the worlds are sensed, (n,) bool on the device; empty if all are."""
+    def active(self, device: wp.Device, part: slice) -> wp.array | None:
+        """Which of some of the worlds are sensed, (n,) bool on the device; None if all are."""
         if self._active is None:
-            return wp.empty(0, dtype=wp.bool, device=device)
+            return None
         if isinstance(self._active, wp.array):
             require_array("active", self._active, (self.count,), (wp.bool,), device)
-            return self._active[part]
+            return self._active if part == self.all else self._active[part]
         require_on_device("Worlds: active", "an array on the host", device)
         return wp.array(self._one_each("active", self._active, np.bool_)[part], dtype=wp.bool, device=device)
 
-    def times(self, device: wp.Device, out: wp.array | None = None) -> wp.array:
-        """The times (nworld,) float64 [s] on the device, in an array of its own."""
+    def time(self, device: wp.Device, part: slice) -> wp.array | None:
+        """The times of some of the worlds, (n,) float32 or float64 [s] on the device; None for 0."""
         given = self._source.field("time", self.all)
-        times = wp.empty(self.count, dtype=wp.float64, device=device) if out is None else out
+        if given is None:
+            return None
         if isinstance(given, wp.array):
             require_array("time", given, (self.count,), (wp.float32, wp.float64), device)
-            with LOADING:
-                wp.utils.array_cast(given, times)
-        elif given is not None:
-            require_on_device("Worlds: time", "an array on the host", device)
-            times.assign(self._one_each("time", given, np.float64))
-        else:
-            times.zero_()
-        return times
+            return given if part == self.all else given[part]
+        require_on_device("Worlds: time", "an array on the host", device)
+        return wp.array(self._one_each("time", given, np.float64)[part], dtype=wp.float64, device=device)
 
     def _per_world(self, name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]:
         """Values with one entry per world; a single entry holds for all worlds, as in a mujoco_warp `Model`."""
