@@ -16,10 +16,9 @@ import pytest
 import warp as wp
 from rich.console import Console
 from rich.table import Table
-from typer.testing import CliRunner
+from shell_calls import call_on_one_line as call
 
 import rigcast.cli.presets
-from rigcast.cli import app
 from rigcast.cli.common import ready
 from rigcast.cli.common.options import show
 from rigcast.rig_file import RigConfig
@@ -41,13 +40,6 @@ def rig(tmp_path: Path) -> Path:
     (tmp_path / "robot.xml").write_text(MODEL)
     (tmp_path / "rig.yaml").write_text(RIG)
     return tmp_path / "rig.yaml"
-
-
-def call(*arguments: str | Path) -> tuple[int, str]:
-    """Exit code and what was printed, on one line: tables wrap at the width of the terminal."""
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, " ".join(result.output.split())
 
 
 def test_version() -> None:
