@@ -2,10 +2,10 @@
 
 import pytest
 import scenes
+from judged_casts import assert_none_wrong
 
 import rigcast
 from rigcast import Filter, oracle
-from rigcast.oracle import Verdict
 
 SEED = 21
 MODEL = scenes.scene(SEED)
@@ -42,9 +42,7 @@ def scene() -> rigcast.Scene:
 def test_a_filter_sees_what_mj_ray_sees(scene: rigcast.Scene, filter: Filter) -> None:
     origins, directions = scenes.rays(MODEL, DATA, SEED, 1, "towards")
     hits = scene.cast(origins, directions, filter=filter).numpy()
-    found = oracle.compare(MODEL, DATA, origins, directions, hits, filter)
-    wrong = found.where(Verdict.WRONG)
-    assert not wrong.size, f"{wrong.size} wrong, first ray {wrong[0]}: got {found.got.take(wrong[0])}"
+    assert_none_wrong(MODEL, DATA, origins, directions, hits, filter)
 
 
 def test_filters_change_what_is_hit() -> None:

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 import scenes
+from judged_casts import assert_none_wrong
 
 from rigcast import InputError, oracle
 from rigcast.oracle import RayHits, Verdict
@@ -284,5 +285,4 @@ def test_a_caster_whose_rays_are_rounded_to_float32_is_never_wrong(seed: int) ->
         origins, directions = scenes.rays(model, data, seed, 0, kind)
         near = directions / np.linalg.norm(directions, axis=1, keepdims=True)
         moved = rounded(oracle.Oracle(model, data).cast(origins.astype("f4"), near.astype("f4")))
-        judged = oracle.compare(model, data, origins, directions, moved)
-        assert not judged.where(Verdict.WRONG).size, f"seed {seed}, {kind}, rays {judged.where(Verdict.WRONG)}"
+        assert_none_wrong(model, data, origins, directions, moved, what=f"seed {seed}, {kind}")

@@ -16,10 +16,9 @@ import pytest
 import warp as wp
 from rich.console import Console
 from rich.table import Table
-from typer.testing import CliRunner
+from shell_calls import call_on_one_line as call
 
 import rigcast.cli.presets
-from rigcast.cli import app
 from rigcast.cli.common import ready
 from rigcast.cli.common.options import show
 from rigcast.rig_file import RigConfig
@@ -41,13 +40,6 @@ def rig(tmp_path: Path) -> Path:
     (tmp_path / "robot.xml").write_text(MODEL)
     (tmp_path / "rig.yaml").write_text(RIG)
     return tmp_path / "rig.yaml"
-
-
-def call(*arguments: str | Path) -> tuple[int, str]:
-    """Exit code and what was printed, on one line: tables wrap at the width of the terminal."""
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, " ".join(result.output.split())
 
 
 def test_version() -> None:
@@ -488,19 +480,27 @@ def test_schema_gives_no_default_that_a_file_could_not_hold(key: str) -> None:
     assert "default" not in schema()["$defs"]["Lidar"]["properties"][key]
 
 
-class Full(io.StringIO):
-    """A file on a full disk."""
+class Refusing(io.StringIO):
+    """A file that cannot be written."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
 
     def write(self, _text: str) -> int:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        raise OSError(self.number, os.strerror(self.number))
 
 
-def test_a_word_of_compiling_that_cannot_be_written_is_left_out(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EPIPE], ids=["a full disk", "a pipe that nobody reads"])
+def test_a_word_of_compiling_that_cannot_be_written_is_left_out_and_the_next_one_is_missed(
+    number: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Where nobody read on, it silenced all others, and the command ended with 0."""
     monkeypatch.setattr(ready, "_PATIENCE", 0.0)
-    before = set(threading.enumerate())
-    with ready.word_if_compiling(Console(file=Full())):
+    monkeypatch.setattr(Console, "on_broken_pipe", lambda _console: pytest.fail("of another thread"))
+    before, console = set(threading.enumerate()), Console(file=Refusing(number))
+    with ready.word_if_compiling(console):
         for thread in set(threading.enumerate()) - before:
             thread.join()
     assert capsys.readouterr().err == ""
+    assert not console.quiet

@@ -10,9 +10,8 @@ import pytest
 import trimesh
 from PIL import Image
 from rich.console import Console
-from typer.testing import CliRunner
+from shell_calls import call
 
-from rigcast.cli import app
 from rigcast.cli.common.moving import Moving
 from rigcast.cli.common.progress import progress
 from rigcast.motion.simulation import initial_data, step_count
@@ -87,10 +86,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(*arguments: str) -> tuple[int, str]:
-    """Exit code and everything printed."""
-    result = CliRunner().invoke(app, ["run", *arguments, "--device", "cpu"])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.output
+    return call("run", *arguments, "--device", "cpu")
 
 
 def written(folder: Path) -> dict[str, bytes]:

@@ -9,6 +9,7 @@ import jsonschema
 import mujoco
 import pytest
 from ruamel.yaml import YAML
+from shell_calls import call
 from typer.testing import CliRunner
 
 from rigcast.cli import app
@@ -18,13 +19,6 @@ from rigcast.schema import dataset_schema, rig_schema
 
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 EXAMPLES = sorted([*CONFIGS.glob("*.yaml"), *(CONFIGS.parent / "examples").rglob("*.yaml")])
-
-
-def call(*arguments: str | Path) -> tuple[int, str]:
-    """Exit code and what was printed."""
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.output
 
 
 def test_values_are_set_from_the_shell() -> None:

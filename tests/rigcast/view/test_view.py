@@ -12,10 +12,9 @@ import mujoco
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
+from shell_calls import call
 
 import rigcast
-from rigcast.cli import app
 from rigcast.view.page import MOST_POINTS, MOST_SHOTS, WIDEST, write_page
 from rigcast.view.run_folder import read_run
 from rigcast.view.shots import Share, Shot, shot_of
@@ -53,12 +52,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (path / "cart.xml").write_text(MODEL)
     (path / "cart.yaml").write_text(RIG)
     return path
-
-
-def call(*arguments: str | Path) -> tuple[int, str]:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.output
 
 
 @pytest.fixture(scope="module")
