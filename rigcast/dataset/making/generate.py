@@ -34,8 +34,7 @@ class Done:
         self.episodes += result.failed is None
         self.frames += result.frames
         self.size += result.size
-        for purpose, seconds in vars(result.spent).items():
-            setattr(self.spent, purpose, getattr(self.spent, purpose) + seconds)
+        self.spent.add(result.spent)
 
 
 def missing_units(config: DatasetConfig, folder: Path, part: tuple[int, int]) -> list[Unit]:
