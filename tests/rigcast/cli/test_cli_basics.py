@@ -25,7 +25,7 @@ from rigcast.rig_file import RigConfig
 from rigcast.rig_file.file import RigFile
 from rigcast.sensors.specs.presets import load_preset, preset_names
 
-COMMANDS = ("init", "run", "check", "validate", "watch", "view", "presets", "schema", "dataset", "bench")
+COMMANDS = ("init", "run", "check", "validate", "watch", "view", "publish", "presets", "schema", "dataset", "bench")
 MODEL = '<mujoco><worldbody><body name="torso"><geom size="0.1"/></body></worldbody></mujoco>'
 RIG = """\
 model: robot.xml
@@ -52,6 +52,13 @@ def test_help_lists_the_commands(option: str) -> None:
     assert code == 0
     assert "--set KEY=VALUE" in call("run", option)[1]
     assert [command for command in COMMANDS if f" {command} " in output] == list(COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_shows_it_used(command: str) -> None:
+    code, output = call(command, "--help")
+    assert code == 0
+    assert f" Examples: rigcast {command} " in output
 
 
 def test_help_loads_no_command() -> None:
