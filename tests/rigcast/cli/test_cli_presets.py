@@ -1,5 +1,8 @@
 """`rigcast presets`: the list of devices."""
 
+import json
+import re
+
 from shell_calls import call_on_one_line as call
 
 from rigcast.sensors.specs.presets import load_preset, preset_names
