@@ -166,8 +166,7 @@ def _table(statistics: dict[str, dict[str, Any]]) -> Table:
 def _throughput(done: Done, workers: int) -> str:
     """Frames and bytes per second, and the workers' time by purpose; the largest share is the bottleneck."""
     rates = f"{done.frames / done.seconds:.1f} frames/s, {decimal(int(done.size / done.seconds))}/s"
-    purposes = {"loading": done.spent.loading, "physics": done.spent.stepping, "casting": done.spent.sensing}
-    purposes |= {"writing": done.spent.writing}
+    purposes = {**vars(done.spent)}
     purposes["waiting"] = max(0.0, workers * done.seconds - sum(purposes.values()))
     shares = {name: 100 * seconds / (workers * done.seconds) for name, seconds in purposes.items()}
     limit = max(shares, key=lambda name: shares[name])

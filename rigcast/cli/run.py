@@ -80,9 +80,8 @@ def run(
         say(console, f"{counted(recorder.frames, 'frame')} from before Ctrl-C are in {folder}")
         raise
     finally:
-        finishing = perf_counter()
-        recorder.finish()
-        spent.writing += perf_counter() - finishing
+        with spent.on("writing"):
+            recorder.finish()
     show(console, summary(config.sensors, recorder, compiled, started))
     for path in recorder.run_files:
         say(console, f"{path}: the whole run, {decimal(_size(path))}")
@@ -113,15 +112,12 @@ def simulate(
     """
     recorder.step(data, ())
     for number in range(1, steps + 1):
-        start = perf_counter()
-        _take(step, recorder)
-        stepped = perf_counter()
-        frames = rig.step(data)
-        sensed = perf_counter()
-        recorder.step(data, frames)
-        spent.stepping += stepped - start
-        spent.sensing += sensed - stepped
-        spent.writing += perf_counter() - sensed
+        with spent.on("physics"):
+            _take(step, recorder)
+        with spent.on("casting"):
+            frames = rig.step(data)
+        with spent.on("writing"):
+            recorder.step(data, frames)
         report(number * rig.model.opt.timestep, recorder.frames)
 
 

@@ -37,11 +37,7 @@ def load_rerun() -> ModuleType:
 
 
 def show_in_rerun(
-    title: str,
-    shots: Sequence[Shot],
-    save: Path | None,
-    model: mujoco.MjModel | None = None,
-    moments: Sequence[Moment] = (),
+    title: str, shots: Sequence[Shot], save: Path | None, model: mujoco.MjModel | None, moments: Sequence[Moment]
 ) -> None:
     """Show the shots in rerun's viewer, or write them to `save`, a recording (.rrd).
 

@@ -6,7 +6,6 @@ import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import mujoco
@@ -71,20 +70,19 @@ def reason_of(error: Exception) -> str:
 
 
 def _made(job: Job, unit: Unit) -> Result:
-    began = perf_counter()
-    episode = open_episode(job.config, unit, job.device)
-    spent = Spent(loading=perf_counter() - began)
+    spent = Spent()
+    with spent.on("loading"):
+        episode = open_episode(job.config, unit, job.device)
     first = unit.episode == 0
     with appearing(job.folder, unit.name) as folder:
         shard = Shard(folder, episode.rig, episode.classes, job.config.file.output, pictured=first)
         try:
             _simulate(episode, shard, spent)
-            writing = perf_counter()
-            entry = shard.finish(episode.about)
+            with spent.on("writing"):
+                entry = shard.finish(episode.about)
         except BaseException:
             shard.close()
             raise
-    spent.writing += perf_counter() - writing
     frames = sum(sensor["frames"] for sensor in entry["sensors"].values())
     return Result(unit, frames=frames, size=sum(file["size"] for file in entry["files"].values()), spent=spent)
 
@@ -121,16 +119,13 @@ def open_episode(config: DatasetConfig, unit: Unit, device: str | None) -> Episo
 
 def _simulate(episode: Episode, shard: Shard, spent: Spent) -> None:
     for _ in range(episode.steps):
-        start = perf_counter()
-        episode.step()
-        stepped = perf_counter()
-        frames = episode.rig.step(episode.data)
-        sensed = perf_counter()
-        for frame in frames:
-            shard.write(frame)
-        spent.stepping += stepped - start
-        spent.sensing += sensed - stepped
-        spent.writing += perf_counter() - sensed
+        with spent.on("physics"):
+            episode.step()
+        with spent.on("casting"):
+            frames = episode.rig.step(episode.data)
+        with spent.on("writing"):
+            for frame in frames:
+                shard.write(frame)
 
 
 def _compile(config: DatasetConfig, unit: Unit) -> mujoco.MjModel:
