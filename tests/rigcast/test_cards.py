@@ -39,6 +39,8 @@ def test_the_card_says_what_the_rays_are() -> None:
     assert "field of view: 360 deg across, elevation -15 to 15 deg, between" in output
     assert "firing: over 99.954 ms\n" in output
     assert "elevation_deg: [-15, -13, -11, ..., 15] (16 values)" in output
+    rosette = call("presets", "livox_mid40")[1]
+    assert "firing: over 99.990 ms, other rays in each reading; the first one is shown\n" in rosette
     assert "field of view: 269 deg" not in output
     assert "field of view: 270 deg across" in call("presets", "hokuyo_utm30lx")[1]
     assert "field of view: 74.91 deg across, elevation -32.45 to 32.45 deg" in call("presets", "azure_kinect_nfov")[1]
@@ -130,11 +132,13 @@ def test_left_is_left_and_up_is_up(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize("name", ["livox_mid40", "sick_tim571", "zed2"])
+@pytest.mark.parametrize("name", ["livox_mid40", "sick_tim571", "zed2", "azure_kinect_nfov"])
 def test_the_picture_has_its_rays(name: str) -> None:
     page = np.asarray(draw_card(Card.of(name)))
     box = page[125:515, 70:1080]
     assert 0.0005 < np.mean(np.any(box != PANEL, axis=-1)) < 0.99
+    coloured = np.ptp(page[125:515, 1094:1106].astype(int), axis=-1) > 60
+    assert coloured.any() == (name != "azure_kinect_nfov"), "a bar has the colours of the times of firing"
 
 
 def test_a_card_without_utf8_has_no_picture() -> None:

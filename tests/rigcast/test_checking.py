@@ -1,6 +1,7 @@
 """`rigcast check`: correct rigs pass, broken casters fail, and wrong rays can be replayed."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -175,6 +176,9 @@ def test_the_command_prints_a_table_writes_json_and_succeeds(rig_file: Path, tmp
     out = tmp_path / "check.json"
     result = invoke(str(rig_file), "--rays", "500", "--json", str(out))
     assert "|t - t_ref| [um] of rays that agree" in " ".join(result.output.split())
+    rows = [line.split()[0] for line in result.output.splitlines() if re.search(r" \d+\.\d%$", line.rstrip())]
+    assert len(rows) > 2
+    assert [name for name in rows if name == "lidar"] == rows[:1], "a sensor is named in its first row alone"
     assert result.exit_code == 0, result.output
     assert ": 0 of 500 rays are wrong, in 5 states" in " ".join(result.output.split())
     assert json.loads(out.read_text())["wrong"] == 0
@@ -186,6 +190,34 @@ def test_the_command_names_wrong_rays_and_exits_with_1(rig_file: Path, monkeypat
     assert result.exit_code == 1, result.output
     for word in ("wrong: ", "post", "expected", "got", "along", "after"):
         assert word in result.output
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ((np.inf, -1), "no hit"),
+        ((np.inf, 2), "no distance, geom 2 'post', normal ["),
+        ((1.5, -1), "1.5 m, id -1, normal ["),
+        ((1.5, 0), "1.5 m, geom 0 'floor', normal ["),
+    ],
+)
+def test_the_command_says_what_was_got_in_place_of_a_hit(
+    rig_file: Path, monkeypatch: pytest.MonkeyPatch, answer: tuple[float, int], words: str
+) -> None:
+    class Same(Rig):
+        """Has the same answer for every ray."""
+
+        def cast(self, *given: Any, **how: Any) -> Any:
+            found = super().cast(*given, **how)
+            for hits in found.values():
+                hits.distance.fill_(answer[0])
+                hits.geom_id.fill_(answer[1])
+            return found
+
+    monkeypatch.setattr("rigcast.sensors.rig.rig.Rig", Same)
+    result = invoke(str(rig_file), "--rays", "10")
+    assert result.exit_code == 1, result.output
+    assert f"  got      {words}" in result.output
 
 
 def test_pixels_that_a_fisheye_leaves_dark_are_not_judged() -> None:

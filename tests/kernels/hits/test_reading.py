@@ -1,5 +1,6 @@
 """From hits to readings: range limits, points and depths in the sensor's frame, and ids."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from made_worlds import Doubles, random_plan, random_rotations, rays_of, unit
 
 from rigcast.kernels.cast import cast, launch, prepare_readings
 from rigcast.kernels.hits.arrays import HitArrays
-from rigcast.kernels.hits.reading import look_up, points, read, world_points, z_depth
+from rigcast.kernels.hits.reading import bound, depth_16bit, look_up, points, read, world_points, z_depth
 from rigcast.kernels.launching import slices
 from rigcast.kernels.packing.sorting import sort_into_packets
 from rigcast.kernels.rays.arrays import Rays
@@ -52,6 +53,19 @@ def test_hits_nearer_than_the_least_range_are_minus_inf_and_normals_turn_into_th
     )
 
 
+def test_measured_distances_out_of_the_limits_are_no_hits() -> None:
+    distance = np.array([0.99, 1.0, 2.0, 5.0, 5.01, -3.0, INF, -INF, NAN], np.float32)
+    hits = HitArrays.empty(len(distance), "cpu")
+    hits.distance.assign(distance)
+    hits.shape.fill_(3)
+    hits.normal.fill_(wp.vec3(0.0, 0.6, 0.8))
+    bound(hits, 1.0, 5.0)
+    np.testing.assert_array_equal(hits.distance.numpy(), [-INF, 1, 2, 5, INF, -INF, INF, -INF, NAN])
+    kept = [False, True, True, True, False, False, False, False, False]
+    np.testing.assert_array_equal(hits.shape.numpy(), np.where(kept, 3, -1))
+    np.testing.assert_array_equal(np.any(hits.normal.numpy() != 0, axis=1), kept)
+
+
 @pytest.mark.parametrize("packed", [True, False], ids=["in packets", "alone"])
 def test_what_a_cast_reads_is_its_hits_read_afterwards(packed: bool) -> None:
     world, directions = random_plan(3).world(), unit(np.random.default_rng(0).normal(size=(3000, 3)))
@@ -90,9 +104,36 @@ def test_depth_is_the_range_along_z_and_infinite_where_it_is() -> None:
     np.testing.assert_array_equal(got[3:], [INF, -INF, NAN])
 
 
+def test_depth_in_steps_is_rounded_and_0_where_16_bits_do_not_hold_it() -> None:
+    steps = np.array([0, 0.4, 0.6, 1, 65_535, 65_535.4, 65_535.6, -0.6, INF, -INF, NAN])
+    got = depth_16bit(device(0.25 * steps, wp.float32), 0.25).numpy()
+    np.testing.assert_array_equal(got, [0, 0, 1, 1, 65_535, 65_535, 0, 0, 0, 0, 0])
+
+
 def test_looked_up_is_the_entry_of_the_table_and_minus_1_for_minus_1() -> None:
     got = look_up(device(np.array([10, 20, 30]), wp.int32), device(np.array([2, -1, 0, 0, 1, -1]), wp.int32)).numpy()
     np.testing.assert_array_equal(got, [30, -1, 10, 10, 20, -1])
+
+
+THREE = replace(rays(np.zeros((1, 3))), directions=device(DIRECTIONS[:3], wp.vec3d))
+NEAR = device(RANGES[:3], wp.float32)
+INTO: dict[str, tuple[type, Callable[[wp.array], object]]] = {
+    "points": (wp.vec3, lambda out: points(NEAR, THREE, out)),
+    "points in the world": (wp.vec3d, lambda out: world_points(NEAR, THREE, out)),
+    "depth": (wp.float32, lambda out: z_depth(NEAR, THREE, out)),
+    "depth in steps": (wp.uint16, lambda out: depth_16bit(NEAR, 1.0, out)),
+    "entries": (wp.int32, lambda out: look_up(device(np.arange(3), wp.int32), device(np.arange(3), wp.int32), out)),
+    "limits": (wp.float32, lambda out: bound(replace(HitArrays.empty(3, "cpu"), distance=out), 9.0, INF)),
+}
+
+
+@pytest.mark.parametrize(("dtype", "write"), INTO.values(), ids=INTO)
+def test_nothing_is_written_beside_an_array(dtype: type, write: Callable[[wp.array], object]) -> None:
+    around = wp.full(5, dtype(7), dtype=dtype, device="cpu")
+    write(around[1:4])
+    got = around.numpy()
+    assert (got[1:4] != 7).all()
+    assert (got[[0, 4]] == 7).all()
 
 
 @pytest.mark.parametrize("threads", [1, 3])

@@ -1,6 +1,8 @@
 """`rigcast bench`: what it compares, and the form of its results; no speeds."""
 
 import json
+import sys
+from functools import partial
 from pathlib import Path
 from weakref import WeakSet
 
@@ -65,6 +67,14 @@ def test_an_answer_is_dropped_once_the_next_is_there() -> None:
 
     in_turns({"answers": run}, rounds=2)
     assert most == 2
+
+
+def test_casters_take_turns_in_either_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rigcast.bench.race.TURN", 0.0)
+    runs: list[str] = []
+    times = in_turns({name: partial(runs.append, name) for name in "abc"}, rounds=3)
+    assert "".join(runs) == "abc" + "abc" + "cba" + "abc", "one run each that does not count, and three rounds"
+    assert [times[name].shape for name in "abc"] == [(2, 3)] * 3
 
 
 def width_of(picture: Path) -> int:
@@ -134,6 +144,7 @@ def test_merged_triangles_lie_on_the_geoms_and_name_them() -> None:
     corners = vertices[faces].astype(float)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
+    assert (area[geom_of_face < 7] > 0).all(), "no triangle of a solid is without area"
     with np.errstate(invalid="ignore"):
         normals /= area[:, None]
     for geom in range(8):
@@ -172,7 +183,8 @@ def test_json_has_all_that_was_measured_and_what_on(tmp_path: Path, monkeypatch:
 def test_parts_that_are_not_known_are_refused() -> None:
     done = CliRunner().invoke(app, ["bench", "warehose"])
     assert done.exit_code == 2
-    assert "no part 'warehose', did you mean 'warehouse'" in done.output or "warehouse" in done.output
+    assert "bench: no part 'warehose', expected one of g1, warehouse, " in done.output
+    assert "did you mean 'warehouse'?" in done.output
 
 
 @pytest.mark.parametrize("measure", [casting.outputs, stepping.small])
@@ -181,7 +193,7 @@ def test_figures_are_positive_and_have_keys(measure: object) -> None:
     figures = list(measure(1))
     assert len({figure.key for figure in figures}) == len(figures) >= 1
     for figure in figures:
-        assert figure.value.lowest <= figure.value.median <= figure.value.highest
+        assert 0 < figure.value.lowest <= figure.value.median <= figure.value.highest
 
 
 def test_trees_and_memory_are_measured_small(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,23 +204,40 @@ def test_trees_and_memory_are_measured_small(monkeypatch: pytest.MonkeyPatch) ->
         return measure(module, kind, *rest, **environment) if kind == "hfield" else {"bytes_per_triangle": 1.0}
 
     monkeypatch.setattr(preparing, "_child", only_height_field)
-    for figure in preparing.trees(1, triangles=5000):
-        assert figure.value.median > 0
-    of_memory = list(preparing.memory(1, triangles=5000))
-    assert [figure.key for figure in of_memory] in (
-        ["memory_built", "memory_read", "memory_hfield"],
-        [],
-    )  # [] but on Linux
+    of_trees, of_memory = (list(measured(1, triangles=5000)) for measured in (preparing.trees, preparing.memory))
+    assert [figure.key for figure in of_trees] == ["tree_build", "tree_read", "tree_hfield"]
+    assert all(figure.value.median > 0 for figure in of_trees)
+    on_linux = ["memory_built", "memory_read", "memory_hfield"]
+    assert [figure.key for figure in of_memory] == (on_linux if sys.platform == "linux" else [])
 
 
 def test_scaling_has_a_speed_for_every_size() -> None:
     found = {series.varies: series for series in scaling(1, most_triangles=10_000, most_geoms=50, most_worlds=4)}
     assert list(found) == ["rays", "triangles", "geoms", "threads", "worlds"]
     assert found["worlds"].sizes == (1, 4)
+    assert found["triangles"].sizes == (10_082,)
+    assert found["geoms"].sizes == (15, 55)
     assert found["rays"].sizes == (4800, 19200, 76800, 307200)
     assert found["threads"].sizes[0] == 1
     for series in found.values():
         assert len(series.mrays) == len(series.sizes)
+
+
+def test_a_camera_looks_at_its_target_and_a_lidar_all_around() -> None:
+    camera, lidar = workloads.hills(2000).views
+    rows, columns, _ = camera.directions.shape
+    middle = camera.directions[rows // 2 - 1 : rows // 2 + 1, columns // 2 - 1 : columns // 2 + 1].mean(axis=(0, 1))
+    target = np.array([20.0, 5.0, 2.0]) - camera.origin
+    np.testing.assert_allclose(middle, target / np.linalg.norm(target), atol=1e-5)
+    down, across = (
+        camera.directions[-1, 0] - camera.directions[0, 0],
+        camera.directions[0, -1] - camera.directions[0, 0],
+    )
+    assert down[2] < 0, "rows from the top"
+    assert np.cross(target, across)[2] < 0, "columns from the left"
+    assert abs(across[2]) < 1e-12, "level"
+    elevation = np.rad2deg(np.arcsin(lidar.directions[..., 2]))
+    np.testing.assert_allclose(elevation, np.broadcast_to(np.linspace(25, -25, 64)[:, None], (64, 1024)), atol=1e-9)
 
 
 @pytest.mark.parametrize("option", ["--chart", "--scaling-chart", "--worlds-chart"])

@@ -26,7 +26,7 @@ from rigcast.rig_file import RigConfig
 from rigcast.rig_file.file import RigFile
 from rigcast.sensors.specs.presets import load_preset, preset_names
 
-COMMANDS = ("init", "run", "check", "validate", "watch", "view", "presets", "schema", "dataset", "bench")
+COMMANDS = ("init", "run", "check", "validate", "watch", "view", "publish", "presets", "schema", "dataset", "bench")
 MODEL = '<mujoco><worldbody><body name="torso"><geom size="0.1"/></body></worldbody></mujoco>'
 RIG = """\
 model: robot.xml
@@ -62,6 +62,13 @@ def test_help_lists_the_commands(option: str) -> None:
     assert [command for command in COMMANDS if f" {command} " in output] == list(COMMANDS)
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_shows_it_used(command: str) -> None:
+    code, output = call(command, "--help")
+    assert code == 0
+    assert f" Examples: rigcast {command} " in output
+
+
 def test_help_loads_no_command() -> None:
     shown = "from rigcast.cli import app; app(['--help'], standalone_mode=False)"
     program = f"import sys; {shown}; print('modules:', *sys.modules)"
@@ -88,7 +95,7 @@ def test_validate_shows_the_sensors(rig: Path) -> None:
         (
             "type: depth_camera, resolution: [9, 9], fx: 2, fy: 2, cx: 4.5, cy: 4.5, distortion: {type: "
             "kannala_brandt}",
-            "331 x 172",
+            "229 x 229",
         ),
     ],
 )

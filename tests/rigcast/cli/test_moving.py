@@ -19,6 +19,7 @@ MODEL = """
     </body>
   </worldbody>
   <actuator><motor name="push" joint="slide"/></actuator>
+  <keyframe><key name="late" time="7"/></keyframe>
 </mujoco>
 """
 RIG = """\
@@ -38,7 +39,9 @@ def nothing(model, seed):
     pass
 
 def raising(model, seed):
-    return lambda data: 1 / 0
+    def control(data):
+        1 / 0
+    return control
 
 def interrupting(model, seed):
     def control(data):
@@ -55,6 +58,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in {"cart.xml": MODEL, "cart.yaml": RIG, "pushing.py": PUSHING}.items():
         (tmp_path / "rig" / name).write_text(text)
     np.save(tmp_path / "motion.npy", [[0.0], [1.0], [1.5]])
+    np.save(tmp_path / "two.npy", [[0.0], [1.0]])
+    np.save(tmp_path / "one.npy", [[0.0]])
     np.save(tmp_path / "other.npy", np.zeros((3, 2)))
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -73,12 +78,19 @@ def positions() -> dict[float, float]:
         return dict(zip(index["time"].round(6).tolist(), index["pose"][:, 0, 3].tolist(), strict=True))
 
 
-def test_recorded_positions_are_played_back_for_as_long_as_they_last() -> None:
-    code, output = run("--motion", "motion.npy", "--motion-rate", "20")
+@pytest.mark.parametrize(("keyframe", "began"), [((), 0.0), (("--set", "keyframe=late"), 7.0)])
+def test_recorded_positions_are_played_back_for_as_long_as_they_last(keyframe: tuple[str, ...], began: float) -> None:
+    code, output = run("--motion", "motion.npy", "--motion-rate", "20", *keyframe)
     assert code == 0, output
     assert "0.1 s on" in output
     expected = {0.02: 0.4, 0.04: 0.8, 0.06: 1.1, 0.08: 1.3, 0.1: 1.5}
-    assert positions() == pytest.approx(expected)
+    assert positions() == pytest.approx({round(began + time, 6): place for time, place in expected.items()})
+
+
+def test_a_slow_motion_is_played_back_slowly() -> None:
+    code, output = run("--motion", "two.npy", "--motion-rate", "0.5", "--duration", "0.04")
+    assert code == 0, output
+    assert positions() == pytest.approx({0.02: 0.01, 0.04: 0.02})
 
 
 def test_after_ctrl_c_the_frames_from_before_are_told() -> None:
@@ -102,7 +114,12 @@ def test_a_controller_drives_the_robot_by_the_seed(seed: tuple[str, ...], force:
         (("--motion", "motion.npy"), "--motion and --motion-rate: expected both"),
         (("--motion-rate", "20"), "--motion and --motion-rate: expected both"),
         (("--motion", "motion.npy", "--motion-rate", "0"), "--motion-rate: got 0, expected a positive number"),
+        (("--motion", "motion.npy", "--motion-rate", "inf"), "--motion-rate: got inf, expected a positive number"),
         (("--motion", "other.npy", "--motion-rate", "9"), "other.npy: got rows of 2 numbers, expected nq = 1"),
+        (
+            ("--motion", "one.npy", "--motion-rate", "9"),
+            "one.npy: got an array of shape (1, 1), expected 2 rows or more",
+        ),
         (("--motion", "absent.npy", "--motion-rate", "9"), "absent.npy: not an NPY file"),
         (
             ("--motion", "motion.npy", "--motion-rate", "20", "--duration", "0.2"),
@@ -115,7 +132,7 @@ def test_a_controller_drives_the_robot_by_the_seed(seed: tuple[str, ...], force:
         (("--controller", "pushing"), "--controller: got 'pushing', expected MODULE:FUNCTION"),
         (("--controller", "pushing:pull"), "pushing:pull cannot be imported: AttributeError"),
         (("--controller", "pushing:nothing"), "pushing.py:6: pushing:nothing: got NoneType, expected a function"),
-        (("--controller", "pushing:raising"), "pushing.py:10: pushing:raising: ZeroDivisionError"),
+        (("--controller", "pushing:raising"), "pushing.py:11: pushing:raising: ZeroDivisionError"),
     ],
 )
 def test_what_cannot_move_it_is_refused(arguments: tuple[str, ...], message: str) -> None:

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 from rich.console import Console
+from typer.testing import CliRunner
 
+from rigcast.cli import app
 from rigcast.cli.watch import draw_once, keep_drawing
 from rigcast.sensors.errors import InputError
 
@@ -35,6 +37,20 @@ def test_it_draws_every_sensor_and_knows_its_files(rig: Path) -> None:
     assert f"{rig}: 1 picture in {rig.parent}" in screen.getvalue()
     with Image.open(rig.parent / "eye.png") as picture:
         assert picture.width == 1200
+
+
+@pytest.mark.parametrize(("out", "folder"), [((), "out/rig"), (("--out", "there"), "there")])
+def test_pictures_are_in_the_folder_when_ctrl_c_ends_it(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, out: Sequence[str], folder: str
+) -> None:
+    def press(_period: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(rig.parent)
+    monkeypatch.setattr("rigcast.cli.watch.time.sleep", press)
+    done = CliRunner().invoke(app, ["watch", "rig.yaml", "--device", "cpu", *out])
+    assert (done.exit_code, done.output.splitlines()[-1]) == (0, "stopped"), done.output
+    assert [path.name for path in (rig.parent / folder).iterdir()] == ["eye.png"]
 
 
 class Stop(Exception):

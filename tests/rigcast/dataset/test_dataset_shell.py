@@ -1,6 +1,9 @@
 """`rigcast dataset` from the shell."""
 
+import json
+import re
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,6 +12,7 @@ from typer.testing import CliRunner
 
 from rigcast.cli import app
 from rigcast.dataset.description.config import read_dataset
+from rigcast.sensors.errors import InputError
 
 
 @pytest.fixture(autouse=True)
@@ -31,9 +35,21 @@ def test_a_data_set_is_made_told_about_and_verified(folder: Path, whole: dict[st
     assert "4 of 4 episodes to make, 1 at a time" in output
     assert "4 of 4 episodes" in output
     assert "0 failed, 0 not made yet" in output
-    assert "frames/s" in output
-    assert "the limit is" in output
     assert "s left" in output
+    manifest = json.loads(whole["dataset.json"])
+    for name, one in manifest["statistics"].items():
+        nearest, mean, farthest = one["range"]
+        spans = f"{nearest:.2f} to {farthest:.2f}, mean {mean:.2f}"
+        row = f"│ {name} │ {one['frames']} │ {one['rays']} │ {100 * one['hits'] / one['rays']:.0f} % │ {spans} │"
+        assert row in output
+    told = re.search(
+        r"4 episodes in \S+ s: \S+ frames/s, .*/s; the limit is (\w+) \((.*) of the workers' time\)", output
+    )
+    assert told is not None, output
+    shares = {name: int(share) for name, share in re.findall(r"(\w+) (\d+) %", told[2])}
+    assert list(shares) == ["loading", "physics", "casting", "writing", "waiting"]
+    assert shares[told[1]] == max(shares.values())
+    assert abs(sum(shares.values()) - 100) <= 3, "but for rounding"
     assert contents(folder / "out/set") == whole
     code, output = call("--verify")
     assert (code, "all unchanged" in output) == (0, True)
@@ -145,6 +161,26 @@ def test_what_a_function_s_model_lacks_is_told_before_its_episodes(folder: Path)
     assert (
         f"set.yaml: scene 'made': {folder}/rig.yaml:5:19: sensors[0].mount.body: no body 'cart' in the model" in output
     )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "engine", "given"),
+    [
+        (["--engine", "processes"], "Processes", (None,)),
+        (["--engine", "processes", "--workers", "3"], "Processes", (3,)),
+        (["--engine", "ray", "--workers", "3"], "Ray", (None, 3)),
+        (["--address", "auto"], "Ray", ("auto", None)),
+    ],
+)
+def test_the_engine_is_the_one_that_was_asked_for(
+    arguments: list[str], engine: str, given: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(name: str, *asked: object) -> None:
+        raise InputError(f"{name}{asked}")
+
+    for name in ("InProcess", "Processes", "Ray"):
+        monkeypatch.setattr(f"rigcast.cli.dataset.{name}", partial(refuse, name))
+    assert call(*arguments) == (2, f"{engine}{given}")
 
 
 @pytest.mark.parametrize(

@@ -211,7 +211,17 @@ def test_more_classes_than_a_format_has_numbers_for_are_refused(tmp_path: Path, 
     Recorder(tmp_path / "o", model, [lidar], [name], classes={"c": ["g*"]}).finish()
 
 
-@pytest.mark.parametrize(("name", "module", "extra"), [("pcd", "pypcd4", "pcd"), ("mcap", "rosbags", "ros")])
+@pytest.mark.parametrize(
+    ("name", "module", "extra"),
+    [
+        ("pcd", "pypcd4", "pcd"),
+        ("las", "laspy", "las"),
+        ("laz", "lazrs", "las"),
+        ("zarr", "zarr", "zarr"),
+        ("mcap", "rosbags", "ros"),
+        ("sqlite3", "rosbags", "ros"),
+    ],
+)
 def test_a_library_that_is_missing_is_named_with_what_brings_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, module: str, extra: str
 ) -> None:
@@ -359,6 +369,17 @@ def test_a_disk_that_fills_up_is_reported_with_what_was_saved(tmp_path: Path, mo
         record()
     assert indexed(tmp_path) == [("top", 0), ("eye", 0)]
     assert clouds_in(tmp_path / "rosbag2_mcap") == rows_in(tmp_path / "frames.zarr") == 1
+
+
+def test_a_large_frame_needs_more_room_than_a_small_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data, usage = mujoco.MjData(made_frames.model()), shutil.disk_usage(tmp_path)
+    large = make_frame(LidarFrame, np.ones((2, 500_000), np.float32), sensor="top")
+    with Recorder(tmp_path, made_frames.model(), [LIDAR], ["npz"]) as recorder:
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=2**27))
+        recorder.step(data, frames_at(0.1)[:1])
+        with pytest.raises(rigcast.InputError, match="No space left on device; 1 frames from before"):
+            recorder.step(data, [large])
+    assert indexed(tmp_path) == [("top", 0)]
 
 
 FULL_DISK = """

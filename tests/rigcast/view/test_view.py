@@ -24,7 +24,7 @@ MODEL = """
 <mujoco>
   <option timestep="0.01"/>
   <worldbody>
-    <geom name="floor" type="plane" size="0 0 1"/>
+    <geom name="floor" type="plane" size="0 30 1"/>
     <geom name="wall" type="box" pos="4 0 1" size="0.1 3 1"/>
     <geom name="pillar" type="cylinder" pos="2 1.5 1" size="0.3 1"/>
     <geom name="pipe" type="capsule" pos="2 -1.5 1" size="0.2 0.5"/>
@@ -88,11 +88,34 @@ def test_a_page_has_the_points_of_every_reading(folder: Path, frames: list[rigca
     document = data_of(folder / "all.html")
     assert document["title"] == "</script> & co"
     assert [(e["sensor"], e["time"]) for e in document["shots"]] == [(f.sensor, f.time) for f in frames]
+    far = []
+    low, high = document["scales"]["range"][::-1]
     for entry, frame in zip(document["shots"], frames, strict=True):
-        points = frame.points_world.numpy().reshape(-1, 3)
-        near = np.abs(points - np.add(document["low"], document["middle"])).max(axis=1) < 5 * document["reach"]
+        points, distance = frame.points_world.numpy().reshape(-1, 3), frame.range.numpy().ravel()
+        points, distance = points[np.isfinite(distance)], distance[np.isfinite(distance)]
+        from_middle = points - np.add(document["low"], document["middle"])
+        near = np.abs(from_middle).max(axis=1) < 5 * document["reach"]
         np.testing.assert_allclose(points_in(document, entry), points[near], atol=2e-3)
+        shown = np.frombuffer(base64.b64decode(entry["values"]["range"]), np.uint8)
+        np.testing.assert_allclose(shown, np.clip(255 * (high - distance[near]) / (high - low), 0, 255), atol=1)
         assert ("image" in entry) == (frame.sensor == "front")
+        far += np.linalg.norm(from_middle, axis=1).tolist()
+    assert np.percentile(far, 90) == pytest.approx(document["reach"] - 0.1), "nine in ten are within reach"
+
+
+def test_a_camera_that_sees_behind_itself_is_shown_by_its_ranges(folder: Path) -> None:
+    """Its z-depths are negative there, and would get the warmest colour."""
+    depth, distance = np.full((4, 6), -3.0, np.float32), np.full((4, 6), 3.0, np.float32)
+    depth[0], distance[1] = 1.0, np.inf
+    arrays = {"depth": depth, "range": distance, "points": np.ones((4, 6, 3), np.float32), "intrinsics": np.eye(3)}
+    shots = [Shot.of("behind", 0.0, np.eye(4), arrays)]
+    shots.append(Shot.of("ahead", 0.0, np.eye(4), {**arrays, "depth": np.abs(depth)}))
+    assert [(shot.shows, shot.intrinsics is None) for shot in shots] == [("range", True), ("depth", False)]
+    np.testing.assert_array_equal(shots[0].image, distance)
+    write_page(folder / "behind.html", "behind", shots)
+    document = data_of(folder / "behind.html")
+    assert document["depth"][0] >= 1.0
+    assert [entry["shows"] for entry in document["shots"]] == ["range", "depth"]
 
 
 def test_a_page_of_many_readings_is_thinned_out(folder: Path) -> None:
@@ -127,9 +150,9 @@ def test_of_a_long_run_only_what_a_page_shows_is_kept(
     assert [shot.sensor for shot in written] == looked_at
     assert [shot.time for shot in written[:2]] == [frame.time for frame in frames[:2]]
     for shot in written[1::2]:
-        assert shot.depth is not None
-        assert (shot.depth.shape, shot.size) == ((12, 16), (32, 24))
-        assert shot.depth.base is None, "the whole image is in memory"
+        assert shot.image is not None
+        assert (shot.image.shape, shot.size) == ((12, 16), (32, 24))
+        assert shot.image.base is None, "the whole image is in memory"
 
 
 @pytest.mark.parametrize("cloud", [np.zeros((0, 3), np.float32), np.ones((1, 3), np.float32)])
@@ -175,7 +198,7 @@ def test_a_run_is_read_back(folder: Path, frames: list[rigcast.Frame], formats: 
         np.testing.assert_allclose(shot.points_world, expected.points_world, rtol=1e-5, atol=1e-5)
         np.testing.assert_array_equal(shot.values["geom_id"], expected.values["geom_id"])
         np.testing.assert_allclose(shot.values["range"], expected.values["range"], rtol=1e-5)
-        assert (shot.depth is None) == (expected.depth is None)
+        assert (shot.image is None) == (expected.image is None)
 
 
 def test_a_run_that_was_killed_is_read_back(folder: Path, frames: list[rigcast.Frame], tmp_path: Path) -> None:
@@ -248,6 +271,20 @@ def test_a_rig_is_shown_as_a_recorded_motion_moves_it(folder: Path, tmp_path: Pa
     assert [shot["origin"][0] for shot in shots if shot["sensor"] == "top"] == pytest.approx([1.0, 1.0])
 
 
+@pytest.mark.parametrize(("seed", "speed"), [((), 3.0), (("--seed", "5"), 5.0)])
+def test_a_rig_is_shown_as_a_controller_moves_it_by_the_seed_for_as_long_as_asked(
+    folder: Path, tmp_path: Path, seed: tuple[str, ...], speed: float
+) -> None:
+    (folder / "driving.py").write_text(
+        "def drive(model, seed):\n    def control(data):\n        data.qvel[:] = seed\n    return control\n"
+    )
+    every = ("--set", "seed=3", "--set", "sensors.top.rate_hz=null", "--controller", "driving:drive", *seed)
+    code, output = call("view", folder / "cart.yaml", "--duration", "0.03", *every, "--save", tmp_path / "page.html")
+    assert code == 0, output
+    shots = data_of(tmp_path / "page.html")["shots"]
+    assert [shot["origin"][0] for shot in shots] == pytest.approx([0.01 * speed, 0.02 * speed, 0.03 * speed])
+
+
 def test_without_rerun_a_page_is_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     monkeypatch.setattr("rigcast.cli.view.find_spec", lambda _name: None)
@@ -291,18 +328,47 @@ def test_a_browser_shows_clouds_that_turn_and_images(frames: list[rigcast.Frame]
     assert (np.ptp(seen["start"][60:300, 680:980], axis=-1) > 60).mean() > 0.3, "the depth image"
 
 
-def test_a_rerun_recording_has_clouds_images_and_bodies(folder: Path) -> None:
+SHAPES: dict[str, list[Any]] = {
+    "floor Boxes3D:half_sizes": [[20, 30, 0.001]],
+    "floor Boxes3D:centers": [[0, 0, -0.001]],
+    "wall Boxes3D:half_sizes": [[0.1, 3, 1]],
+    "wall InstancePoses3D:translations": [[4, 0, 1]],
+    "pillar Cylinders3D:lengths": [2],
+    "pillar Cylinders3D:radii": [0.3],
+    "pipe Capsules3D:lengths": [1],
+    "pipe Capsules3D:radii": [0.2],
+    "pipe Capsules3D:translations": [[0, 0, -0.5]],
+}
+
+
+def test_a_rerun_recording_has_clouds_images_and_bodies(folder: Path, frames: list[rigcast.Frame]) -> None:
     chunk = pytest.importorskip("rerun.chunk")
     code, output = call(
         "view", folder / "cart.yaml", "--duration", "0.1", "--save", folder / "c.rrd", "--device", "cpu"
     )
     assert code == 0, output
-    rows: dict[str, int] = {}
+    read: dict[str, list[Any]] = {}
     for piece in chunk.RrdReader(folder / "c.rrd").stream():
-        if not piece.is_static and "simulation" in piece.timeline_names:
-            rows[piece.entity_path] = rows.get(piece.entity_path, 0) + piece.num_rows
-    expected = ["/sensors/top/by_range", "/sensors/top/by_ring", "/sensors/top/by_geom_id", "/sensors/front/camera"]
-    assert all(rows[path] >= 2 for path in (*expected, "/sensors/top", "/bodies/cart")), rows
+        batch = piece.to_record_batch()
+        for name in (name for name in batch.schema.names if ":" in name):
+            read.setdefault(f"{piece.entity_path} {name}", []).extend(batch.column(name).to_pylist())
+    for name, value in SHAPES.items():
+        (got,) = read[f"/bodies/world/{name}"]
+        np.testing.assert_allclose(got, value, rtol=1e-6, err_msg=name)
+    np.testing.assert_allclose(np.ravel(read["/bodies/cart Transform3D:translation"]), [0.05, 0, 0.5, 0.1, 0, 0.5])
+    assert len(read["/sensors/front/camera DepthImage:buffer"]) == 2
+    first, second = (frame for frame in frames if frame.sensor == "top" and frame.time < 0.11)
+    for k, frame in enumerate((first, second)):
+        hit = np.isfinite(frame.range.numpy())
+        ids = frame.geom_id.numpy()[hit]
+        colours = read["/sensors/top/by_geom_id Points3D:colors"][k]
+        assert len(set(zip(ids.tolist(), colours, strict=True))) == len(set(ids.tolist())) == len(set(colours)), k
+        by_range = np.array(read["/sensors/top/by_range Points3D:colors"][k])[np.argsort(frame.range.numpy()[hit])]
+        red, blue = by_range >> 24, by_range >> 8 & 255
+        assert (red[0] > blue[0], red[-1] < blue[-1]) == (True, True), "near is warm"
+        for path in ("by_range", "by_ring", "by_geom_id"):
+            cloud = read[f"/sensors/top/{path} Points3D:positions"][k]
+            np.testing.assert_allclose(cloud, frame.points.numpy()[hit], atol=1e-6, err_msg=path)
 
 
 def test_without_rerun_a_recording_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import floor
 import mujoco
@@ -14,6 +15,7 @@ from in_worlds import OnGpu, bars, of_worlds, on_gpu
 from PIL import Image
 from typer.testing import CliRunner
 
+from rigcast import InputError
 from rigcast.bench import workloads
 from rigcast.bench.figure import Figure, Spread
 from rigcast.bench.race import spread_over
@@ -47,8 +49,8 @@ def small_crowd(worlds: int = 5, seed: int = 0) -> Crowd:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The JSON file of a run on the CPU, and its chart."""
+def run_of_bench(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, str]:
+    """The JSON file of a run on the CPU, its chart, and what it printed."""
     out = tmp_path_factory.mktemp("worlds")
     file, chart = out / "worlds.json", out / "worlds.png"
     sizes = [part for size in SIZES for part in ("--worlds", str(size))]
@@ -57,7 +59,13 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         patch.setitem(workloads.WORKLOADS, "g1", small_workload)
         done = CliRunner().invoke(app, [*arguments, "--json", str(file), "--worlds-chart", str(chart)])
     assert done.exit_code == 0, done.output
-    return file, chart
+    return file, chart, " ".join(done.output.split())
+
+
+@pytest.fixture(scope="module")
+def written(run_of_bench: tuple[Path, Path, str]) -> tuple[Path, Path]:
+    """The JSON file and the chart."""
+    return run_of_bench[:2]
 
 
 def test_json_has_every_way_in_every_batch(written: tuple[Path, Path]) -> None:
@@ -87,6 +95,40 @@ def test_casters_are_held_to_mj_ray_and_to_each_other(written: tuple[Path, Path]
         assert ours["agree"] == ours["close"] == ours["geom"] == 1
         assert theirs["close"] > 0.99
         assert batch["same"] > 0.99
+
+
+def test_all_that_is_in_the_json_is_printed(run_of_bench: tuple[Path, Path, str]) -> None:
+    pytest.importorskip("mujoco_warp")
+    found, printed = json.loads(run_of_bench[0].read_text())["worlds"], run_of_bench[2]
+    assert f"worlds on CPU: small, 4 geoms, {found['triangles']} triangles" in printed
+    for batch in found["batches"]:
+        where = str(batch["worlds"])
+        for way in batch["ways"]:
+            ms, speed, ratio = way["ms"], way["mrays"]["median"], way["ratio"]["median"]
+            of_ms = f"{ms['median']:.3g} ({ms['lowest']:.3g} to {ms['highest']:.3g})"
+            assert f" {where} {way['name']} {of_ms} {speed:.3g} {ratio:.2f} ".replace("  ", " ") in printed
+            where = ""
+        for caster in batch["right"]:
+            assert (
+                f"{batch['worlds']} worlds: {caster['caster']}: as mj_ray: distance {caster['agree']:.2%}, " in printed
+            )
+        assert f"{batch['worlds']} worlds: both casters alike to 1 cm, geom and all: {batch['same']:.3%}" in printed
+
+
+@pytest.mark.parametrize(("device", "sizes"), [("cpu", (16, 64)), ("cuda:0", (64, 256, 1024, 4096, 16384))])
+def test_a_gpu_is_given_more_worlds(device: str, sizes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, ...]] = []
+
+    def measured(_robots: Crowd, worlds: tuple[int, ...], *_rest: object) -> OnDevice:
+        asked.append(worlds)
+        raise InputError("enough")
+
+    monkeypatch.setattr("rigcast.cli.bench.measure_worlds", measured)
+    monkeypatch.setattr("rigcast.cli.bench.find_device", lambda name: SimpleNamespace(is_cuda=name == "cuda:0"))
+    monkeypatch.setattr("rigcast.cli.bench.crowd", lambda _workload, _head, most: asked.append((most,)))
+    monkeypatch.setitem(workloads.WORKLOADS, "g1", small_workload)
+    assert CliRunner().invoke(app, ["bench", "worlds", "--device", device]).exit_code == 2
+    assert asked == [(max(sizes),), sizes]
 
 
 def test_chart_is_drawn(written: tuple[Path, Path]) -> None:

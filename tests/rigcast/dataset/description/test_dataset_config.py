@@ -37,6 +37,7 @@ from rigcast.sensors.errors import InputError
             "set.yaml:9:32",
             "no field 'dept' of a lidar, expected one",
         ),
+        ("seed: 3", "output: {fields: {top: [depth]}}", "set.yaml:9:25", "no field 'depth' of a lidar, expected one"),
         ("seed: 3", "output: {fields: {top: [class_id]}}", "set.yaml:9:25", "did you mean 'geom_id'?"),
         ("sign: {pos", "sing: {pos", "set.yaml:7:64", "can be moved in the scene 'room', expected one of table, sign"),
         ("sign: {pos", "world: {pos", "set.yaml:7:64", "no body 'world' that can be moved"),
@@ -49,6 +50,14 @@ def test_a_mistake_is_shown_where_it_is(path: Path, old: str, new: str, place: s
         read_dataset(edited(path, old, new))
     assert str(caught.value).startswith(str(path.parent / place)), str(caught.value)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "fields"), [("top", "range, intensity, ring, column"), ("front", "depth, depth_16bit, intensity, stamp")]
+)
+def test_fields_that_only_its_kind_of_sensor_has_can_be_chosen(path: Path, sensor: str, fields: str) -> None:
+    config = read_dataset(edited(path, "seed: 3", f"output: {{fields: {{{sensor}: [{fields}]}}}}"))
+    assert config.file.output.fields == {sensor: fields.split(", ")}
 
 
 def test_a_rig_in_place_of_a_data_set_is_told_apart(path: Path) -> None:
