@@ -164,8 +164,8 @@ class _Steps:
         self._scene, self._limit, self._hits = scene, limit, hits
         self._paths: list[echoes.Paths] = []
         self._reflections: list[echoes.Reflections] = []
-        self._casts: list[Readings] = []
-        self._cast_with: tuple[object, ...] = ()
+        # the casts along all paths, and what they were prepared for:
+        self._casts: tuple[list[Readings], tuple[object, ...]] = ([], ())
 
     def follow(
         self,
@@ -207,11 +207,12 @@ class _Steps:
     def _prepared_casts(self, rays: Rays, visible: wp.array) -> list[Readings]:
         """The casts along all paths; prepared again unless they differ from the last in the rays' poses alone."""
         these = visible, rays.directions, rays.origins, rays.packets, rays.firing, rays.span, rays.fraction
-        if not self._casts or not all(map(is_, these, self._cast_with)):
+        casts, known = self._casts
+        if not casts or not all(map(is_, these, known)):
             along = [rays, *(_along(paths, rays) for paths in self._paths[1:])]
-            self._casts = [self._scene.prepare_hits(each, visible, self._limit, self._hits) for each in along]
-            self._cast_with = these
-        return self._casts
+            casts = [self._scene.prepare_hits(each, visible, self._limit, self._hits) for each in along]
+            self._casts = casts, these
+        return casts
 
 
 def _copied(values: wp.array, out: wp.array | None) -> wp.array:
