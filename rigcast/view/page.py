@@ -55,8 +55,8 @@ def _document(title: str, shots: Sequence[Shot]) -> dict[str, Any]:
     box = _Box.of([shot.points_world for shot in shots])
     names = [name for name in VALUES if any(name in shot.values for shot in shots)]
     scales = {name: _scale(name, shots) for name in names}
-    depths = [shot.depth.ravel() for shot in shots if shot.depth is not None]
-    depth = Scale.of(np.concatenate([np.empty(0), *depths]), reverse=True)
+    images = [shot.image.ravel() for shot in shots if shot.image is not None]
+    depth = Scale.of(np.concatenate([np.empty(0), *images]), reverse=True)
     return {
         "title": title,
         "low": box.low.tolist(),
@@ -117,8 +117,8 @@ def _entry(shot: Shot, box: _Box, scales: dict[str, list[float] | None], depth: 
         "points": _packed(box.steps(cloud[shown])),
         "values": {name: _packed(_bytes(shot.values[name][shown], scales[name])) for name in shot.values},
     }
-    if shot.depth is not None:
-        entry["image"] = _picture(shot.depth, depth)
+    if shot.image is not None:
+        entry["image"], entry["shows"] = _picture(shot.image, depth), shot.shows
         entry["size"] = shot.size
     return entry
 
@@ -130,8 +130,8 @@ def _bytes(values: NDArray[Any], scale: list[float] | None) -> NDArray[np.uint8]
     return np.clip((values - scale[0]) / (scale[1] - scale[0]) * 255, 0, 255).astype(np.uint8)
 
 
-def _picture(depth: NDArray[np.float32], scale: Scale) -> str:
-    rgb = scale.colours(depth)
+def _picture(image: NDArray[np.float32], scale: Scale) -> str:
+    rgb = scale.colours(image)
     png = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(rgb)).save(png, format="png")
     return "data:image/png;base64," + base64.b64encode(png.getvalue()).decode()

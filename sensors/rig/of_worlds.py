@@ -37,7 +37,7 @@ def sense_worlds(
     readings = [ReadingOfWorlds(m, worlds, m.next_arrays(shapes[m.spec.name], out), seed) for m in mounted]
     for part in parts:
         read_worlds(readings, scene.pose_worlds(worlds, part))
-    scene.room = room
+    scene.had_room(room)
     return {m.spec.name: reading.frame() for m, reading in zip(mounted, readings, strict=True)}
 
 

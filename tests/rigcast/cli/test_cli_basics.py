@@ -95,7 +95,7 @@ def test_validate_shows_the_sensors(rig: Path) -> None:
         (
             "type: depth_camera, resolution: [9, 9], fx: 2, fy: 2, cx: 4.5, cy: 4.5, distortion: {type: "
             "kannala_brandt}",
-            "331 x 172",
+            "229 x 229",
         ),
     ],
 )

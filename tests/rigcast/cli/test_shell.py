@@ -152,6 +152,47 @@ def test_the_first_rig_has_the_device_that_a_site_is_named_after(site: str, pres
     assert (sensor["preset"], sensor["mount"], sensor["rate_hz"]) == (preset, {"site": site}, rate_hz)
 
 
+# A robot as URDFs describe them, with a link for each device and frames below it; sensors are on the links.
+LINKS = """
+<mujoco>
+  <worldbody>
+    <body name="base_link">
+      <freejoint/>
+      <geom size="0.1"/>
+      <body name="laser_link" pos="0.3 0 0"><geom size="0.03"/></body>
+      <body name="top_mid360_link" pos="0 0 0.3"><geom size="0.03"/></body>
+      <body name="camera_link" pos="0.2 0 0"><geom size="0.02"/>
+        <body name="camera_depth_frame"><body name="camera_depth_optical_frame"/></body>
+      </body>
+      <body name="eye_camera" pos="0 0.2 0"><body name="eye"><camera name="eye"/></body></body>
+      <body name="velodyne" pos="0 0 0.2"><site name="velodyne_site"/></body>
+      <body name="imu_link"/>
+      <body name="motorized_wheel"><geom size="0.05"/></body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_the_first_rig_has_sensors_on_bodies_named_like_devices(tmp_path: Path) -> None:
+    (tmp_path / "it.xml").write_text(LINKS)
+    code, output = call("init", tmp_path / "it.xml", "--out", tmp_path / "rig.yaml")
+    assert code == 0, output
+    config, _ = open_rig(tmp_path / "rig.yaml")
+    mounts = {sensor.name: sensor.mount.model_dump(exclude_unset=True) for sensor in config.sensors}
+    assert mounts == {
+        "eye": {"camera": "eye"},
+        "camera_link": {"body": "camera_link"},
+        "velodyne_site": {"site": "velodyne_site"},
+        "laser_link": {"body": "laser_link"},
+        "top_mid360_link": {"body": "top_mid360_link"},
+    }
+    presets = {sensor.name: sensor.preset for sensor in config.sensors}
+    assert presets["top_mid360_link"] == "livox_mid360"
+    code, output = call("validate", tmp_path / "rig.yaml")
+    assert "is within geom" not in output
+
+
 def test_the_first_rig_leaves_the_robot_out() -> None:
     text = starter_rig(mujoco.MjModel.from_xml_string(ROBOT), "it.xml", "s.json")
     assert text.count("filter: {exclude_bodies: ['cart: one'], exclude_subtree: true}") == 2
