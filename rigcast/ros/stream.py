@@ -116,7 +116,7 @@ class MessageStream:
             yield _message(f"/{frame.sensor}/scan", time, messages.laser_scan(frame, frame_id, angles, spec))
             return
         layout = choose_layout(self._options.point_layout, spec.preset)
-        points = messages.point_cloud(frame.time, frame_id, lay_out(frame, layout))
+        points = messages.point_cloud(frame.time, frame_id, lay_out(frame, layout, spec))
         yield _message(f"/{frame.sensor}/points", time, points)
 
     def _moved(self, data: mujoco.MjData) -> list[Message]:
