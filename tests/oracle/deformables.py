@@ -35,7 +35,7 @@ def numbers(values: npt.ArrayLike) -> str:
     return " ".join(f"{value:.9g}" for value in np.ravel(values))
 
 
-def skin_xml(name: str, bones: tuple[str, str], place: Floats, inflate: float) -> str:
+def skin_xml(name: str, bones: tuple[str, str], place: Floats, inflate: float, group: int) -> str:
     """Return the MJCF of a skin over two bones, whose bind poses are not their initial poses."""
     sleeve = trimesh.creation.icosphere(2)
     vertices = sleeve.vertices * (0.5, 0.2, 0.2) + place
@@ -47,14 +47,15 @@ def skin_xml(name: str, bones: tuple[str, str], place: Floats, inflate: float) -
             bones, ([-0.2, 0, 0], [0.3, 0, 0]), ("1 0 0 0", ".8 .6 0 0"), (1 - weight, weight), strict=True
         )
     )
-    attributes = f'inflate="{inflate}" vertex="{numbers(vertices)}" face="{numbers(sleeve.faces)}"'
+    attributes = f'inflate="{inflate}" group="{group}" vertex="{numbers(vertices)}" face="{numbers(sleeve.faces)}"'
     return f'<skin name="{name}" {attributes}>{both}</skin>'
 
 
 ARM = """<body name="{0}" pos="{1}"><freejoint/><geom size=".05"/>
 <body name="{0}2" pos=".5 0 0"><joint type="ball"/><geom size=".05"/></body></body>"""
 SKINS = f"""<worldbody>{ARM.format("a", "0 0 1")}{ARM.format("b", "0 1 1")}</worldbody><deformable>
-{skin_xml("bare", ("a", "a2"), np.array((0.25, 0, 1)), 0)}{skin_xml("coat", ("b", "b2"), np.array((5.0, 3, 1)), 0.05)}
+{skin_xml("bare", ("a", "a2"), np.array((0.25, 0, 1)), 0, 0)}
+{skin_xml("coat", ("b", "b2"), np.array((5.0, 3, 1)), 0.05, 4)}
 </deformable>"""
 
 
@@ -94,7 +95,8 @@ def rays_towards(targets: Floats, seed: int, k: int) -> tuple[Floats, Floats]:
 
 def targets(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
     """Return the vertices (n, 3) of flexes, and of skins as MuJoCo's visualizer computes them."""
-    scene = mujoco.MjvScene(model, 1000)
+    scene, option = mujoco.MjvScene(model, 1000), mujoco.MjvOption()
+    option.skingroup[:] = 1
     flags = mujoco.mjtCatBit.mjCAT_ALL
-    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), int(flags), scene)
+    mujoco.mjv_updateScene(model, data, option, None, mujoco.MjvCamera(), int(flags), scene)
     return np.concatenate([data.flexvert_xpos, np.array(scene.skinvert, float).reshape(-1, 3)])

@@ -127,13 +127,32 @@ def test_wrong_rays_are_counted_where_they_are_and_can_be_replayed() -> None:
         assert data.time == wrong.time
         mujoco.mj_kinematics(MODEL, data)
         spec = next(spec for spec in SENSORS if spec.name == wrong.sensor)
-        again = oracle.cast(MODEL, data, wrong.origin, [wrong.direction], spec.filter)
+        again = oracle.Oracle(MODEL, data, spec.filter).cast(wrong.origin, [wrong.direction])
         assert again.distance[0] == wrong.expected.distance
         assert (wrong.expected.kind, wrong.expected.id) == ("geom", again.geom_id[0])
         assert wrong.expected.name == "post"
         assert wrong.got.distance == pytest.approx(1.01 * again.distance[0], rel=1e-5)
         rays = Rig(MODEL, [spec]).rays(data)[spec.name]
         np.testing.assert_allclose(rays.directions[wrong.ray], wrong.direction, atol=1e-12)
+
+
+def test_errors_are_those_of_their_row() -> None:
+    class Off(Rig):
+        """Its distances to the cylinder are 3 um too long."""
+
+        def cast(self, data: mujoco.MjData, names: Any = None) -> Any:
+            found = super().cast(data, names)
+            for hits in found.values():
+                is_post = hits.geom_id.numpy() == self.model.geom("post").id
+                hits.distance.assign(hits.distance.numpy() + np.float32(3e-6) * is_post)
+            return found
+
+    rows = {row.geom_type: row for row in checked(Off(MODEL, SENSORS[:1])).rows}
+    assert set(rows) > {"cylinder", "plane", "none"}
+    for kind, row in rows.items():
+        assert row.wrong == 0
+        assert (row.worst_error > 2e-6) == (row.p999_error > 2e-6) == (kind == "cylinder"), row
+        assert (row.worst_of_bound > 0.05) == (kind == "cylinder"), row
 
 
 def test_json_is_strict_and_whole() -> None:

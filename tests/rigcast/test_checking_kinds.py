@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -12,6 +13,7 @@ import trimesh
 from rigcast import DepthCamera, Filter, Lidar, Mount, Prop, Rig, check
 from rigcast.checking import Report
 from rigcast.oracle.deformable import CAN_JUDGE
+from rigcast.oracle.things import Things
 from rigcast.sensors.rig.mounted import Sensor
 from rigcast.sensors.scene.hits import NumpyHits
 
@@ -61,6 +63,20 @@ def props(tmp_path_factory: pytest.TempPathFactory) -> list[Prop]:
 
 def checked(rig: Rig, rays: int = 4000) -> Report:
     return check(rig, mujoco.MjData(MODEL), rays=rays, states=2, duration=0.02)
+
+
+def test_things_are_numbered_one_kind_after_another_and_two_at_once_are_none(props: list[Prop]) -> None:
+    things = Things.of(MODEL, props)
+    flex, skin, prop = MODEL.ngeom, MODEL.ngeom + MODEL.nflex, MODEL.ngeom + MODEL.nflex + MODEL.nskin
+    ids = {
+        "geom_id": [0, -1, -1, -1, -1, 0, 0, -1],
+        "flex_id": [-1, 1, -1, -1, -1, 1, -1, -1],
+        "skin_id": [-1, -1, 0, -1, -1, -1, -1, 0],
+        "prop_id": [-1, -1, -1, 2, -1, -1, 2, 2],
+    }
+    numbers = things.numbers(SimpleNamespace(**ids))
+    np.testing.assert_array_equal(numbers, [0, flex + 1, skin, prop + 2, -1, -2, -2, -2])
+    assert things.types_of(numbers).tolist() == ["plane", "flex", "skin", "prop", *["none"] * 4]
 
 
 def test_every_kind_is_judged_by_itself_and_is_right(props: list[Prop]) -> None:

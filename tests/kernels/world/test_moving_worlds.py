@@ -87,6 +87,7 @@ def test_each_ray_meets_the_shapes_where_they_are_at_its_time(seed: int, instant
 def test_many_worlds_move_each_by_itself(packets: bool) -> None:
     plan = random_plan(3)
     poses = [moving(plan, seed, 3) for seed in range(4)]
+    poses = [(position + np.array([0, 0, 0.3 * w]), rotation) for w, (position, rotation) in enumerate(poses)]
     world = World(plan.trees, plan.shapes, "cpu")
     world.sweep(np.array([p for p, _ in poses]), np.array([r for _, r in poses]))
     rays = fired(3, 2, packets, worlds=4)

@@ -56,6 +56,21 @@ def test_lateral_noise_blurs_an_edge(model: Model, theta_deg: float) -> None:
         assert_share(measured[:, column] < 4, share, f"column {column}")
 
 
+@pytest.mark.parametrize("turn", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_lateral_noise_does_not_look_out_of_the_image(turn: tuple[int, int]) -> None:
+    """The wall is farther beyond each edge of the image than within it."""
+    wall = f'<geom type="plane" size="0 0 1" zaxis="-1 {turn[0]} {turn[1]}" pos="2 0 0"/>'
+    optics: dict[str, Any] = {"resolution": (4, 4), "fx": 8, "fy": 8, "cx": 2, "cy": 2}
+    ideal = depth_of(wall, **optics)
+    kinect = Stereo(baseline=-0.075, kinect_v1="nguyen")
+    measured = np.array([depth_of(wall, seed, stereo=kinect, **optics) for seed in range(100)])
+    noise = 0.05
+    assert (measured > ideal.max() - noise).any()
+    assert (measured < ideal.min() + noise).any()
+    assert measured.max() < ideal.max() + noise
+    assert measured.min() > ideal.min() - noise
+
+
 @pytest.mark.parametrize("z", [0.703, 2.0, 4.118])
 def test_disparity_model_has_barron_and_maliks_distribution(z: float) -> None:
     """z' = 35130 / k / 100, k = round(35130 / round(100 z) + N(0, 1/6) + 1/2)."""

@@ -13,9 +13,9 @@ from lidar_scenes import SEED, ahead, bubble, model_of, sense, wall, wide
 from rigcast import Detection, HeightScan, InputError, Lidar, Mount, Noise, Rig, Weather
 
 
-@pytest.mark.parametrize(("radius", "std"), [(10, 0.02), (80, 0.1)])
-def test_the_range_has_a_normal_error(radius: float, std: float) -> None:
-    got = sense(model_of(bubble(radius)), wide(noise=Noise(range_std=std))).range.numpy()
+@pytest.mark.parametrize(("radius", "grey", "std"), [(10, 0.5, 0.02), (80, 0.5, 0.1), (10, 0.0, 0.02)])
+def test_the_range_has_a_normal_error(radius: float, grey: float, std: float) -> None:
+    got = sense(model_of(bubble(radius, grey)), wide(noise=Noise(range_std=std))).range.numpy()
     assert_normal(got, radius, std)
     assert_uncorrelated(got[1:], got[:-1], "rows")
     assert_uncorrelated(got[:, 1:], got[:, :-1], "columns")
