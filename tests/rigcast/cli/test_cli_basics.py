@@ -421,7 +421,8 @@ def test_ctrl_c_exits_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_presets_are_listed() -> None:
     code, output = call("presets")
     assert code == 0
-    assert all(name in output for name in preset_names())
+    assert "┃ preset ┃ type ┃ device ┃ cited ┃" in output
+    assert all(f"│ {name} │ {load_preset(name).type} │" in output for name in preset_names())
 
 
 def test_the_list_counts_figures() -> None:
