@@ -1,7 +1,7 @@
 """The messages of a frame, decoded from their bytes by a third-party library."""
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
 import made_frames
 import mujoco
@@ -162,7 +162,7 @@ def test_the_rows_of_an_ouster_cloud_are_destaggered(clockwise: bool, ahead: tup
 
 
 @pytest.mark.parametrize("returns", ["strongest", "dual"])
-def test_a_column_of_an_os1s_cloud_is_at_one_azimuth(returns: str) -> None:
+def test_a_column_of_an_os1s_cloud_is_at_one_azimuth(returns: Literal["strongest", "dual"]) -> None:
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='20'/></worldbody></mujoco>")
     lidar = Lidar(name="top", mount=Mount(), preset="ouster_os1_64", noise=None, detection=None, returns=returns)
     frame = Rig(model, [lidar]).sense(mujoco.MjData(model))["top"]
