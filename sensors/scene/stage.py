@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.cast import Readings, cast, prepare_readings
+from rigcast.kernels.cast import Readings, cast, prepare_hits, prepare_readings
 from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
@@ -309,6 +309,10 @@ class Stage:
     def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
         """A cast whose hits are readings within these limits [m], valid while `visible` returns this array."""
         return prepare_readings(self._world.geometry, visible, rays, limits, self._body_of_shape)
+
+    def prepare_hits(self, rays: Rays, visible: wp.array, limit: float, out: HitArrays) -> Readings:
+        """A cast up to this limit [m] into these arrays, valid while `visible` returns this array."""
+        return prepare_hits(self._world.geometry, visible, rays, limit, out)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """Hits from the arrays of a cast of rays of this shape."""

@@ -42,7 +42,7 @@ def sent(spec: SensorSpec, frame: Frame, **options: Any) -> dict[str, Any]:
     """The decoded messages of a frame by topic."""
     stream = MessageStream(MODEL, [spec], IdTable.of(MODEL), Export(**options))
     kinds = {topic.name: topic.kind for topic in stream.topics}
-    return {message.topic: decode(kinds[message.topic], message.data) for message in stream.frame(frame)}
+    return {message.topic: decode(kinds[message.topic], message.data) for message in stream.step(None, [frame])}
 
 
 def lidar_frame(intensity: bool, seed: int = 3) -> Any:
