@@ -166,9 +166,7 @@ def test_a_column_of_an_os1s_cloud_is_at_one_azimuth(returns: Literal["strongest
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='20'/></worldbody></mujoco>")
     lidar = Lidar(name="top", mount=Mount(), preset="ouster_os1_64", noise=None, detection=None, returns=returns)
     frame = Rig(model, [lidar]).sense(mujoco.MjData(model))["top"]
-    stream = MessageStream(model, [lidar], IdTable.of(model), Export())
-    (message,) = stream.frame(frame)
-    read = cloud(decode("sensor_msgs/msg/PointCloud2", message.data)).reshape(64, 1024, -1)[..., 0]
+    read = cloud(sent(lidar, frame)["/top/points"]).reshape(64, 1024, -1)[..., 0]
     column = np.arctan2(-read["y"], read["x"]) / (2 * np.pi) * 1024
     error = (column - np.arange(1024) + 512) % 1024 - 512
     assert np.abs(error).max() < 0.01, "the offsets are those of 9 and 3 columns"
