@@ -63,7 +63,7 @@ def of_worlds(cpu: OnDevice | None, gpu: OnGpu | None, counted: Sequence[Visits]
 
 
 def bars(gpu: OnGpu | None) -> Iterator[tuple[str, str, float, bool]]:
-    """Yield what was to be reached on a GPU: what, bar, measured, reached."""
+    """Yield the targets on a GPU: what, bar, measured, reached."""
     if gpu is None:
         return
     batch = _batch(gpu.found)

@@ -52,7 +52,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def page(measured: Record, gpu: OnGpu | None) -> Iterator[str]:
-    """Yield the sections on measurements in one world, and the table of what was to be reached."""
+    """Yield the sections on measurements in one world, and the table of targets."""
     yield HEAD.format(**vars(measured), packages=measured.packages, meanwhile=_meanwhile(measured.load, measured.cores))
     yield from _comparison(measured.results)
     yield BARS
@@ -99,7 +99,7 @@ def geometric_mean(results: Sequence[Result], caster: str) -> float:
 
 
 def bars(measured: Record) -> Iterator[str]:
-    """Yield the lines of the table of what was to be reached."""
+    """Yield the lines of the table of targets."""
     embree = [s.ratio.median for r in measured.results for s in r.speeds if s.caster == "Open3D"]
     if embree:
         yield _bar("rays/s over Embree's, the lowest of all scenes", ">= 2", min(embree), min(embree) >= 2)
@@ -179,7 +179,7 @@ HEAD = """# Performance
 Measured on {processor} ({machine}), {threads} threads of {cores} cores, {rounds} rounds in turn, with
 {packages}. {meanwhile}
 
-The short version is the first table and [what was to be reached](#what-was-to-be-reached). Then come
+The short version is the first table and [the targets](#targets). Then come
 [many worlds](#in-many-worlds) and [GPUs](#on-a-gpu), [what makes it fast](#what-makes-it-fast) and
 [what falls short](#what-falls-short-and-why), with all that was tried without gain.
 
@@ -206,7 +206,7 @@ mj_ray, to 1e-5 (1 + t) / max(|cos|, 1e-3), and the fraction to 1 cm. Embree get
 on the surface.
 """
 BARS = """
-## What was to be reached
+## Targets
 """
 FIGURES = """
 ## rigcast alone

@@ -59,6 +59,11 @@ class Readings(NamedTuple):
         hits.lend(job.out)
         for name in FIELD_NAMES:
             setattr(job.fields, name, fields[name].__ctype__() if name in fields else type(getattr(job.fields, name))())
+        self.aim(rays)
+
+    def aim(self, rays: Rays) -> None:
+        """Take the present poses of the rays that the cast was prepared for; the caller must keep them alive."""
+        job = self.job.__ctype__()
         job.rays.position, job.rays.rotation = rays.position.__ctype__(), rays.rotation.__ctype__()
 
 
@@ -78,6 +83,13 @@ def prepare_readings(
     out.is_read, out.min_range = True, limits[0]
     job = _job(visible, rays, limits[1], CULL_NONE, out)
     job.fields.body_of_shape = body_of_shape
+    return Readings(_prepare(geometry, rays, job), job)
+
+
+def prepare_hits(geometry: Geometry, visible: wp.array, rays: Rays, limit: float, out: HitArrays) -> Readings:
+    """Prepare a `cast` that writes to these arrays. Shapes are cast as for `prepare_readings`; `turn_to` other poses of
+    the rays."""
+    job = _job(visible, rays, limit, CULL_NONE, out.out())
     return Readings(_prepare(geometry, rays, job), job)
 
 

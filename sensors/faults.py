@@ -20,6 +20,8 @@ from .names import expected_one_of, listing
 
 Where = tuple[str | int, ...]
 
+MOST_SHOWN = 100
+"""Faults of which an error shows a line each."""
 _KINDS_WITH_MEANING = ("float_type", "int_type", "int_from_float", "tuple_type", "string_pattern_mismatch")
 _MAPPING_KINDS = ("model_type", "model_attributes_type", "dict_type")
 
@@ -53,7 +55,12 @@ def refuse(owner: str, faults: Iterable[Fault]) -> None:
     """Raise one InputError with a line per fault, each beginning with `owner`; do nothing without faults."""
     lines = [f"{owner}: {fault}" for fault in faults]
     if lines:
-        raise InputError("\n".join(lines))
+        raise InputError("\n".join(lines[:MOST_SHOWN] + others(len(lines))))
+
+
+def others(faults: int) -> list[str]:
+    """The line about those of so many faults that are not shown, if there are any."""
+    return [f"... and {faults - MOST_SHOWN} more"] if faults > MOST_SHOWN else []
 
 
 def faults_of(error: ValidationError, spec: type[BaseModel]) -> list[Fault]:

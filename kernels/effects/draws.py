@@ -1,8 +1,10 @@
 """Random numbers for many rays, drawn before they are used: on the CPU for sixteen rays at once, on CUDA singly."""
 
+from collections.abc import Callable
+
 import warp as wp
 
-from rigcast.kernels.launching.slices import launch_over_rays, launch_over_runs
+from rigcast.kernels.launching.slices import prepare_over_rays, prepare_over_runs
 from rigcast.kernels.packets.packet import LANES, lanes
 
 from .random import M0, M1, W0, W1, WORD, RandomSource, as_uniform, cosine_of, normal_radius, random_numbers
@@ -101,14 +103,25 @@ def draw_run(first: int, run: int, source: RandomSource, draw: int, draws: Draws
 
 
 def drawn(source: RandomSource, draw: int, count: int, device: wp.DeviceLike, times: int = 1) -> Draws:
-    """Random numbers (times * count,) of `count` rays: for each, two standard normal and two uniform numbers in (0, 1),
-    all independent. Draw k of ray i is entry k * count + i and has the number draw + k in the source."""
-    draws, part = Draws(), Draws()
-    draws.numbers = wp.empty(times * count, dtype=wp.vec4, device=device)
-    for k in range(times if count else 0):
-        part.numbers = draws.numbers[k * count : (k + 1) * count]
-        if wp.get_device(device).is_cuda:
-            launch_over_rays(draw_one, count, [source, draw + k], [part], device)
-        else:
-            launch_over_runs(draw_run, count, [source, draw + k], [part], device)
+    """Random numbers (times * count,) of `count` rays; see `prepare_draws`."""
+    draws, launches = prepare_draws(source, draw, count, device, times)
+    for launch in launches:
+        launch()
     return draws
+
+
+def prepare_draws(
+    source: RandomSource, draw: int, count: int, device: wp.DeviceLike, times: int = 1
+) -> tuple[Draws, list[Callable[[], object]]]:
+    """Random numbers (times * count,) of `count` rays: for each, two standard normal and two uniform numbers in (0, 1),
+    all independent; and the launches that draw them, each time from what `source` is by then. Draw k of ray i is entry
+    k * count + i and has the number draw + k in the source."""
+    draws = Draws()
+    draws.numbers = wp.empty(times * count, dtype=wp.vec4, device=device)
+    prepare, kernel = (prepare_over_rays, draw_one) if wp.get_device(device).is_cuda else (prepare_over_runs, draw_run)
+    launches = []
+    for k in range(times if count else 0):
+        part = Draws()
+        part.numbers = draws.numbers[k * count : (k + 1) * count] if times > 1 else draws.numbers
+        launches.append(prepare(kernel, count, [source, draw + k], [part], device))
+    return draws, launches

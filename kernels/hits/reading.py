@@ -4,9 +4,11 @@ Each ray takes less time than starting a Warp thread on the CPU, so a thread han
 `while`: the compiler would keep the counter of a `for` in memory, and each ray would wait for it.
 """
 
+from collections.abc import Callable
+
 import warp as wp
 
-from rigcast.kernels.launching.slices import launch_over_runs
+from rigcast.kernels.launching.slices import launch_over_runs, prepare_over_runs
 from rigcast.kernels.rays.arrays import RayArrays, Rays, direction_of, firing_of, origin_of
 from rigcast.kernels.vectors import to_float
 
@@ -52,6 +54,11 @@ def read(hits: HitArrays, rays: Rays, min_range: float) -> None:
     out.min_range = min_range
     inputs = [rays.arrays, _per_ray(hits.distance, rays)]
     launch_over_runs(read_hits, hits.distance.size, inputs, [out], hits.distance.device)
+
+
+def prepare_read(rays: RayArrays, per_ray: int, count: int, out: Out, device: wp.DeviceLike) -> Callable[[], object]:
+    """A repeatable `read` of `count` hits, `per_ray` of each ray. rays, out: read anew at each launch."""
+    return prepare_over_runs(read_hits, count, [rays, per_ray], [out], device)
 
 
 def _per_ray(values: wp.array, rays: Rays) -> int:

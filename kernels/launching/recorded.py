@@ -27,6 +27,15 @@ def recorded(
     return (_Shortened if is_short else _ByWarp)(command, arguments)
 
 
+def turn_struct(struct: Any, values: Any) -> None:
+    """Give a Warp struct the values of another of its type, for the next launch.
+
+    It holds no reference to their arrays: the caller must keep these alive.
+    """
+    own, others = struct.__ctype__(), values.__ctype__()
+    ctypes.memmove(ctypes.byref(own), ctypes.byref(others), ctypes.sizeof(own))
+
+
 def _is_as_known(command: wp.Launch, arguments: int) -> bool:
     """Whether a launch has the parts by which it is shortened; they are not public, and may differ in a later Warp."""
     forward = getattr(getattr(command, "hooks", None), "forward", None)

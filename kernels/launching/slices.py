@@ -58,10 +58,27 @@ def launch_over_runs(
     The kernel's first arguments are the index of the run of thread 0 and the number of rays per run; the last run may
     have fewer. A CPU thread takes at least RUNS_PER_SLICE runs.
     """
+    run, runs, slice_size = _runs_of(count, device)
+    launch_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
+
+
+def prepare_over_runs(
+    kernel: wp.Kernel,
+    count: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    device: wp.DeviceLike,
+) -> Callable[[], object]:
+    """A repeatable `launch_over_runs`; structs among the arguments are read anew at each call."""
+    run, runs, slice_size = _runs_of(count, device)
+    return prepare_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
+
+
+def _runs_of(count: int, device: wp.DeviceLike) -> tuple[int, int, int]:
+    """For this many rays: rays per run, number of runs, and runs per slice."""
     run = 1 if wp.get_device(device).is_cuda else RAYS_PER_RUN
     runs = -(-count // run)
-    slice_size = max(RUNS_PER_SLICE, -(-runs // thread_count()))
-    launch_over_rays(kernel, runs, [run, *inputs], outputs, device, slice_size)
+    return run, runs, max(RUNS_PER_SLICE, -(-runs // thread_count()))
 
 
 def prepare_over_rays(

@@ -204,8 +204,8 @@ class Frames:
         self.position, self.rotation, self.pose, self.time = position, rotation, pose, time
         self._everywhere = wp.empty(0, dtype=wp.bool, device=position.device)
         self._no_time = wp.empty(0, dtype=wp.float64, device=position.device)
-        self._given: dict[int, tuple[object, ...]] = {}  # what each frame was placed with
-        self._launches: dict[int, Callable[[], None]] = {}
+        # of each frame, its launch and what that was prepared for:
+        self._prepared: dict[int, tuple[Callable[[], None], tuple[object, ...]]] = {}
 
     @staticmethod
     def empty(worlds: int, count: int, device: wp.DeviceLike, *, with_matrix: bool = False) -> "Frames":
@@ -251,8 +251,8 @@ class Frames:
             time: (nworld,) float32 or float64 [s]; None for 0.
         """
         given = carriers.position, carriers.rotation, time, on, alignment, active
-        known = self._given.get(slot)
-        if known is None or not all(map(is_, given, known)):
+        place, known = self._prepared.get(slot, (None, ()))
+        if place is None or not all(map(is_, given, known)):
             when = self._no_time if time is None else time
             everywhere = self._everywhere if active is None else active
             kernel = _PLACE_ON_CARRIER[carriers.position.dtype, when.dtype]
@@ -260,9 +260,9 @@ class Frames:
             inputs = [carriers.position, carriers.rotation, when, *mounting, everywhere]
             outputs = [self.position, self.rotation, slot, self.pose, self.time]
             worlds, device = self.position.shape[0], self.position.device
-            self._launches[slot] = recorded(kernel, worlds, inputs, outputs, device)
-            self._given[slot] = given
-        self._launches[slot]()
+            place = recorded(kernel, worlds, inputs, outputs, device)
+            self._prepared[slot] = place, given
+        place()
 
 
 def origin(device: wp.DeviceLike) -> Carriers:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from rich.markup import escape
 from rich.table import Table
 
@@ -24,6 +25,7 @@ from rigcast.cli.common.options import (
 from rigcast.motion.simulation import initial_data
 from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.rig.timing.one_state import too_often
+from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.enclosed import enclosed
 from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.mount import Mount
@@ -79,8 +81,24 @@ def _view(sensor: SensorSpec, pattern: Pattern) -> str:
     """The field of view of its outermost rays, across and up; reveals radians given for degrees."""
     if isinstance(sensor, HeightScan):
         return "down"
+    if isinstance(sensor, DepthCamera):
+        return " x ".join(f"{extent:.3g}" for extent in _view_of_camera(pattern))
     azimuth, elevation = angles_deg(sensor, pattern)
     return f"{arc_deg(azimuth):.3g} x {np.ptp(elevation):.3g}"
+
+
+def _view_of_camera(pattern: Pattern) -> NDArray[np.float64]:
+    """The angles [deg] that its rays span across and up, along the row and the column through the optical axis.
+
+    Each ray is at its angle from the axis, in its direction in the image: azimuth and elevation would be those of no
+    row or column for a lens that sees behind the camera.
+    """
+    rays = pattern.directions.reshape(-1, 3)
+    rays = rays[np.isfinite(rays).all(axis=1)]
+    beside = np.linalg.norm(rays[:, :2], axis=1)
+    from_axis = np.rad2deg(np.arctan2(beside, rays[:, 2]))
+    placed = rays[:, :2] * (from_axis / np.maximum(beside, 1e-300))[:, None]
+    return np.asarray(np.ptp(placed, axis=0))
 
 
 def _radians(sensors: Iterable[SensorSpec]) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""A first rig for a model: sensors on its cameras and on sites named like sensors, with comments."""
+"""A first rig for a model: sensors on its cameras and on sites and bodies named like sensors, with comments."""
 
 import re
 from collections.abc import Iterator
@@ -7,21 +7,22 @@ from pathlib import Path
 import mujoco
 
 from rigcast.sensors.names import model_names, usable_name
+from rigcast.sensors.specs.mount import Parent
 from rigcast.sensors.specs.presets import load_preset, preset_names
 
 from .faults import sensor_of_preset
 
 _SCANNING = re.compile(r"lidar|laser|scan|velodyne|ouster|livox|hesai", re.IGNORECASE)
-_LOOKING = re.compile(r"depth|camera|realsense|kinect|zed", re.IGNORECASE)
+_LOOKING = re.compile(r"depth|camera|realsense|kinect|(?<![a-z])zed", re.IGNORECASE)
 _LIDAR = "velodyne_vlp16"  # where a name says no more than that there is a lidar
 _LISTED = 20  # names that a comment lists before it is cut short
 
 
 def starter_rig(model: mujoco.MjModel, model_path: str, schema: str) -> str:
-    """The text of a rig file: a depth camera on every camera, a sensor on every site named like one.
+    """The text of a rig file: a depth camera on every camera, a sensor on every site and body named like one.
 
-    Without any such site there is a lidar on top of the first body that moves, or in the world. model_path: what
-    the file shall say; schema: path or address of the JSON schema, for editors.
+    Without any lidar of these there is one on top of the first body that moves, or in the world. model_path: what the
+    file shall say; schema: path or address of the JSON schema, for editors.
     """
     return "\n".join([*_head(model, model_path, schema), "sensors:", *_sensors(model)]) + "\n"
 
@@ -42,25 +43,52 @@ def _head(model: mujoco.MjModel, model_path: str, schema: str) -> Iterator[str]:
 def _sensors(model: mujoco.MjModel) -> Iterator[str]:
     cameras = model_names(model, mujoco.mjtObj.mjOBJ_CAMERA, model.ncam)
     sites = model_names(model, mujoco.mjtObj.mjOBJ_SITE, model.nsite)
-    devices = {site: device for site in sites if (device := _device(site))}
-    kinds = {site: load_preset(device).type for site, device in devices.items()}
-    scanning = [site for site in sites if kinds.get(site) == "lidar" or (site not in kinds and _SCANNING.search(site))]
-    looking = [site for site in sites if site not in scanning and (site in kinds or _LOOKING.search(site))]
+    bodies = _device_bodies(model)
+    places: list[tuple[Parent, str]] = [("site", site) for site in sites] + [("body", body) for body in bodies]
+    looking, scanning = ([place for place in places if _kind(place[1]) == kind] for kind in ("depth_camera", "lidar"))
     taken: set[str] = set()
     for camera in cameras:
         yield from _camera(model, camera, usable_name(camera, taken))
-    for site in looking:
-        yield from _site_camera(site, usable_name(site, taken), devices.get(site, "realsense_d435"))
-    for site in scanning:
-        mount, device = f"{{site: {_quoted(site)}}}", devices.get(site, _LIDAR)
-        yield from _lidar(model, usable_name(site, taken), mount, _site_body(model, site), device)
+    for parent, place in looking:
+        device = _device(place) or "realsense_d435"
+        yield from _mounted_camera(parent, place, usable_name(place, taken), device)
+    for parent, place in scanning:
+        mount, device = f"{{{parent}: {_quoted(place)}}}", _device(place) or _LIDAR
+        body = _site_body(model, place) if parent == "site" else model.body(place).id
+        yield from _lidar(model, usable_name(place, taken), mount, body, device)
     if not scanning:
         yield from _lidar_on_body(model, sites, usable_name("lidar", taken))
 
 
-def _device(site: str) -> str | None:
-    """The preset that a site's name has most words of, among them the model's, as `mid360` and `front_d455` have."""
-    said = set(re.split(r"[\W_]+", site.lower()))
+def _kind(name: str) -> str | None:
+    """The type of sensor that a site or body of this name is for; None for others."""
+    device = _device(name)
+    if device is not None:
+        return load_preset(device).type
+    if _SCANNING.search(name):
+        return "lidar"
+    return "depth_camera" if _LOOKING.search(name) else None
+
+
+def _device_bodies(model: mujoco.MjModel) -> list[str]:
+    """The bodies named like sensors, but of a tree of them, as of a camera's link and its frames, only the topmost, and
+    none that has a camera or a site for a sensor."""
+    has_place = set(model.cam_bodyid.tolist())
+    has_place |= {int(model.site_bodyid[k]) for k in range(model.nsite) if _kind(model.site(k).name)}
+    named = {body for body in range(1, model.nbody) if _kind(model.body(body).name)}
+    topmost = [body for body in sorted(named) if not named.intersection(_above(model, body))]
+    return [model.body(body).name for body in topmost if not any(body in (k, *_above(model, k)) for k in has_place)]
+
+
+def _above(model: mujoco.MjModel, body: int) -> Iterator[int]:
+    """The bodies that a body is on, without the world."""
+    while body := int(model.body_parentid[body]):
+        yield body
+
+
+def _device(place: str) -> str | None:
+    """The preset that a site's or body's name has most words of, among them the model's, as `front_d455` has."""
+    said = set(re.split(r"[\W_]+", place.lower()))
     words = {name: name.split("_") for name in preset_names()}
     meant = [name for name, (first, *more) in words.items() if _means(said, first, more)]
     return max(meant, key=lambda name: len(said.intersection(words[name])), default=None)
@@ -85,12 +113,14 @@ def _camera(model: mujoco.MjModel, camera: str, name: str) -> Iterator[str]:
     yield ""
 
 
-def _site_camera(site: str, name: str, device: str) -> Iterator[str]:
+def _mounted_camera(parent: Parent, place: str, name: str, device: str) -> Iterator[str]:
     yield f"  - name: {_quoted(name)}"
     yield "    type: depth_camera"
     yield f"    preset: {device}    # any key beside it overrides the preset; `rigcast presets` lists them"
-    yield f"    mount: {{site: {_quoted(site)}}}    # looks along the site's +x, with +z up"
+    yield f"    mount: {{{parent}: {_quoted(place)}}}    # looks along the {parent}'s +x, with +z up"
     yield f"    rate_hz: {_rate_hz(device, 30):g}"
+    if parent == "body":
+        yield f"    filter: {{exclude_bodies: [{_quoted(place)}], exclude_subtree: true}}    # its own housing"
     yield ""
 
 

@@ -2,8 +2,8 @@
 
                                                                        times                  points
     velodyne  x y z intensity f32, ring u16, time f32                  s since the header     hits, as fired
-    ouster    x y z intensity f32, t u32, reflectivity u16, ring u16,  ns since the header    all, rows x columns
-              ambient u16, range u32 [mm]
+    ouster    x y z intensity f32, t u32, reflectivity u16, ring u16,  ns since the header    all, rows x columns,
+              ambient u16, range u32 [mm]                                                     destaggered
     livox     x y z intensity f32, tag u8, line u8, timestamp f64      ns, absolute           hits, as fired
     hesai     x y z intensity f32, ring u16, timestamp f64             s, absolute            hits, as fired
     full      x y z normal_x normal_y normal_z range f32, every other  s, absolute            all, as in the frame
@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from rigcast.export.fields import Fields, fields_of, intensity_of, rays_of
 from rigcast.export.options import PointLayout
 from rigcast.sensors.rig.frame import CameraFrame, Frame
+from rigcast.sensors.specs.lidars.lidar import Lidar
+from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 _XYZI = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")]
 _PIXEL = np.dtype(_XYZI[:3])
@@ -69,14 +71,14 @@ def choose_layout(layout: PointLayout, preset: str | None) -> str:
     return maker if maker in _MAKERS else "full"
 
 
-def lay_out(frame: Frame, layout: str) -> Points:
-    """The points of a frame in a layout."""
+def lay_out(frame: Frame, layout: str, spec: SensorSpec) -> Points:
+    """The points of a frame of the sensor `spec` in a layout."""
     rays = rays_of(frame)
     rays["stamp_ns"] = np.rint((rays["stamp"] - frame.time) * 1e9)
     if layout == "full":
         return Points(_full(rays).reshape(_rows_columns(frame)), False)
     if layout == "ouster":
-        return Points(_of_maker(rays, layout).reshape(_rows_columns(frame)), False)
+        return Points(_destaggered(_of_maker(rays, layout).reshape(_rows_columns(frame)), spec), False)
     order = np.argsort(rays["stamp"], kind="stable")
     order = order[np.isfinite(rays["range"])[order]]
     return Points(_of_maker({name: field[order] for name, field in rays.items()}, layout)[None], True)
@@ -92,6 +94,23 @@ def _rows_columns(frame: Frame) -> tuple[int, int]:
     """(beams, columns), or (1, rays); several returns stand side by side."""
     shape = fields_of(frame)["range"].shape
     return (shape[0], -1) if len(shape) > 1 else (1, shape[0])
+
+
+def _destaggered(cloud: NDArray[np.void], spec: SensorSpec) -> NDArray[np.void]:
+    """A turn (rows, columns) with each row shifted by its azimuth offset, so that a column is at one azimuth.
+
+    A row that looks n columns ahead sees in column k what the other rows see in column k + n. So does ouster_ros by
+    default. Sectors stay as they are, because what leaves them at one end is not what enters at the other.
+    """
+    if not isinstance(spec, Lidar) or spec.azimuth_offset_deg is None or spec.azimuth_deg is not None:
+        return cloud
+    rows = len(spec.azimuth_offset_deg)
+    by_return = cloud.reshape(rows, -1, 2 if spec.returns == "dual" else 1)
+    columns = by_return.shape[1]
+    step = (-360 if spec.clockwise else 360) / columns
+    ahead = np.rint(np.array(spec.azimuth_offset_deg) / step).astype(int)
+    source = (np.arange(columns) - ahead[:, None]) % columns
+    return np.take_along_axis(by_return, source[..., None], axis=1).reshape(rows, -1)
 
 
 def _of_maker(rays: Fields, layout: str) -> NDArray[np.void]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.meshes import mesh_of_model
 from rigcast.sensors.preview.colour import Scale, id_colours
-from rigcast.view.shots import VALUES, Shot
+from rigcast.view.shots import VALUES, Shot, sensors_in, values_in
 
 if TYPE_CHECKING:
     import rerun
@@ -37,11 +37,7 @@ def load_rerun() -> ModuleType:
 
 
 def show_in_rerun(
-    title: str,
-    shots: Sequence[Shot],
-    save: Path | None,
-    model: mujoco.MjModel | None = None,
-    moments: Sequence[Moment] = (),
+    title: str, shots: Sequence[Shot], save: Path | None, model: mujoco.MjModel | None, moments: Sequence[Moment]
 ) -> None:
     """Show the shots in rerun's viewer, or write them to `save`, a recording (.rrd).
 
@@ -69,19 +65,15 @@ def show_in_rerun(
     recording.disconnect()
 
 
-def _sensors(shots: Sequence[Shot]) -> list[str]:
-    return list({shot.sensor: None for shot in shots})
-
-
 def _blueprint(shots: Sequence[Shot]) -> Any:
     """A view of the clouds for each value that they can be coloured by, and the images beside them."""
     import rerun.blueprint as rrb
 
-    names = [name for name in VALUES if any(name in shot.values for shot in shots)]
-    images = [sensor for sensor in _sensors(shots) if any(s.depth is not None for s in shots if s.sensor == sensor)]
+    names, sensors = values_in(shots), sensors_in(shots)
+    images = sensors_in(filter(_has_depth, shots))
 
     def view(chosen: str) -> Any:
-        others = [f"- /sensors/{sensor}/by_{n}/**" for sensor in _sensors(shots) for n in names if n != chosen]
+        others = [f"- /sensors/{sensor}/by_{n}/**" for sensor in sensors for n in names if n != chosen]
         return rrb.Spatial3DView(origin="/", name=f"by {chosen}", contents=["+ /**", *others])
 
     pictures = [rrb.Spatial2DView(origin=f"/sensors/{name}/camera", name=name) for name in images]
@@ -100,16 +92,21 @@ def _log_shot(recording: "rerun.RecordingStream", shot: Shot, scales: dict[str, 
     path = f"sensors/{shot.sensor}"
     recording.set_time(TIMELINE, duration=shot.time)
     recording.log(path, rr.Transform3D(translation=shot.pose[:3, 3], mat3x3=shot.pose[:3, :3]))
-    values_of_points = shot.values if shot.depth is None else {}  # a depth image stands in space by itself
+    values_of_points = {} if _has_depth(shot) else shot.values  # a depth image stands in space by itself
     for name, values in values_of_points.items():
         colours = id_colours(values) if name == "geom_id" else scales[name].colours(np.asarray(values, float))
         recording.log(f"{path}/by_{name}", rr.Points3D(shot.points, colors=colours, radii=rr.Radius.ui_points(1.5)))
-    if shot.depth is not None and shot.intrinsics is not None:
-        height, width = shot.depth.shape
+    if shot.image is not None and shot.intrinsics is not None:
+        height, width = shot.image.shape
         pinhole = rr.Pinhole(image_from_camera=shot.intrinsics, width=width, height=height)
         recording.log(f"{path}/camera", pinhole)
-        depth = np.where(np.isfinite(shot.depth), shot.depth, 0.0)  # rerun's sign for "no depth"
+        depth = np.where(np.isfinite(shot.image), shot.image, 0.0)  # rerun's sign for "no depth"
         recording.log(f"{path}/camera", rr.DepthImage(depth.astype(np.float32), meter=1.0))
+
+
+def _has_depth(shot: Shot) -> bool:
+    """Whether a shot has an image of z-depths, and not of ranges, which a pinhole cannot show."""
+    return shot.intrinsics is not None
 
 
 def _log_bodies(recording: "rerun.RecordingStream", model: mujoco.MjModel, moment: Moment) -> None:

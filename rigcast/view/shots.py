@@ -1,7 +1,7 @@
 """Shots: the data of a reading that a view shows, from a new frame or from files."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigcast.sensors.preview.camera import Shown, depth_or_range
 from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.specs.cameras.depth_camera import pixel_rays
 from rigcast.sensors.specs.lens import Lens
@@ -21,9 +22,10 @@ class Shot:
     """One reading of one sensor.
 
     pose: (4, 4) float64, sensor in world. points: (n, 3) float32 [m] in the sensor's frame, of the n rays with a
-    finite range. values: (n,) each, by name, some of VALUES. depth: (height, width) float32 [m] of a camera, else None,
-    as are intrinsics, (3, 3) float64 [pixels], and size, the camera's (width, height), which has more pixels than depth
-    where that is `thinned`.
+    finite range. values: (n,) each, by name, some of VALUES. image: (height, width) float32 [m] of a camera, its
+    z-depths, or the ranges if it sees behind itself, as `shows` says; else None. size: the camera's (width, height),
+    which has more pixels than the image where that is `thinned`. intrinsics: (3, 3) float64 [pixels] of a camera whose
+    image is of z-depths, else None.
     """
 
     sensor: str
@@ -31,30 +33,34 @@ class Shot:
     pose: NDArray[np.float64]
     points: NDArray[np.float32]
     values: Mapping[str, NDArray[Any]]
-    depth: NDArray[np.float32] | None = None
+    image: NDArray[np.float32] | None = None
+    shows: Shown = "depth"
     intrinsics: NDArray[np.float64] | None = None
     size: tuple[int, int] | None = None
 
     @classmethod
     def of(cls, sensor: str, time: float, pose: NDArray[np.float64], arrays: Mapping[str, Any]) -> "Shot":
-        """The shot of arrays by name, one entry per ray: points, any of VALUES, a camera's depth and intrinsics."""
+        """The shot of arrays by name, one entry per ray: points, any of VALUES, a camera's depth, range and
+        intrinsics."""
         points = arrays["points"].reshape(-1, 3)
         hit = np.isfinite(points).all(axis=1)
         values = {name: arrays[name].reshape(-1)[hit] for name in VALUES if name in arrays}
-        depth = arrays.get("depth")
-        size = None if depth is None else (depth.shape[1], depth.shape[0])
-        return cls(sensor, time, pose, points[hit], values, depth, arrays.get("intrinsics"), size)
+        if "depth" not in arrays:
+            return cls(sensor, time, pose, points[hit], values)
+        image, shows = depth_or_range(arrays["depth"], arrays["range"])
+        intrinsics, size = (arrays.get("intrinsics") if shows == "depth" else None), image.shape[::-1]
+        return cls(sensor, time, pose, points[hit], values, image, shows, intrinsics, size)
 
     def thinned(self, most: int, widest: int) -> "Shot":
         """The same with every second, third, ... of its points, so that they are no more than `most`, and likewise of
         its pixels, in rows of `widest` to less than twice as many."""
         step = max(1, -(-len(self.points) // most))
-        pixel = 1 if self.depth is None else max(1, self.depth.shape[1] // widest)
+        pixel = 1 if self.image is None else max(1, self.image.shape[1] // widest)
         if step == pixel == 1:
             return self
         values = {name: own[::step].copy() for name, own in self.values.items()}
-        depth = None if self.depth is None else self.depth[::pixel, ::pixel].copy()
-        return replace(self, points=self.points[::step].copy(), values=values, depth=depth)
+        image = None if self.image is None else self.image[::pixel, ::pixel].copy()
+        return replace(self, points=self.points[::step].copy(), values=values, image=image)
 
     @property
     def points_world(self) -> NDArray[np.float64]:
@@ -83,18 +89,27 @@ def arrays_of_image(
     return {"points": points, "range": distance.astype(np.float32), "depth": depth, "intrinsics": intrinsics}
 
 
-def every(counts: Sequence[int], most: int | None) -> int:
-    """One in how many of each sensor's shots makes no more than `most` of all, or one of each; None is all."""
-    if most is None:
-        return 1
-    return next(step for step in count(1) if sum(-(-n // step) for n in counts) <= max(most, len(counts)))
+def sensors_in(shots: Iterable[Shot]) -> list[str]:
+    """The names of the sensors that these are of."""
+    return list(dict.fromkeys(shot.sensor for shot in shots))
+
+
+def values_in(shots: Iterable[Shot]) -> list[str]:
+    """Which of VALUES any of these has."""
+    there = set[str]().union(*(shot.values for shot in shots))
+    return [name for name in VALUES if name in there]
 
 
 class Share:
-    """Selects every n-th of each sensor's shots, beginning with the first. counts: number of shots by sensor."""
+    """Selects every n-th of each sensor's shots, beginning with the first: at most `most` of all, or one of each.
+
+    counts: number of shots by sensor. most: None for all.
+    """
 
     def __init__(self, counts: Sequence[int], most: int | None) -> None:
-        self._step, self._seen = every(counts, most), Counter[str]()
+        enough = sum(counts) if most is None else max(most, len(counts))
+        self._step = next(step for step in count(1) if sum(-(-n // step) for n in counts) <= enough)
+        self._seen = Counter[str]()
 
     def takes(self, sensor: str) -> bool:
         """Whether the next shot of a sensor is one of them."""

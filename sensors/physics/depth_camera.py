@@ -11,7 +11,7 @@ from rigcast.kernels.effects.cameras.losses import Losses, lose
 from rigcast.kernels.effects.draws import BYTES_PER_DRAW
 from rigcast.kernels.effects.light import SPEED_OF_LIGHT, infrared
 from rigcast.kernels.effects.random import RandomSource
-from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HitArrays
+from rigcast.kernels.hits.arrays import BYTES_PER_HIT, HIT_NAMES, HitArrays
 from rigcast.kernels.hits.reading import bound, read
 from rigcast.kernels.packing.steered import steered
 from rigcast.kernels.rays.arrays import BYTES_PER_DIRECTION, Rays
@@ -25,14 +25,6 @@ from .physics import Reading
 from .sub_rays import SubRays
 
 _KINECT_V1 = {"nguyen": kinect_v1.NGUYEN, "disparity": kinect_v1.DISPARITY}
-
-
-@dataclass(frozen=True, eq=False)
-class _Measured:
-    """hits: as measured. seen: true hits, at any distance. Both (n,), with normals in the camera's frame."""
-
-    hits: HitArrays
-    seen: HitArrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +73,12 @@ class DepthPhysics:
         """Memory [bytes] per ray that is kept with the frame: the true hits, for its infrared intensity."""
         return BYTES_PER_HIT
 
-    def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
+    def read(self, rays: Rays, visible: wp.array, source: RandomSource, out: HitArrays) -> Reading:
         """One reading of the scene with rays through the pixels' centres. Its intensity is that of the true hits."""
-        measured = self._read(_Look(self._scene, rays, visible, source))
-        bound(measured.hits, self._spec.min_range, self._spec.max_range)
+        seen = self._read(_Look(self._scene, rays, visible, source), out)
+        bound(out, self._spec.min_range, self._spec.max_range)
         reflectivity = self._scene.looks().reflectivity
-        return Reading(measured.hits, partial(infrared, measured.seen, rays.directions, reflectivity))
+        return Reading(partial(infrared, seen, rays.directions, reflectivity), used=None)
 
 
 class _ReadStereo:
@@ -97,19 +89,20 @@ class _ReadStereo:
         self._pair.focal, self._pair.centre = pattern.intrinsics[0, 0], pattern.intrinsics[0, 2]
         self._pair.baseline = spec.baseline
 
-    def __call__(self, look: _Look) -> _Measured:
+    def __call__(self, look: _Look, out: HitArrays) -> HitArrays:
+        """Write what is measured; return the true hits, at any distance. Both have normals in the camera's frame."""
         spec, directions = self._spec, look.rays.directions
         seen = look.cast(look.rays)
         surface = seen if spec.kinect_v1 is None else self._shifted(look, seen)
-        hits = _copy(surface)
+        _copy(surface, out)
         if spec.shadow:
             view = stereo.second_view(surface, look.rays, self._pair)
-            stereo.hide(hits, view, look.scene.cast_rays(view.rays, look.visible, math.inf), self._pair)
+            stereo.hide(out, view, look.scene.cast_rays(view.rays, look.visible, math.inf), self._pair)
         if spec.matching_window > 1:
-            hits = stereo.fatten(surface, hits.distance, directions, self._pair, spec.matching_window)
-        look.lose(spec, spec.untextured_dropout, hits)
-        self._disturb(look, hits)
-        return _Measured(hits, seen)
+            stereo.fatten(surface, wp.clone(out.distance), directions, self._pair, spec.matching_window, out)
+        look.lose(spec, spec.untextured_dropout, out)
+        self._disturb(look, out)
+        return seen
 
     def _shifted(self, look: _Look, seen: HitArrays) -> HitArrays:
         """Hits along rays with the Kinect's lateral error, converted to the pixels' own rays at the same depth."""
@@ -140,7 +133,8 @@ class _ReadTimeOfFlight:
             directions = upload(pattern.subrays, scene.device)
             self._subrays = SubRays(spec.time_of_flight.subrays**2, lambda _: directions)
 
-    def __call__(self, look: _Look) -> _Measured:
+    def __call__(self, look: _Look, out: HitArrays) -> HitArrays:
+        """As _ReadStereo."""
         spec = self._spec
         if self._subrays is None:
             seen = look.cast(look.rays)
@@ -149,13 +143,14 @@ class _ReadTimeOfFlight:
             seen = time_of_flight.mix(
                 look.cast(rays), rays.directions, look.scene.looks().reflectivity, spec.subrays**2
             )
-        hits = _copy(seen)
-        look.lose(spec, 0.0, hits)
+        _copy(seen, out)
+        look.lose(spec, 0.0, out)
         wrap = math.inf if spec.modulation_hz is None else SPEED_OF_LIGHT / (2 * spec.modulation_hz)
         std, bias, per_metre = spec.range_std, spec.bias, spec.bias_per_metre
-        time_of_flight.measure_range(hits, look.source, std=std, bias=bias, bias_per_metre=per_metre, wrap=wrap)
-        return _Measured(hits, seen)
+        time_of_flight.measure_range(out, look.source, std=std, bias=bias, bias_per_metre=per_metre, wrap=wrap)
+        return seen
 
 
-def _copy(hits: HitArrays) -> HitArrays:
-    return HitArrays(*(wp.clone(array) for array in (hits.distance, hits.shape, hits.face, hits.normal)))
+def _copy(hits: HitArrays, out: HitArrays) -> None:
+    for name in HIT_NAMES:
+        wp.copy(getattr(out, name), getattr(hits, name))

@@ -14,10 +14,10 @@ Brightness = Callable[[wp.array | None], wp.array]
 
 
 class Reading(NamedTuple):
-    """hits: (n k,) returns, k for each of n rays, normals in the rays' frame. brightness: computes their intensity."""
+    """brightness: computes the intensity of the returns. used: what a CUDA graph that repeats the reading must hold."""
 
-    hits: HitArrays
     brightness: Brightness
+    used: object
 
 
 class Physics(Protocol):
@@ -33,6 +33,9 @@ class Physics(Protocol):
         """Memory [bytes] per ray that is kept with the frame, besides its hits."""
         ...
 
-    def read(self, rays: Rays, visible: wp.array, source: RandomSource) -> Reading:
-        """One reading of the stage with the sensor's rays at its current pose."""
+    def read(self, rays: Rays, visible: wp.array, source: RandomSource, out: HitArrays) -> Reading:
+        """One reading of the stage with the sensor's rays at its current pose.
+
+        out: (n k,) returns, k for each of n rays, normals in the rays' frame.
+        """
         ...

@@ -1,5 +1,7 @@
 """A depth camera's frame as a picture: its depth with a scale, and small its normals and geoms."""
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -16,8 +18,17 @@ from rigcast.sensors.preview.page import (
     seconds,
 )
 
+Shown = Literal["depth", "range"]
+
 _MAIN = (720, 640)  # the box that the depth picture is fitted into, pixels
 _SMALL_WIDTH = WIDTH - 2 * MARGIN - _MAIN[0] - BAR_SPACE - MARGIN
+
+
+def depth_or_range(depth: NDArray[np.float32], distance: NDArray[np.float32]) -> tuple[NDArray[np.float32], Shown]:
+    """What a picture of z-depths and ranges, both (H, W) [m], shows, and its name: the depths, or the ranges if a lens
+    sees behind the camera, where z-depth is negative and says little of what is near."""
+    sees_behind = bool(np.any(np.isfinite(depth) & (depth < 0)))
+    return (distance, "range") if sees_behind else (depth, "depth")
 
 
 def draw_camera(
@@ -28,14 +39,9 @@ def draw_camera(
     normals: NDArray[np.float32],
     geoms: NDArray[np.int32],
 ) -> Image.Image:
-    """Draw z-depth (H, W) [m] over the 1st to 96th percentile; beside it normals (optical frame) and geom ids.
-
-    distance: (H, W) [m], the ranges, which are drawn in its place if a lens sees behind the camera, where z-depth is
-    negative and says little of what is near.
-    """
+    """Draw depth_or_range, (H, W) [m], over the 1st to 96th percentile; beside it normals (optical frame), geom ids."""
     rows, columns = depth.shape
-    sees_behind = bool(np.any(np.isfinite(depth) & (depth < 0)))
-    shown, name = (distance, "range") if sees_behind else (depth, "depth")
+    shown, name = depth_or_range(depth, distance)
     width, height = _fit(columns, rows, _MAIN)
     small = _fit(columns, rows, (_SMALL_WIDTH, (height - CAPTION_HEIGHT) // 2))
     top = TITLE_HEIGHT + CAPTION_HEIGHT
@@ -43,7 +49,7 @@ def draw_camera(
     page = Page(
         top + height + LEGEND_HEIGHT,
         title,
-        f"{'range' if sees_behind else 'z-depth'} in metres, near is warm, the farthest 4 % are of one colour",
+        f"{'z-depth' if name == 'depth' else name} in metres, near is warm, the farthest 4 % are of one colour",
     )
 
     scale = Scale.of(shown, reverse=True)

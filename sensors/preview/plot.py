@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rigcast.sensors.errors import require_type
 from rigcast.sensors.extras import load_extra
+from rigcast.sensors.preview.camera import depth_or_range
 from rigcast.sensors.preview.colour import Scale
 from rigcast.sensors.preview.lidar import first_returns, picture_order
 from rigcast.sensors.specs.pattern import Pattern, azimuth_elevation
@@ -28,9 +29,10 @@ def titled_axes(ax: "Axes | None", sensor: str, time: float) -> "Axes":
     return shown
 
 
-def plot_depth(ax: "Axes", depth: NDArray[np.float32]) -> None:
-    """Plot the z-depth (H, W) [m] of a camera."""
-    _image(ax, depth, "depth [m]")
+def plot_depth(ax: "Axes", depth: NDArray[np.float32], distance: NDArray[np.float32]) -> None:
+    """Plot the z-depth (H, W) [m] of a camera, or the ranges if it sees behind itself."""
+    shown, name = depth_or_range(depth, distance)
+    _image(ax, shown, f"{name} [m]")
     ax.set(xlabel="u [pixels]", ylabel="v [pixels]")
 
 

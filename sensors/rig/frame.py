@@ -202,8 +202,8 @@ class Frame:
     def picture(self) -> "Image.Image":
         """The reading as a picture, 1200 pixels wide, with scales in metres; notebooks show it by themselves.
 
-        A camera: z-depth, normals, geoms. A lidar: range image above a top-down view. A height scan: the heights of its
-        grid. Raises InputError for a frame of many worlds.
+        A camera: z-depth (ranges if it sees behind itself), normals, geoms. A lidar: range image above a top-down view.
+        A height scan: the heights of its grid. Raises InputError for a frame of many worlds.
         """
         self.require_one_world()
         return self._drawn()
@@ -354,7 +354,7 @@ class CameraFrame(Frame):
     def _plot(self, axes: "Axes") -> None:
         from rigcast.sensors.preview.plot import plot_depth
 
-        plot_depth(axes, self.depth.numpy())
+        plot_depth(axes, self.depth.numpy(), self.range.numpy())
 
 
 def as_frames(what: str, frames: Iterable[Frame], sensors: Collection[str] | None = None) -> list[Frame]:

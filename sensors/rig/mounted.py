@@ -112,7 +112,7 @@ class Mounted:
 
     @property
     def bytes_per_posed_world(self) -> int:
-        """Upper bound on the memory [bytes] for errors per world that is read at one time."""
+        """Upper bound on the memory [bytes] for errors per world that is read at one time; much of it is kept."""
         return 0 if self.physics is None else self.physics.bytes_per_ray * math.prod(self.pattern.shape)
 
     @cached_property

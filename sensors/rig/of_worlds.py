@@ -21,8 +21,8 @@ from .mounted import Aim, Mounted
 from .reading import Request, frame_of, read
 
 BYTES_AT_ONCE, BYTES_AT_ONCE_ON_CUDA = 2**24, 2**28
-"""Memory for poses, trees and errors of the worlds that are read at one time; at least one world is read. A GPU needs
-more rays at a time than a CPU."""
+"""Memory for poses, trees and a sensor's errors of the worlds that are read at one time; at least one world is read. A
+GPU needs more rays at a time than a CPU."""
 
 
 def sense_worlds(
@@ -37,7 +37,7 @@ def sense_worlds(
     readings = [ReadingOfWorlds(m, worlds, m.next_arrays(shapes[m.spec.name], out), seed) for m in mounted]
     for part in parts:
         read_worlds(readings, scene.pose_worlds(worlds, part))
-    scene.room = room
+    scene.had_room(room)
     return {m.spec.name: reading.frame() for m, reading in zip(mounted, readings, strict=True)}
 
 
@@ -51,11 +51,11 @@ def _parts(
     """
     rays = {m.spec.name: math.prod(m.pattern.frame_shape) for m in mounted}
     require_countable(worlds.count, rays)
-    each = scene.bytes_per_posed_world(worlds)
-    each += max((m.bytes_per_posed_world for m in mounted), default=0)
-    parts = worlds.parts((BYTES_AT_ONCE_ON_CUDA if scene.device.is_cuda else BYTES_AT_ONCE) // each)
+    posed, errors = scene.bytes_per_posed_world(worlds), [m.bytes_per_posed_world for m in mounted]
+    at_once = BYTES_AT_ONCE_ON_CUDA if scene.device.is_cuda else BYTES_AT_ONCE
+    parts = worlds.parts(at_once // (posed + max(errors, default=0)))
     needs = {"scene": scene.bytes_per_world(worlds), **{m.spec.name: m.bytes_per_world(worlds) for m in mounted}}
-    kept, meanwhile = _bytes_to_use(mounted, out), each * parts[0].stop
+    kept, meanwhile = _bytes_to_use(mounted, out), (posed + sum(errors)) * parts[0].stop
     room = worlds.count, needs, meanwhile
     if kept < BYTES_PER_HIT * worlds.count * sum(rays.values()) or room != scene.room:
         require_memory(worlds.count, needs, meanwhile, scene.device, kept)

@@ -38,8 +38,8 @@ def read_frames(aimed: Sequence[tuple[Mounted, Aim]], seed: int) -> list[Frame]:
 def read(requests: Sequence[Request]) -> tuple[list[Brightness | None], object]:
     """Make these readings: sensors without errors all at once, the others one after the other.
 
-    Returns the intensity of each, None where it follows from the hits; and what a CUDA graph that repeats the casts of
-    sensors without errors must hold.
+    Returns the intensity of each, None where it follows from the hits; and what a CUDA graph that repeats them must
+    hold.
     """
     brightness: list[Brightness | None] = []
     used: list[object] = []
@@ -53,9 +53,10 @@ def read(requests: Sequence[Request]) -> tuple[list[Brightness | None], object]:
             casts[spec.name] = arrays.readings(mounted.scene, rays, visible, (spec.min_range, spec.max_range))
             brightness.append(None)
         else:
-            hits, bright = mounted.physics.read(rays, visible, random())
-            arrays.take(hits, rays)
-            brightness.append(bright)
+            reading = mounted.physics.read(rays, visible, random(), arrays.hits)
+            arrays.taken(rays)
+            brightness.append(reading.brightness)
+            used.append(reading.used)
     used.append(launch(casts.values()))
     return brightness, used
 

@@ -70,6 +70,13 @@ class Scene(Stage):
         super().__init__(model, find_device(device), props, surfaces)
         self._frame = world_frame(self.device)
 
+    def __repr__(self) -> str:
+        model = self.model
+        counts = {"geoms": model.ngeom, "flexes": model.nflex, "skins": model.nskin, "props": len(self._props.mounts)}
+        counts["worlds"] = self._worlds or 0
+        of_each = ", ".join(f"{name}: {count}" for name, count in counts.items() if count)
+        return f"Scene({of_each or 'empty'}; on {self.device})"
+
     def __reduce__(self) -> NoReturn:
         raise TypeError("a Scene holds memory of its device: make one of its model in each process")
 

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast.kernels.cast import Readings, cast, prepare_readings
+from rigcast.kernels.cast import Readings, cast, prepare_hits, prepare_readings
 from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.host.gather import Gathered
 from rigcast.kernels.poses.mounts import BYTES_PER_FRAME
@@ -81,7 +81,7 @@ class Stage:
         self._stale = "no poses yet"  # the reason why nothing can be cast, if so
         self._is_whole = True  # whether the world is not half changed
         self._worlds: int | None = None  # their number, after an update with many worlds
-        self.room: object = None  # memory needs of the last reading of many worlds
+        self._room: object = None
         self._prop_mounts = [WorldMounts.by([mount], device) for mount in self._props.mounts]  # in many worlds
         self._gathered: dict[str, Gathered] = {}  # where poses of several MjData are copied together
         self._part: slice | None = None  # which of the worlds stand, if not all
@@ -95,6 +95,15 @@ class Stage:
     @fixed
     def device(self) -> wp.Device:
         return self._device
+
+    @fixed
+    def room(self) -> object:
+        """Memory needs of the last reading of many worlds."""
+        return self._room
+
+    def had_room(self, needs: object) -> None:
+        """Say that a reading of many worlds with these memory needs has been made."""
+        self._room = needs
 
     @fixed
     def in_use(self) -> InUse:
@@ -300,6 +309,10 @@ class Stage:
     def prepare_readings(self, rays: Rays, visible: wp.array, limits: tuple[float, float]) -> Readings:
         """A cast whose hits are readings within these limits [m], valid while `visible` returns this array."""
         return prepare_readings(self._world.geometry, visible, rays, limits, self._body_of_shape)
+
+    def prepare_hits(self, rays: Rays, visible: wp.array, limit: float, out: HitArrays) -> Readings:
+        """A cast up to this limit [m] into these arrays, valid while `visible` returns this array."""
+        return prepare_hits(self._world.geometry, visible, rays, limit, out)
 
     def hits(self, arrays: HitArrays, shape: tuple[int, ...]) -> Hits:
         """Hits from the arrays of a cast of rays of this shape."""

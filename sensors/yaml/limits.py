@@ -14,6 +14,8 @@ from ruamel.yaml.tokens import (
     FlowMappingStartToken,
     FlowSequenceEndToken,
     FlowSequenceStartToken,
+    KeyToken,
+    ScalarToken,
     Token,
 )
 
@@ -35,8 +37,8 @@ def require_extent(source: str, root: Node) -> None:
 
 
 def shallow_tokens(yaml: YAML, text: str) -> Iterator[Token]:
-    """The tokens of a text; raises an error if it is of another version or nested too deeply."""
-    depth = 0
+    """The tokens of a text; raises an error if it is of another version, nested too deeply or has too many values."""
+    depth = values = 0
     for token in yaml.scan(text):
         if isinstance(token, DirectiveToken) and token.name == "YAML" and token.value != (1, 2):
             version = ".".join(map(str, token.value))
@@ -44,6 +46,10 @@ def shallow_tokens(yaml: YAML, text: str) -> Iterator[Token]:
         depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
         if depth > _DEEPEST:
             raise MarkedYAMLError(problem=f"nested more than {_DEEPEST} deep", problem_mark=token.start_mark)
+        values += isinstance(token, (ScalarToken, *_OPENING)) - isinstance(token, KeyToken)
+        if values > MOST_VALUES:  # told here, because to read them all takes minutes
+            told = f"got more than {MOST_VALUES} values; rays belong in a ray_file"
+            raise MarkedYAMLError(problem=told, problem_mark=token.start_mark)
         yield token
 
 

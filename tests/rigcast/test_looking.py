@@ -27,6 +27,9 @@ SENSORS: list[rigcast.Lidar | rigcast.DepthCamera | rigcast.HeightScan] = [
     rigcast.Lidar(name="dual", mount=MOUNT, elevation_deg=[-20, 0, 20], columns=36, returns="dual"),
     rigcast.Lidar(name="rosette", mount=MOUNT, preset="livox_mid40"),
     rigcast.DepthCamera(name="front", mount=MOUNT, resolution=(8, 6), fov_y_deg=50),
+    rigcast.DepthCamera(
+        name="fisheye", mount=MOUNT, resolution=(9, 9), fx=2, fy=2, cx=4.5, cy=4.5, distortion=rigcast.KannalaBrandt()
+    ),
     rigcast.HeightScan(name="feet", mount=MOUNT, size=(1, 1), spacing=0.25),
 ]
 
@@ -51,7 +54,7 @@ def test_a_notebook_shows_a_frame(frames: dict[str, rigcast.Frame], name: str) -
 @pytest.mark.parametrize(
     ("name", "label"),
     [
-        *((name, "range [m]") for name in ("top", "dual", "rosette")),
+        *((name, "range [m]") for name in ("top", "dual", "rosette", "fisheye")),
         ("front", "depth [m]"),
         ("feet", "z [m]"),
     ],

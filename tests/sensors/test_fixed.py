@@ -18,7 +18,7 @@ def test_attributes_of_a_rig_cannot_be_assigned(name: str) -> None:
     assert getattr(rig, name) is before
 
 
-@pytest.mark.parametrize("name", ["model", "device", "shape_ids", "body_of_shape"])
+@pytest.mark.parametrize("name", ["model", "device", "shape_ids", "body_of_shape", "room", "in_use"])
 def test_attributes_of_a_scene_cannot_be_assigned(name: str) -> None:
     scene = Scene(MODEL, "cpu")
     before = getattr(scene, name)

@@ -165,15 +165,15 @@ def fatten_edges(first: int, pair: StereoPair, half: int, surface: Out, matched:
     out.normal[i] = surface.normal[nearest]
 
 
-def fatten(surface: HitArrays, matched: wp.array, directions: wp.array, pair: StereoPair, window: int) -> HitArrays:
-    """Hits after matching windows of `window` pixels, an odd number; see fatten_edges. `face` is not written.
+def fatten(
+    surface: HitArrays, matched: wp.array, directions: wp.array, pair: StereoPair, window: int, out: HitArrays
+) -> None:
+    """Write hits after matching windows of `window` pixels, an odd number; see fatten_edges. `face` is not written.
 
     matched: (n,) float32 [m], the distance of each pixel of `surface`; NaN where it is not matched.
     """
-    out = HitArrays.empty(matched.size, matched.device)
     inputs = [pair, window // 2, surface.out(), lines_of(directions, matched)]
     launch_over_rays(fatten_edges, matched.size, inputs, [out.out()], matched.device)
-    return out
 
 
 @wp.func

@@ -21,7 +21,7 @@ import warp as wp
 
 from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.hits.out import Out
-from rigcast.kernels.launching.slices import launch_over_runs
+from rigcast.kernels.launching.slices import prepare_over_runs
 from rigcast.kernels.rays.arrays import RayArrays, Rays, firing_of
 from rigcast.kernels.vectors import modulo, of_ray, to_double
 
@@ -77,12 +77,11 @@ class Paths:
 class Setting:
     """The conditions of one reading.
 
-    rays: as they leave the sensor. limit: range of the farthest echo [m]. extinction: of the air [1/m]. lobe: half
-    angle within which a mirror reflects light back to the receiver [rad]. sub_rays: number per beam.
+    limit: range of the farthest echo [m]. extinction: of the air [1/m]. lobe: half angle within which a mirror reflects
+    light back to the receiver [rad]. sub_rays: number per beam.
     """
 
     surfaces: SurfaceArrays
-    rays: Rays
     limit: float
     extinction: float
     lobe: float
@@ -240,36 +239,52 @@ def new_echoes(slots: int, beams: int, device: wp.DeviceLike) -> Echoes:
     return echoes
 
 
-def started(rays: Rays, travelled: wp.array, share: wp.array) -> Paths:
-    """Paths of the rays as they leave the sensor. travelled, share: arrays of 0 and of the light's shares."""
-    paths = Paths()
-    paths.direction, paths.origin = rays.directions.flatten(), rays.origins.flatten()
-    paths.travelled, paths.share = travelled, share
-    return paths
-
-
 def new_paths(count: int, device: wp.DeviceLike) -> Paths:
-    """Paths for light that goes on, all marked as ended; with count 0 no light is followed."""
+    """Uninitialised arrays for light that goes on."""
     paths = Paths()
-    nan = wp.vec3d(wp.nan, wp.nan, wp.nan)
-    paths.direction = wp.full(count, nan, dtype=wp.vec3d, device=device)
-    paths.origin = wp.full(count, nan, dtype=wp.vec3d, device=device)
-    paths.travelled, paths.share = (wp.zeros(count, dtype=float, device=device) for _ in range(2))
+    paths.direction, paths.origin = (wp.empty(count, dtype=wp.vec3d, device=device) for _ in range(2))
+    paths.travelled, paths.share = (wp.empty(count, dtype=float, device=device) for _ in range(2))
     return paths
 
 
-def reflect(
-    setting: Setting, hits: HitArrays, paths: Paths, first_slot: int, echoes: Echoes, beyond: Paths, aside: Paths
-) -> None:
-    """Write the echoes of the paths' hits to slots first_slot, ... first_slot + sub_rays - 1, and the paths that go on.
+class Reflections:
+    """A repeatable launch that writes the echo of each path's hit, and the light that goes on; `turn_to` rays first.
 
     Args:
         hits: of the paths, with normals in the world.
+        paths: of the light. Those in slot 0 begin at the sensor and follow the rays; only their `travelled` and `share`
+            are given.
+        first_slot: echoes go to slots first_slot, ... first_slot + sub_rays - 1.
         beyond: out, paths of light transmitted by the surfaces; empty to drop it.
-        aside: in and out, paths of light that the first mirror on the way sends aside; empty to drop it.
+        aside: in and out, paths of light that the first mirror on the way sends aside, all marked as ended before the
+            first launch; empty to drop it.
     """
-    meeting = Meeting()
-    meeting.surfaces, meeting.hits, meeting.paths = setting.surfaces, hits.out(), paths
-    meeting.rays, meeting.sub_rays, meeting.first_slot = setting.rays.arrays, setting.sub_rays, first_slot
-    meeting.limit, meeting.extinction, meeting.lobe_cosine = setting.limit, setting.extinction, math.cos(setting.lobe)
-    launch_over_runs(reflect_paths, hits.distance.size, [meeting], [echoes, beyond, aside], hits.distance.device)
+
+    def __init__(
+        self,
+        setting: Setting,
+        hits: HitArrays,
+        paths: Paths,
+        first_slot: int,
+        echoes: Echoes,
+        beyond: Paths,
+        aside: Paths,
+    ) -> None:
+        meeting = Meeting()
+        meeting.surfaces, meeting.hits, meeting.paths = setting.surfaces, hits.out(), paths
+        meeting.sub_rays, meeting.first_slot = setting.sub_rays, first_slot
+        meeting.limit, meeting.extinction = setting.limit, setting.extinction
+        meeting.lobe_cosine = math.cos(setting.lobe)
+        self._meeting, self._at_sensor = meeting, first_slot == 0
+        count, device = hits.distance.size, hits.distance.device
+        self._launch = prepare_over_runs(reflect_paths, count, [meeting], [echoes, beyond, aside], device)
+
+    def turn_to(self, rays: Rays) -> None:
+        """Take the rays along which the light leaves the sensor; the caller must keep them alive."""
+        meeting = self._meeting.__ctype__()
+        meeting.rays = rays.arrays.__ctype__()
+        if self._at_sensor:
+            meeting.paths.direction, meeting.paths.origin = meeting.rays.directions, meeting.rays.origins
+
+    def __call__(self) -> None:
+        self._launch()

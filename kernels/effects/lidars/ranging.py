@@ -15,9 +15,9 @@ the same power facing the sensor in clear air.
 
 import warp as wp
 
-from rigcast.kernels.effects.draws import Draws, drawn
+from rigcast.kernels.effects.draws import Draws, prepare_draws
 from rigcast.kernels.effects.random import RandomSource
-from rigcast.kernels.launching.slices import launch_over_runs
+from rigcast.kernels.launching.slices import prepare_over_runs
 
 from .echoes import Echoes
 
@@ -100,18 +100,33 @@ def measure_returns(
         k += 1
 
 
-def measure(
-    returns: Echoes, per_beam: int, noise: RangeNoise, source: RandomSource, limits: tuple[float, float]
-) -> None:
-    """Turn returns into measurements in place.
+class Measurement:
+    """A repeatable measurement of the returns of `beams` beams, in place.
 
     The distance [m] becomes +inf if a return is lost or beyond the upper limit, -inf below the lower one; +inf and NaN
     stay. The power becomes the intensity P R^2, 0 where there is no reading.
 
     Args:
-        returns: return k of beam i is entry i * per_beam + k.
+        returns: read anew at each launch; return k of beam i is entry i * per_beam + k.
+        source: random numbers, read anew likewise.
         limits: (min_range, max_range) [m].
     """
-    count, device = returns.distance.size, returns.distance.device
-    draws = drawn(source, DRAW_RETURN, count // per_beam, device, per_beam)
-    launch_over_runs(measure_returns, count, [noise, draws, per_beam, *limits], [returns], device)
+
+    def __init__(
+        self,
+        returns: Echoes,
+        beams: int,
+        per_beam: int,
+        noise: RangeNoise,
+        source: RandomSource,
+        limits: tuple[float, float],
+        device: wp.DeviceLike,
+    ) -> None:
+        draws, self._draw = prepare_draws(source, DRAW_RETURN, beams, device, per_beam)
+        inputs = [noise, draws, per_beam, *limits]
+        self._measure = prepare_over_runs(measure_returns, per_beam * beams, inputs, [returns], device)
+
+    def __call__(self) -> None:
+        for draw in self._draw:
+            draw()
+        self._measure()

@@ -6,11 +6,13 @@ beam straddles (a mixed pixel). Of the groups with at least the detectable power
 strongest, or two. Slots are laid out as in rigcast.kernels.effects.lidars.echoes.Echoes.
 """
 
+from collections.abc import Callable
+
 import warp as wp
 
-from rigcast.kernels.launching.slices import launch_over_runs
+from rigcast.kernels.launching.slices import prepare_over_runs
 
-from .echoes import Echoes, new_echoes
+from .echoes import Echoes
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -202,16 +204,17 @@ def choose_returns(
         i += 1
 
 
-def choose(echoes: Echoes, beams: int, gap: float, least_power: float, mode: int) -> Echoes:
-    """The returns of each beam: entry i, or for DUAL entries 2 i and 2 i + 1, are those of beam i; see `choose_among`.
+def prepare_choice(
+    echoes: Echoes, beams: int, gap: float, least_power: float, mode: int, returns: Echoes
+) -> Callable[[], object]:
+    """A repeatable launch that writes the returns of each beam; see `choose_among`.
 
     Args:
         echoes: (slots * beams,), see Echoes.
         gap: distance [m] up to which an echo belongs to the group of the one before it.
         least_power: of a return, in units of `Echoes.power`.
         mode: FIRST, LAST, STRONGEST or DUAL.
+        returns: out, read anew at each launch: entry i, or for DUAL entries 2 i and 2 i + 1, are those of beam i.
     """
-    device = echoes.distance.device
-    returns = new_echoes(2 if mode == DUAL else 1, beams, device)
-    launch_over_runs(choose_returns, beams, [echoes, beams, gap, least_power, mode], [returns], device)
-    return returns
+    inputs = [echoes, beams, gap, least_power, mode]
+    return prepare_over_runs(choose_returns, beams, inputs, [returns], echoes.distance.device)

@@ -29,6 +29,7 @@ The echo is at the R where P is largest, less c tau / 2, the lag of the pulse's 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +38,7 @@ import warp as wp
 
 from rigcast.kernels.effects.light import SPEED_OF_LIGHT
 from rigcast.kernels.effects.random import RandomSource, as_uniform, log_of, random_bits
-from rigcast.kernels.launching.slices import launch_over_runs
+from rigcast.kernels.launching.slices import prepare_over_runs
 
 from .echoes import Echoes, spread_power
 
@@ -218,13 +219,14 @@ def scatter(
         i += 1
 
 
-def add_weather(
+def prepare_weather(
     rain: Rain, fog: Fog, source: RandomSource, extinction: float, echoes: Echoes, beams: int, first_slot: int
-) -> None:
-    """Write the echoes of rain and fog in front of each beam's first hit to slots first_slot and first_slot + 1.
+) -> Callable[[], object]:
+    """A repeatable launch that writes the echoes of rain and fog in front of each beam's first hit to slots first_slot
+    and first_slot + 1.
 
-    extinction: of everything in the air [1/m]. The hit is that of the middle sub-ray, in slot 0.
+    source: read anew at each launch. extinction: of everything in the air [1/m]. The hit is that of the middle sub-ray,
+    in slot 0.
     """
-    launch_over_runs(
-        scatter, beams, [rain, fog, source, extinction, beams, first_slot], [echoes], echoes.distance.device
-    )
+    inputs = [rain, fog, source, extinction, beams, first_slot]
+    return prepare_over_runs(scatter, beams, inputs, [echoes], echoes.distance.device)

@@ -1,8 +1,9 @@
 """A frame as a PLY point cloud, binary little endian: one vertex per ray, or return, with a finite range.
 
 Vertex properties: `x y z` [m] and `nx ny nz` (float; sensor frame), `geom_id`, `body_id` (int), `stamp` (double,
-absolute time of the ray [s]); a lidar adds `ring` (ushort) and `column` (int), one with several returns
-`return_number` (uchar, from 0), and a frame that has them `intensity` (float), `flex_id`, `skin_id`, `prop_id` (int).
+absolute time of the ray [s]); a lidar adds `ring` and `column` (int), one with several returns `return_number` (uchar,
+from 0), and a frame that has them `intensity` (float), `flex_id`, `skin_id`, `prop_id` (int). Integers of two bytes
+are left to others: Open3D skips properties that are `ushort`, as trimesh names them.
 PLY has no notion of a miss, so rays without a finite range are left out, and trimesh's writer has no room for
 comments: sensor, time and pose of every file are in the run's frames.npz.
 """
@@ -41,7 +42,4 @@ def _attributes(points: Fields) -> Fields:
     normal = points["normal"]
     attributes: Fields = {"nx": normal[:, 0], "ny": normal[:, 1], "nz": normal[:, 2]}
     names = ("intensity", "ring", "column", "return_number", "geom_id", "body_id", "flex_id", "skin_id", "prop_id")
-    attributes |= {name: points[name] for name in (*names, "stamp") if name in points}
-    if "ring" in attributes:
-        attributes["ring"] = attributes["ring"].astype(np.uint16)
-    return attributes
+    return attributes | {name: points[name] for name in (*names, "stamp") if name in points}

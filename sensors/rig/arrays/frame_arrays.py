@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from rigcast.kernels.cast import Readings
-from rigcast.kernels.hits.arrays import HIT_NAMES, HitArrays
+from rigcast.kernels.hits.arrays import HitArrays
 from rigcast.kernels.host.held import Held
 from rigcast.kernels.host.views import view_as
 from rigcast.kernels.poses.mounts import Frames
@@ -113,10 +113,8 @@ class FrameArrays:
         self._rays, self.fields.written = rays, fields
         return readings
 
-    def take(self, hits: HitArrays, rays: Rays) -> None:
-        """Copy a reading from other arrays."""
-        for name in HIT_NAMES:
-            wp.copy(getattr(self.hits, name), getattr(hits, name))
+    def taken(self, rays: Rays) -> None:
+        """Note that a reading with errors has been written to `hits`."""
         self._rays = rays
         self.held.settle()
 

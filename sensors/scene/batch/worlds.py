@@ -94,6 +94,17 @@ class Worlds:
         self._fits: mujoco.MjModel | None = None  # the one against which filters, mounts and differences were checked
         self._bound: dict[str, tuple[SensorSpec, WorldMounts]] = {}
 
+    def __repr__(self) -> str:
+        of_geoms = self.differences
+        options: dict[str, Any] = {
+            "geom_size": of_geoms.size,
+            "geom_dataid": of_geoms.dataid,
+            "visible": of_geoms.visible,
+        }
+        options |= {"filters": self.filters or None, "mounts": self.mounts or None, "active": self._active}
+        given = ", ".join(name for name, values in options.items() if values is not None)
+        return f"Worlds({self.count}; {given})" if given else f"Worlds({self.count})"
+
     def require_model(self, model: mujoco.MjModel) -> None:
         """Raise InputError if these are not worlds of this model."""
         self._source.require_model(model)

@@ -1,6 +1,6 @@
 """Patterns from a user's file: one measurement per row, with its time and direction."""
 
-import csv
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -78,7 +78,7 @@ def read_rays(path: Path) -> RayTable:
 @lru_cache(maxsize=4)
 def _read(path: Path, _changed: int) -> RayTable:
     try:
-        columns, first_line = _read_npy(path) if path.suffix.lower() == ".npy" else _read_csv(path)
+        columns, numbers = _read_npy(path) if path.suffix.lower() == ".npy" else _read_csv(path)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
     times, azimuth, elevation = (columns[name] for name in _COLUMNS[:3])
@@ -91,37 +91,45 @@ def _read(path: Path, _changed: int) -> RayTable:
         ("an elevation beyond 90 deg", np.abs(elevation) > 90),
     ):
         if bad.any():
-            raise InputError(f"{path}:{first_line + int(bad.argmax())}: got {what}")
+            raise InputError(f"{path}:{numbers[int(bad.argmax())]}: got {what}")
     directions = directions_at(np.deg2rad(azimuth), np.deg2rad(elevation))
     return RayTable(directions, ring.astype(np.int32), times - times[0])
 
 
-def _read_npy(path: Path) -> tuple[dict[str, NDArray[np.float64]], int]:
+def _read_npy(path: Path) -> tuple[dict[str, NDArray[np.float64]], Sequence[int]]:
+    """The columns by name, and the number of each row, from 0."""
     try:
         table = np.load(path, allow_pickle=False)
     except ValueError as error:
         raise InputError(f"{path}: not an NPY file of numbers: {error}") from None
     if table.ndim != 2 or table.shape[1] not in (3, 4) or table.dtype.kind not in "iuf":
         raise InputError(f"{path}: got {table.dtype} of shape {table.shape}, expected numbers (n, 3) or (n, 4)")
-    return dict(zip(_COLUMNS, table.astype(np.float64).T, strict=False)), 0
+    return dict(zip(_COLUMNS, table.astype(np.float64).T, strict=False)), range(len(table))
 
 
-def _read_csv(path: Path) -> tuple[dict[str, NDArray[np.float64]], int]:
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
-    names, header = _column_names(path, lines[0] if lines else "")
+def _read_csv(path: Path) -> tuple[dict[str, NDArray[np.float64]], Sequence[int]]:
+    """The columns by name, and the line of each row, from 1. Blank lines, and what follows a #, are left out."""
+    lines = [(number, line) for number, line in enumerate(_lines(path), 1) if line.strip()]
+    names, header = _column_names(path, *(lines[0] if lines else (1, "")))
+    stripped = [(number, line.partition("#")[0].strip()) for number, line in lines[header:]]
+    rows = [(number, line) for number, line in stripped if line]
     try:
-        table = np.loadtxt(lines[header:], delimiter=",", ndmin=2) if lines[header:] else np.empty((0, len(names)))
+        table = np.loadtxt([line for _, line in rows], delimiter=",", ndmin=2) if rows else np.empty((0, len(names)))
     except ValueError:
-        raise InputError(_first_fault(path, lines, header, len(names))) from None
+        raise InputError(_first_fault(path, rows, len(names))) from None
     if table.size and table.shape[1] != len(names):
-        raise InputError(_first_fault(path, lines, header, len(names)))
+        raise InputError(_first_fault(path, rows, len(names)))
     columns = dict(zip(names, table.reshape(-1, len(names)).T, strict=True))
     if "zenith" in columns:
         columns["elevation"] = 90 - columns.pop("zenith")
-    return columns, header + 1
+    return columns, [number for number, _ in rows]
 
 
-def _column_names(path: Path, line: str) -> tuple[list[str], int]:
+def _lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8-sig").splitlines()
+
+
+def _column_names(path: Path, number: int, line: str) -> tuple[list[str], int]:
     """The columns of a CSV file, and the number of header lines (0 or 1)."""
     cells = [cell.strip() for cell in line.split(",")]
     if all(_is_number(cell) for cell in cells):
@@ -130,16 +138,21 @@ def _column_names(path: Path, line: str) -> tuple[list[str], int]:
     known = (*_COLUMNS, "zenith")
     for name in names:
         if name not in known or names.count(name) > 1:
-            raise InputError(f"{path}:1: column {name!r} is unknown or named twice, {expected_one_of(name, known)}")
+            raise InputError(
+                f"{path}:{number}: column {name!r} is unknown or named twice, {expected_one_of(name, known)}"
+            )
     if not {"time", "azimuth"} < set(names) or ("elevation" in names) == ("zenith" in names):
-        raise InputError(f"{path}:1: got columns {', '.join(names)}, expected time, azimuth, and elevation or zenith")
+        raise InputError(
+            f"{path}:{number}: got columns {', '.join(names)}, expected time, azimuth, and elevation or zenith"
+        )
     return names, 1
 
 
-def _first_fault(path: Path, lines: list[str], header: int, columns: int) -> str:
-    for number, cells in enumerate(csv.reader(lines[header:]), header + 1):
-        if cells and (len(cells) != columns or not all(_is_number(cell) for cell in cells)):
-            return f"{path}:{number}: got {','.join(cells)[:60]!r}, expected {columns} numbers"
+def _first_fault(path: Path, rows: list[tuple[int, str]], columns: int) -> str:
+    for number, line in rows:
+        cells = line.split(",")
+        if len(cells) != columns or not all(_is_number(cell) for cell in cells):
+            return f"{path}:{number}: got {line[:60]!r}, expected {columns} numbers"
     return f"{path}: expected {columns} numbers in each row"
 
 

@@ -311,6 +311,24 @@ def test_odd_yaml_is_refused_like_any_other(folder: Path, text: str, message: st
     assert re.search(message, error_of(write(folder, text)))
 
 
+@pytest.mark.parametrize("separator", [", ", ",\n "], ids=["in one line", "in many"])
+def test_of_very_many_faults_the_first_are_shown(folder: Path, separator: str) -> None:
+    values = separator.join(["x"] * 5000)
+    head = "model: models/robot.xml\n"
+    text = head + f"sensors: [{{name: a, type: lidar, mount: {{}}, columns: 1, elevation_deg: [{values}]}}]\n"
+    lines = error_of(write(folder, text)).splitlines()
+    assert (len(lines), lines[-1]) == (301, "... and 4900 more")
+    assert max(map(len, lines)) < 600
+    assert all(
+        "x" in line and line[len(caret) - 1] == "x" for line, caret in zip(lines[1:-1:3], lines[2:-1:3], strict=True)
+    )
+
+
+def test_a_list_too_long_to_be_read_is_told_where_it_becomes_so(folder: Path) -> None:
+    text = "model: robot.xml\nsensors:\n" + "  - {}\n" * 200_000
+    assert re.search(r":100000:5: .*more than 100000 values", error_of(write(folder, text)))
+
+
 def test_unreadable_files_are_named(tmp_path: Path) -> None:
     assert error_of(tmp_path / "rig.yaml") == f"{tmp_path / 'rig.yaml'}: cannot be read: No such file or directory"
     assert error_of(tmp_path) == f"{tmp_path}: cannot be read: Is a directory"

@@ -64,6 +64,8 @@ BOMBS = {
     "deep lists": "sensors: " + "[" * 100_000,
     "deep mappings": "sensors: " + "{a: " * 5_000,
     "deep and closed": "sensors: " + "[" * 2_000 + "]" * 2_000,
+    "a long list": "sensors: [" + "1, " * 500_000 + "]\n",
+    "a long list of mappings": "sensors:\n" + "  - {}\n" * 200_000,
     "long integer": "seed: " + "9" * 100_000 + "\nsensors: []\n",
     "long hexadecimal": "seed: 0x" + "f" * 100_000 + "\nsensors: []\n",
     "long exponent": "sensors: [{name: a, type: lidar, mount: {}, columns: 1e999999999}]\n",

@@ -1,7 +1,7 @@
 """The messages of a frame, decoded from their bytes by a third-party library."""
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
 import made_frames
 import mujoco
@@ -18,6 +18,7 @@ from rigcast.ros.layouts import choose_layout
 from rigcast.ros.stream import MessageStream, planar_angles
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.frame import CameraFrame, Frame, LidarFrame
+from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.height_scan import HeightScan
 from rigcast.sensors.specs.lidars.lidar import Lidar
@@ -41,7 +42,7 @@ def sent(spec: SensorSpec, frame: Frame, **options: Any) -> dict[str, Any]:
     """The decoded messages of a frame by topic."""
     stream = MessageStream(MODEL, [spec], IdTable.of(MODEL), Export(**options))
     kinds = {topic.name: topic.kind for topic in stream.topics}
-    return {message.topic: decode(kinds[message.topic], message.data) for message in stream.frame(frame)}
+    return {message.topic: decode(kinds[message.topic], message.data) for message in stream.step(None, [frame])}
 
 
 def lidar_frame(intensity: bool, seed: int = 3) -> Any:
@@ -144,6 +145,31 @@ def test_an_ouster_cloud_has_every_ray_in_its_place() -> None:
     intensity = np.minimum(100 * frame.intensity.numpy(), 255)
     np.testing.assert_array_equal(read["intensity"], intensity)
     np.testing.assert_array_equal(read["reflectivity"], np.rint(intensity))
+
+
+@pytest.mark.parametrize(("clockwise", "ahead"), [(False, (-1, 0, 2)), (True, (1, 0, -2))])
+def test_the_rows_of_an_ouster_cloud_are_destaggered(clockwise: bool, ahead: tuple[int, ...]) -> None:
+    offset = {"azimuth_offset_deg": (-45.0, 3.0, 90.0), "clockwise": clockwise}  # columns are 45 deg apart
+    frame = lidar_frame(True)
+    read = cloud(sent(LIDAR.model_copy(update=offset), frame, point_layout="ouster")["/top/points"])
+    for row, columns in enumerate(ahead):
+        np.testing.assert_array_equal(read["x"][row], np.roll(frame.points.numpy()[row, :, 0], columns))
+        fired = 1e9 * (frame.stamp.numpy()[row] - START)
+        np.testing.assert_allclose(read["t"][row], np.roll(fired, columns), atol=1)
+    sector = LIDAR.model_copy(update=offset | {"azimuth_deg": (0.0, 300.0)})
+    read = cloud(sent(sector, frame, point_layout="ouster")["/top/points"])
+    np.testing.assert_array_equal(read["x"], frame.points.numpy()[..., 0])
+
+
+@pytest.mark.parametrize("returns", ["strongest", "dual"])
+def test_a_column_of_an_os1s_cloud_is_at_one_azimuth(returns: Literal["strongest", "dual"]) -> None:
+    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='20'/></worldbody></mujoco>")
+    lidar = Lidar(name="top", mount=Mount(), preset="ouster_os1_64", noise=None, detection=None, returns=returns)
+    frame = Rig(model, [lidar]).sense(mujoco.MjData(model))["top"]
+    read = cloud(sent(lidar, frame)["/top/points"]).reshape(64, 1024, -1)[..., 0]
+    column = np.arctan2(-read["y"], read["x"]) / (2 * np.pi) * 1024
+    error = (column - np.arange(1024) + 512) % 1024 - 512
+    assert np.abs(error).max() < 0.01, "the offsets are those of 9 and 3 columns"
 
 
 @pytest.mark.parametrize("kind", ["lidar", "height_scan"])

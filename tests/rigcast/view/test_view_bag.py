@@ -102,15 +102,15 @@ def test_every_layout_is_shown(layout: str, tmp_path: Path) -> None:
 
 
 def test_depth_in_millimetres_is_shown(tmp_path: Path) -> None:
-    seen = [shot for shot in record(tmp_path, ["mcap"], depth_encoding="16UC1") if shot.depth is not None]
-    read = [shot for shot in read_bag(tmp_path / "rosbag2_mcap") if shot.depth is not None]
+    seen = [shot for shot in record(tmp_path, ["mcap"], depth_encoding="16UC1") if shot.image is not None]
+    read = [shot for shot in read_bag(tmp_path / "rosbag2_mcap") if shot.image is not None]
     assert len(read) == len(seen) > 0
     for got, expected in zip(read, seen, strict=True):
-        assert got.depth is not None
-        assert expected.depth is not None
-        hit = np.isfinite(expected.depth)
-        np.testing.assert_array_equal(np.isfinite(got.depth), hit)
-        np.testing.assert_allclose(got.depth[hit], expected.depth[hit], atol=5.1e-4)
+        assert got.image is not None
+        assert expected.image is not None
+        hit = np.isfinite(expected.image)
+        np.testing.assert_array_equal(np.isfinite(got.image), hit)
+        np.testing.assert_allclose(got.image[hit], expected.image[hit], atol=5.1e-4)
 
 
 def test_points_of_cameras_are_where_their_images_have_them(tmp_path: Path) -> None:
@@ -122,8 +122,8 @@ def test_points_of_cameras_are_where_their_images_have_them(tmp_path: Path) -> N
 
 
 def test_images_of_a_run_are_spread_by_their_lens(tmp_path: Path) -> None:
-    seen = [shot for shot in record(tmp_path, ["exr", "ply"]) if shot.depth is not None]
-    hold_equal([shot for shot in read_run(tmp_path) if shot.depth is not None], seen, ("geom_id",))
+    seen = [shot for shot in record(tmp_path, ["exr", "ply"]) if shot.image is not None]
+    hold_equal([shot for shot in read_run(tmp_path) if shot.image is not None], seen, ("geom_id",))
 
 
 @pytest.mark.parametrize("formats", [["mcap"], ["npz"]])

@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from rigcast import CameraFrame, DepthCamera, Frame, HeightScan, Hits, Lidar, LidarFrame, Mount, Rig
+from rigcast import CameraFrame, DepthCamera, Frame, HeightScan, Hits, Lidar, LidarFrame, Mount, Rig, Scene, Worlds
 
 # A tilted robot above a floor and a hump: the ball before its sensors is too near, the tower and the sky too far.
 XML = """
@@ -262,3 +262,19 @@ def test_a_frame_in_a_terminal_says_what_it_is() -> None:
     assert repr(frame) == "LidarFrame(sensor='lidar', time=0.0, shape=(5, 24))"
     assert repr(rig) == "Rig(lidar: lidar, camera: depth_camera, scan: height_scan; on cpu)"
     assert repr(rig.cast(mujoco.MjData(model))["lidar"]) == "Hits(shape=(5, 24))"
+
+
+def test_a_scene_and_worlds_in_a_terminal_say_how_much_they_hold() -> None:
+    model = mujoco.MjModel.from_xml_string(XML)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    scene = Scene(model, "cpu")
+    assert repr(scene) == f"Scene(geoms: {model.ngeom}; on cpu)"
+    worlds = Worlds([data] * 3)
+    assert repr(worlds) == "Worlds(3)"
+    scene.update(worlds)
+    assert repr(scene) == f"Scene(geoms: {model.ngeom}, worlds: 3; on cpu)"
+    assert repr(Scene(mujoco.MjModel.from_xml_string("<mujoco/>"), "cpu")) == "Scene(empty; on cpu)"
+    sizes = np.tile(model.geom_size, (3, 1, 1))
+    differing = Worlds([data] * 3, geom_size=sizes, mounts={"lidar": [Mount()] * 3}, active=[True] * 3)
+    assert repr(differing) == "Worlds(3; geom_size, mounts, active)"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from rigcast import Lidar, Mount, Rig
+from rigcast import Detection, Lidar, Mount, Noise, Rig, Weather
 from rigcast.kernels.launching import recorded
 
 XML = """
@@ -22,6 +22,7 @@ XML = """
 </mujoco>
 """
 WORLDS = 3
+NOISE = Noise(range_std=0.02)
 FIELDS = ("geom_xpos", "geom_xmat", "xpos", "xmat")
 
 
@@ -75,9 +76,16 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         (one_world, lidars(3), 8, 0),
         (on_device, lidars(1), 3, 0),
         (on_device, lidars(3), 7, 0),
+        # with errors: sensor placed, rays cast, echoes, returns, draws, ranges, readings; an array of intensities
+        (one_world, lidars(1, noise=NOISE), 2 + 7, 1),
+        (one_world, lidars(3, noise=NOISE), 2 + 3 * 7, 3),
+        (on_device, lidars(3, noise=NOISE), 1 + 3 * 7, 3),
+        (on_device, lidars(1, noise=NOISE, returns="dual"), 1 + 8, 1),
+        (on_device, lidars(1, mirrors=True, max_surfaces=3), 1 + 7, 1),
+        (on_device, lidars(1, weather=Weather(rain_rate=5), detection=Detection(range=100)), 1 + 8, 1),
     ],
 )
-def test_a_frame_makes_few_launches_and_no_arrays(
+def test_a_frame_makes_few_launches_and_hardly_an_array(
     source: Callable[[mujoco.MjModel], Any],
     sensors: Sequence[Lidar],
     launches: int,

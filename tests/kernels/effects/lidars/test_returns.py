@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rigcast.kernels.effects.lidars.echoes import Echoes, new_echoes
-from rigcast.kernels.effects.lidars.returns import DUAL, FIRST, LAST, STRONGEST, choose
+from rigcast.kernels.effects.lidars.returns import DUAL, FIRST, LAST, STRONGEST, prepare_choice
 
 SEED = 5
 GAP = 0.75
@@ -33,6 +33,12 @@ def made(distance: NDArray[np.float32], power: NDArray[np.float32]) -> Echoes:
     echoes.face.assign(10 * shape)
     echoes.normal.assign(np.repeat(np.arange(slots, dtype=np.float32), 3 * beams).reshape(-1, 3))
     return echoes
+
+
+def choose(echoes: Echoes, beams: int, gap: float, least: float, mode: int) -> Echoes:
+    returns = new_echoes(2 if mode == DUAL else 1, beams, "cpu")
+    prepare_choice(echoes, beams, gap, least, mode, returns)()
+    return returns
 
 
 def groups_of(distance: NDArray[np.float32], power: NDArray[np.float32], gap: float) -> list[Group]:

@@ -41,7 +41,7 @@ def scattered(
     echoes = new_echoes(3, beams, "cpu")
     echoes.distance.assign(np.concatenate([targets, np.zeros(2 * beams)]).astype(np.float32))
     source = random_source(SEED, "top", frame=0)
-    weather.add_weather(rain, weather.fog_of(fog, "cpu"), source, extinction, echoes, beams, 1)
+    weather.prepare_weather(rain, weather.fog_of(fog, "cpu"), source, extinction, echoes, beams, 1)()
     return tuple(array.numpy().reshape(3, beams)[1:].T for array in (echoes.distance, echoes.power))
 
 

@@ -20,7 +20,7 @@ COMMON = {
     "body_id": "<i4",
     "stamp": "<f8",
 }
-LIDAR = COMMON | {"ring": "<u2", "column": "<i4"}
+LIDAR = COMMON | {"ring": "<i4", "column": "<i4"}
 
 
 def write_and_read(path: Path, frame: Frame) -> np.ndarray[Any, Any]:

@@ -34,6 +34,7 @@ def write(folder: Path, text: str) -> Path:
         pytest.param("time,azimuth,elevation\n" + PLAIN, id="header"),
         pytest.param("\ufeffTime/s,Azimuth/deg,Zenith/deg\n0,10,95\n.25,20,90\n.5,-30,85\n", id="Livox's header"),
         pytest.param("elevation_deg, time_s, azimuth_deg\n-5,0,10\n0,.25,20\n5,.5,-30\n", id="other order"),
+        pytest.param("\ntime,azimuth,elevation\n# a comment\n" + PLAIN.replace("\n", "\n\n"), id="gaps"),
         pytest.param("7,10,-5\r\n7.25,20,0\r\n7.5,-30,5\r\n", id="time from 7, CRLF"),
     ],
 )
@@ -117,6 +118,10 @@ def test_a_file_that_changes_is_read_again(tmp_path: Path) -> None:
         ("time,azimuth,elevation\n" + PLAIN + "0.7,1,91\n", r"rays.csv:5: got an elevation beyond 90 deg"),
         ("time,azimut,elevation\n" + PLAIN, r"rays.csv:1: column 'azimut' is unknown.*did you mean 'azimuth'"),
         ("time,time,elevation\n" + PLAIN, r"rays.csv:1: column 'time' is unknown or named twice"),
+        ("\n\n" + PLAIN + "\n0.6,1,nan\n", r"rays.csv:7: got a number that is not finite"),
+        ("time,azimuth,elevation\n\n# first\n0,1,2 # here\n\n1,2,91\n", r"rays.csv:6: got an elevation beyond 90 deg"),
+        (PLAIN + "\n# last\n0.6,x,1\n", r"rays.csv:6: got '0.6,x,1', expected 3 numbers"),
+        ("\ntime,azimut,elevation\n" + PLAIN, r"rays.csv:2: column 'azimut' is unknown"),
         ("time,azimuth\n0,1\n", r"rays.csv:1: got columns time, azimuth, expected time, azimuth, and elevation or"),
         ("0,1\n", r"rays.csv:1: got '0,1', expected 3 numbers"),
         ("0,1,2,3,4\n", r"rays.csv:1: got '0,1,2,3,4', expected 4 numbers"),
