@@ -123,9 +123,9 @@ def test_it_sleeps_until_real_time_is_simulated_time_over_speed(
     assert sleeps == pytest.approx(slept)
 
 
-@pytest.mark.usefixtures("rig_file")
+@pytest.mark.usefixtures("rig_file", "rclpy")
 @pytest.mark.parametrize(("seed", "expected"), [((), 3), (("--seed", "5"), 5)])
-def test_a_controller_gets_the_seed(rclpy: Any, tmp_path: Path, seed: tuple[str, ...], expected: int) -> None:
+def test_a_controller_gets_the_seed(tmp_path: Path, seed: tuple[str, ...], expected: int) -> None:
     (tmp_path / "told.py").write_text("def tell(model, seed):\n    print('seed', seed)\n    return lambda data: None\n")
     moving = ("--controller", "told:tell", "--set", "seed=3", *seed)
     result = CliRunner().invoke(app, ["publish", "rig.yaml", "--duration", "0.01", "--device", "cpu", *moving])
