@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from .checking import check as check
     from .dataset.reading import open_dataset as open_dataset
     from .export.options import Export as Export
-    from .in_viewer import overlay as overlay
     from .recording.recorder import Recorder as Recorder
     from .rig_file import load_rig as load_rig
     from .ros.node import RosNode as RosNode
@@ -47,6 +46,7 @@ if TYPE_CHECKING:
     from .sensors.specs.prop import Prop as Prop
     from .sensors.specs.surface import Surface as Surface
     from .sensors.threads import set_threads as set_threads
+    from .view.in_viewer import overlay as overlay
 
     __version__: str
 
@@ -88,7 +88,7 @@ _HOME = {
     "from_model": "sensors.specs.imported",
     "load_rig": "rig_file",
     "open_dataset": "dataset.reading",
-    "overlay": "in_viewer",
+    "overlay": "view.in_viewer",
     "set_threads": "sensors.threads",
 }
 

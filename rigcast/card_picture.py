@@ -14,6 +14,7 @@ from rigcast.sensors.preview.panel import empty_panel
 _BOX = (WIDTH - 2 * MARGIN - BAR_SPACE - 40, 400)
 _FEW = 60_000  # most rays that are drawn two pixels wide; the margin is wider than that
 _LINE = 23  # pixels from one line of text to the next
+_COLUMNS, _ROWS = 76, 18  # characters of a picture in a terminal
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])  # of a braille character, from U+2800
 
 
@@ -28,12 +29,12 @@ def draw_card(card: Card) -> Image.Image:
     return page.image
 
 
-def terminal_picture(card: Card, columns: int = 76, rows: int = 18) -> list[str]:
+def terminal_picture(card: Card) -> list[str]:
     """The rays over azimuth (left is left) and elevation, in lines of braille characters."""
-    x, y = _places(card, (2 * columns, 4 * rows))
-    cells = np.zeros((4 * rows, 2 * columns), dtype=bool)
+    x, y = _places(card, (2 * _COLUMNS, 4 * _ROWS))
+    cells = np.zeros((4 * _ROWS, 2 * _COLUMNS), dtype=bool)
     cells[y, x] = True
-    blocks = cells.reshape(rows, 4, columns, 2).transpose(0, 2, 1, 3)
+    blocks = cells.reshape(_ROWS, 4, _COLUMNS, 2).transpose(0, 2, 1, 3)
     return ["".join(chr(0x2800 + code) for code in row) for row in (blocks * _DOTS).sum(axis=(2, 3))]
 
 

@@ -14,8 +14,7 @@ from rigcast.oracle import Comparison, RayHits, Things, Verdict, deformable
 from rigcast.oracle.things import TYPES
 from rigcast.sensors.errors import InputError, require_type, require_whole
 from rigcast.sensors.rig.rig import Rig
-
-from .sensors.scene.parts.part import Owner
+from rigcast.sensors.scene.parts.part import Owner
 
 WRONG_SHOWN = 5
 

@@ -8,16 +8,15 @@ import pytest
 import warp as wp
 from hypothesis import HealthCheck, settings
 
+from rigcast.quiet import quiet_warp
+
 # `make fuzz` uses the second profile; a failure is printed with code that reproduces it
 _PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True, database=None)
 settings.register_profile("suite", _PATIENT, max_examples=200, derandomize=True)
 settings.register_profile("fuzz", _PATIENT, max_examples=20_000)
 settings.load_profile("suite")
 
-if hasattr(wp.config, "log_level"):
-    wp.config.log_level = wp.LOG_WARNING
-else:
-    wp.config.quiet = True
+quiet_warp()
 
 
 @pytest.fixture(scope="session", autouse=True)

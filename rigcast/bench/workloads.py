@@ -28,7 +28,6 @@ from rigcast.sensors.specs.mount import Mount
 from .casters.caster import EVERY_GROUP, Floats
 
 HIDDEN_GROUP = 5
-TRIANGLES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +71,9 @@ def demo_rig() -> Path:
     return Path(str(files("rigcast.configs"))) / "demo.yaml"
 
 
-def room(geoms: int = 1600, seed: int = 0) -> Workload:
+def room(geoms: int = 1600) -> Workload:
     """A hall, 40 m square, with `geoms` boxes, cylinders and meshes at random places, each a body of its own."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     spec = mujoco.MjSpec()
     for k in range(4):
         ball = trimesh.creation.icosphere(subdivisions=3)
@@ -96,13 +95,13 @@ def room(geoms: int = 1600, seed: int = 0) -> Workload:
     return _workload("room", model, mujoco.MjData(model), *_views((0.0, 0.0, 1.2), (5.0, 1.0, 0.8)))
 
 
-def hills(triangles: int = TRIANGLES, seed: int = 0) -> Workload:
+def hills(triangles: int = 1_000_000) -> Workload:
     """A height field of about `triangles` triangles, 100 m square."""
     side = max(2, round((triangles / 2) ** 0.5)) + 1
     model = mujoco.MjModel.from_xml_string(f"""<mujoco>
       <asset><hfield name="hills" nrow="{side}" ncol="{side}" size="50 50 4 1"/></asset>
       <worldbody><geom type="hfield" hfield="hills"/></worldbody></mujoco>""")
-    model.hfield_data[:] = _rough(side, seed).ravel()
+    model.hfield_data[:] = _rough(side, 0).ravel()
     data = mujoco.MjData(model)
     return _workload("hills", model, data, *_views((0.0, 0.0, 6.0), (20.0, 5.0, 2.0)))
 

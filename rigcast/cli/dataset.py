@@ -15,7 +15,7 @@ from rigcast.cli.common.ready import warnings_as_words, word_if_compiling
 from rigcast.dataset.description.config import DatasetConfig, read_dataset
 from rigcast.dataset.making.engines import Engine, InProcess, Processes, Ray
 from rigcast.dataset.making.episode import Result
-from rigcast.dataset.making.generate import Done, Report, make_dataset, missing_units
+from rigcast.dataset.making.generate import Done, make_dataset, missing_units
 from rigcast.dataset.making.rehearsal import rehearse
 from rigcast.dataset.reading import open_dataset
 from rigcast.dataset.storage.manifest import MANIFEST_NAME
@@ -109,8 +109,8 @@ def _engine(name: EngineName, address: str | None, workers: int | None) -> Engin
     return Processes(workers) if name == "processes" else Ray(address, workers)
 
 
-def _counting(report: Callable[[float, int], None], duration: float) -> Report:
-    """A Report that passes the total simulated time and number of frames to a progress bar."""
+def _counting(report: Callable[[float, int], None], duration: float) -> Callable[[Result], None]:
+    """A function of results that passes the total simulated time and number of frames to a progress bar."""
     time, frames = 0.0, 0
 
     def add(result: Result) -> None:
@@ -166,8 +166,7 @@ def _table(statistics: dict[str, dict[str, Any]]) -> Table:
 def _throughput(done: Done, workers: int) -> str:
     """Frames and bytes per second, and the workers' time by purpose; the largest share is the bottleneck."""
     rates = f"{done.frames / done.seconds:.1f} frames/s, {decimal(int(done.size / done.seconds))}/s"
-    purposes = {"loading": done.spent.loading, "physics": done.spent.stepping, "casting": done.spent.sensing}
-    purposes |= {"writing": done.spent.writing}
+    purposes = {**vars(done.spent)}
     purposes["waiting"] = max(0.0, workers * done.seconds - sum(purposes.values()))
     shares = {name: 100 * seconds / (workers * done.seconds) for name, seconds in purposes.items()}
     limit = max(shares, key=lambda name: shares[name])

@@ -10,9 +10,8 @@ from rich.console import Console
 
 from rigcast.cli.common.moving import Controller, Motion, MotionRate, moving
 from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say
-from rigcast.cli.common.progress import step_count
 from rigcast.cli.common.ready import ready_rig
-from rigcast.motion.simulation import initial_data
+from rigcast.motion.simulation import initial_data, step_count
 from rigcast.motion.steps import Step
 from rigcast.rig_file import open_rig
 from rigcast.ros.node import RosNode, require_ros

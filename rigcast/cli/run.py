@@ -14,11 +14,11 @@ from rich.table import Table
 
 from rigcast.cli.common.moving import Controller, Motion, MotionRate, moving
 from rigcast.cli.common.options import Device, ModelPath, Overrides, RigPath, Seed, counted, say, show
-from rigcast.cli.common.progress import progress, step_count
+from rigcast.cli.common.progress import progress
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_writable
-from rigcast.motion.simulation import Diverged, Spent, initial_data
-from rigcast.motion.steps import Step
+from rigcast.motion.simulation import Spent, initial_data, step_count
+from rigcast.motion.steps import Diverged, Step
 from rigcast.recording.formats import FORMATS, choose_formats
 from rigcast.recording.layout import INDEX_NAME
 from rigcast.recording.recorder import Recorder
@@ -80,9 +80,8 @@ def run(
         say(console, f"{counted(recorder.frames, 'frame')} from before Ctrl-C are in {folder}")
         raise
     finally:
-        finishing = perf_counter()
-        recorder.finish()
-        spent.writing += perf_counter() - finishing
+        with spent.on("writing"):
+            recorder.finish()
     show(console, summary(config.sensors, recorder, compiled, started))
     for path in recorder.run_files:
         say(console, f"{path}: the whole run, {decimal(_size(path))}")
@@ -113,15 +112,12 @@ def simulate(
     """
     recorder.step(data, ())
     for number in range(1, steps + 1):
-        start = perf_counter()
-        _take(step, recorder)
-        stepped = perf_counter()
-        frames = rig.step(data)
-        sensed = perf_counter()
-        recorder.step(data, frames)
-        spent.stepping += stepped - start
-        spent.sensing += sensed - stepped
-        spent.writing += perf_counter() - sensed
+        with spent.on("physics"):
+            _take(step, recorder)
+        with spent.on("casting"):
+            frames = rig.step(data)
+        with spent.on("writing"):
+            recorder.step(data, frames)
         report(number * rig.model.opt.timestep, recorder.frames)
 
 

@@ -13,10 +13,10 @@ from rich.console import Console
 
 from rigcast.cli.common.moving import Controller, Motion, MotionRate, Moving, moving
 from rigcast.cli.common.options import Device, ModelPath, Overrides, Seed, counted, say
-from rigcast.cli.common.progress import progress, step_count
+from rigcast.cli.common.progress import progress
 from rigcast.cli.common.ready import ready_rig
 from rigcast.export.files import make_room_for, replacing
-from rigcast.motion.simulation import initial_data
+from rigcast.motion.simulation import initial_data, step_count
 from rigcast.rig_file import RigConfig, open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.specs.sensor_spec import SensorSpec

@@ -104,7 +104,7 @@ def _as_classes(given: Classes | None) -> Classes:
     return given
 
 
-def class_faults(model: mujoco.MjModel, classes: Classes, props: Sequence[Prop] = ()) -> list[Fault]:
+def class_faults(model: mujoco.MjModel, classes: Classes, props: Sequence[Prop]) -> list[Fault]:
     """Faults of `classes` for a model: names that nothing has, and objects in two classes."""
     known = list(chain.from_iterable(_names(model, props).values()))
     unknown = [

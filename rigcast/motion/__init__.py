@@ -1,1 +1,1 @@
-"""Steps of a simulation: physics, with or without a controller, or a recorded motion."""
+"""Simulations as commands and data sets run them: initial state, and steps by physics or by a recorded motion."""

@@ -66,7 +66,9 @@ class UserFunction:
 def find_function(folder: Path, name: str) -> UserFunction:
     """The `module:function` of this name; the module may be in this folder. Raises InputError if there is none."""
     module, _, attribute = name.partition(":")
-    _find_modules_in(folder)
+    place = str(folder.resolve())
+    if place not in sys.path:
+        sys.path.insert(0, place)
     try:
         function = getattr(import_module(module), attribute)
     except (Exception, SystemExit) as error:  # importing the user's module may raise anything
@@ -74,12 +76,6 @@ def find_function(folder: Path, name: str) -> UserFunction:
     if not callable(function):
         raise InputError(f"{name}: got {type(function).__name__}, expected a function")
     return UserFunction(name, folder.resolve(), function)
-
-
-def _find_modules_in(folder: Path) -> None:
-    place = str(folder.resolve())
-    if place not in sys.path:
-        sys.path.insert(0, place)
 
 
 def module_file(name: str) -> Path | None:

@@ -1,21 +1,12 @@
-"""Simulations run by commands: initial state, divergence, and time spent."""
+"""Simulations run by commands: initial state, length, and time spent."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from time import perf_counter
+from typing import Literal
 
 import mujoco
-import numpy as np
-
-from rigcast.sensors.errors import InputError
-
-_DIVERGED = {
-    mujoco.mjtWarning.mjWARN_BADQPOS: "position",
-    mujoco.mjtWarning.mjWARN_BADQVEL: "velocity",
-    mujoco.mjtWarning.mjWARN_BADQACC: "acceleration",
-}
-
-
-class Diverged(InputError):
-    """A simulation has diverged; the message says when and where."""
 
 
 @dataclass
@@ -23,15 +14,24 @@ class Spent:
     """Wall-clock seconds of a run, by purpose."""
 
     loading: float = 0.0
-    stepping: float = 0.0
-    sensing: float = 0.0
+    physics: float = 0.0
+    casting: float = 0.0
     writing: float = 0.0
 
+    @contextmanager
+    def on(self, purpose: Literal["loading", "physics", "casting", "writing"]) -> Iterator[None]:
+        """Add the time that the body takes."""
+        began = perf_counter()
+        yield
+        vars(self)[purpose] += perf_counter() - began
+
+    def add(self, other: "Spent") -> None:
+        """Add the times of another run, purpose by purpose."""
+        for purpose, seconds in vars(other).items():
+            vars(self)[purpose] += seconds
+
     def sentence(self) -> str:
-        return (
-            f"loading {self.loading:.1f} s, physics {self.stepping:.1f} s, "
-            f"casting {self.sensing:.1f} s, writing {self.writing:.1f} s"
-        )
+        return ", ".join(f"{purpose} {seconds:.1f} s" for purpose, seconds in vars(self).items())
 
 
 def initial_data(model: mujoco.MjModel, keyframe: str | None) -> mujoco.MjData:
@@ -42,16 +42,6 @@ def initial_data(model: mujoco.MjModel, keyframe: str | None) -> mujoco.MjData:
     return data
 
 
-def divergence(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> str | None:
-    """How the step from `time` [s] diverged, None if it did not.
-
-    MuJoCo reacts to NaN and huge values with a warning and a reset to its initial state.
-    """
-    for warning, quantity in _DIVERGED.items():
-        if data.warning[warning].number:
-            index = data.warning[warning].lastinfo
-            joints = model.jnt_qposadr if warning == mujoco.mjtWarning.mjWARN_BADQPOS else model.jnt_dofadr
-            joint = int(np.searchsorted(joints, index, side="right")) - 1
-            name = model.joint(joint).name or f"joint_{joint}"
-            return f"the simulation diverged at t = {time:.6g} s: NaN, infinite or huge {quantity} of joint {name!r}"
-    return None
+def step_count(model: mujoco.MjModel, duration: float) -> int:
+    """The number of the model's timesteps in `duration` [s], at least one."""
+    return max(1, round(duration / float(model.opt.timestep)))

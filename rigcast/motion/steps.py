@@ -1,18 +1,28 @@
-"""One step of a simulation: physics under a controller, or a recorded motion without physics."""
+"""One step of a simulation: physics, alone or under a controller."""
 
 from collections.abc import Callable
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+
+from rigcast.sensors.errors import InputError
 
 from .functions import UserFunction
-from .simulation import Diverged, divergence
 
 Step = Callable[[], None]
 """Takes MjData one timestep further."""
 Control = Callable[[mujoco.MjData], object]
 """Writes `ctrl` before a step."""
+
+_DIVERGED = {
+    mujoco.mjtWarning.mjWARN_BADQPOS: "position",
+    mujoco.mjtWarning.mjWARN_BADQVEL: "velocity",
+    mujoco.mjtWarning.mjWARN_BADQACC: "acceleration",
+}
+
+
+class Diverged(InputError):
+    """A simulation has diverged; the message says when and where."""
 
 
 def no_control(_data: mujoco.MjData) -> None:
@@ -26,11 +36,21 @@ def physics(model: mujoco.MjModel, data: mujoco.MjData, control: Control = no_co
         control(data)
         time = data.time
         mujoco.mj_step(model, data)
-        reason = divergence(model, data, time)
-        if reason is not None:
-            raise Diverged(reason)
+        _refuse_divergence(model, data, time)
 
     return step
+
+
+def _refuse_divergence(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> None:
+    """Raise Diverged if the step from `time` [s] did: MuJoCo then warns and resets to its initial state."""
+    for warning, quantity in _DIVERGED.items():
+        if data.warning[warning].number:
+            index = data.warning[warning].lastinfo
+            joints = model.jnt_qposadr if warning == mujoco.mjtWarning.mjWARN_BADQPOS else model.jnt_dofadr
+            joint = int(np.searchsorted(joints, index, side="right")) - 1
+            name = model.joint(joint).name or f"joint_{joint}"
+            place = f"NaN, infinite or huge {quantity} of joint {name!r}"
+            raise Diverged(f"the simulation diverged at t = {time:.6g} s: {place}")
 
 
 def control_of(function: UserFunction, model: mujoco.MjModel, seed: int) -> Control:
@@ -50,35 +70,3 @@ def control_of(function: UserFunction, model: mujoco.MjModel, seed: int) -> Cont
             raise returned.wrong(f"got {got} from the function of the MjData, expected None: it writes data.ctrl")
 
     return controlled
-
-
-def playback(
-    rows: NDArray[np.float64],
-    rate_hz: float,
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    adjust: Control = no_control,
-) -> Step:
-    """Playback of a recorded motion. Sets `data` to the first row now; between rows joints move at constant speed.
-
-    Args:
-        rows: (n, nq), a qpos in each, see rigcast.motion.recorded.
-        rate_hz: rows per second.
-        adjust: called after every change of qpos.
-    """
-    began = data.time
-    data.qpos[:] = rows[0]
-    adjust(data)
-
-    def step() -> None:
-        data.time += model.opt.timestep
-        at = (data.time - began) * rate_hz
-        row = min(int(at), len(rows) - 2)
-        # on the manifold of qpos, where quaternions rotate at constant speed
-        velocity = np.zeros(model.nv)
-        mujoco.mj_differentiatePos(model, velocity, 1.0, rows[row], rows[row + 1])
-        data.qpos[:] = rows[row]
-        mujoco.mj_integratePos(model, data.qpos, velocity, at - row)
-        adjust(data)
-
-    return step

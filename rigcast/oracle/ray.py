@@ -110,17 +110,6 @@ class Oracle:
         return hits
 
 
-def cast(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    origins: npt.ArrayLike,
-    directions: npt.ArrayLike,
-    filter: Filter | None = None,
-) -> RayHits:
-    """Return what mj_ray hits along each ray: `Oracle(model, data, filter).cast(origins, directions)`."""
-    return Oracle(model, data, filter).cast(origins, directions)
-
-
 def require_answerable(model: mujoco.MjModel, data: mujoco.MjData, filter: Filter | None) -> None:
     """Raise InputError if mj_ray would answer for another model or state, or end the process."""
     require_type("oracle: model", model, mujoco.MjModel)

@@ -1,11 +1,11 @@
 """The formats, and their assignment to sensors."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Literal
 
 from rigcast.sensors.errors import InputError
+from rigcast.sensors.extras import load_extra
 from rigcast.sensors.names import did_you_mean
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -62,8 +62,7 @@ def choose_formats(sensors: Sequence[SensorSpec], formats: Sequence[str] | None)
     if isinstance(formats, str) or not isinstance(formats, Iterable):
         raise InputError(f"Recorder: formats: got {formats!r}, expected a list of names, such as [{str(formats)!r}]")
     wanted = tuple(dict.fromkeys(formats))
-    faults = [_unknown(name) for name in wanted if name not in FORMATS]
-    faults += [_missing(name) for name in wanted if name in FORMATS and not is_installed(name)]
+    faults = [fault for name in wanted for fault in _format_faults(name)]
     if not wanted:
         faults = [f"got no format, expected any of {', '.join(FORMATS)}"]
     if faults:
@@ -75,23 +74,19 @@ def choose_formats(sensors: Sequence[SensorSpec], formats: Sequence[str] | None)
     return chosen
 
 
-def is_installed(name: str) -> bool:
-    """Whether the library that writes a format is installed."""
-    needs = FORMATS[name].needs
-    return needs is None or find_spec(needs[0]) is not None
-
-
 def _is_image(spec: SensorSpec) -> bool:
     return isinstance(spec, DepthCamera)
 
 
-def _unknown(name: str) -> str:
-    return f"no format {name!r}, expected any of {', '.join(FORMATS)}{did_you_mean(str(name), list(FORMATS))}"
-
-
-def _missing(name: str) -> str:
-    module, extra = FORMATS[name].needs or ("", "")
-    return f"format {name} needs {module}, which is not installed; pip install 'rigcast[{extra}]' brings it"
+def _format_faults(name: str) -> Iterator[str]:
+    """A sentence for a format that does not exist, or whose library is not installed."""
+    if name not in FORMATS:
+        yield f"no format {name!r}, expected any of {', '.join(FORMATS)}{did_you_mean(str(name), list(FORMATS))}"
+    elif needs := FORMATS[name].needs:
+        try:
+            load_extra(f"format {name}", *needs)
+        except InputError as error:
+            yield str(error)
 
 
 def _unfit(spec: SensorSpec, wanted: Sequence[str]) -> str:

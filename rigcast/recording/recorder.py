@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import count, groupby
 from pathlib import Path
 from types import NoneType, TracebackType
@@ -26,7 +25,7 @@ from rigcast.recording.layout import (
     clear_earlier_run,
     refuse_names,
 )
-from rigcast.recording.run_files import RunFiles, begin_run_file
+from rigcast.recording.run_files import RunFiles
 from rigcast.sensors.errors import InputError, require_type
 from rigcast.sensors.rig.frame import CameraFrame, Frame, as_frames
 from rigcast.sensors.specs.prop import Prop, as_props
@@ -112,8 +111,7 @@ class Recorder:
             make_writable(path)
         clear_earlier_run(self.folder, self.outputs)
         whole_runs = [name for name in used if FORMATS[name].holds == "run"]
-        begin = partial(begin_run_file, model=model, sensors=sensors, ids=ids, options=options)
-        self._runs = RunFiles(self.folder, whole_runs, begin)
+        self._runs = RunFiles(self.folder, whole_runs, model, sensors, ids, options)
         self.run_files = self._runs.paths
         self._groups = 0
         with replacing(self.folder / IDS_NAME) as temporary:

@@ -1,6 +1,6 @@
 """Recordings of whole runs: a Zarr store, ROS 2 bags. Each grows frame by frame in a folder of its own."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -28,16 +28,25 @@ class RunFile(Protocol):
 class RunFiles:
     """The recordings of a run, of these formats; each gets its name in the run's folder when it is complete.
 
-    begin: begins one of a format in a folder to be made. paths: where they are when complete.
+    paths: where they are when complete.
     """
 
-    def __init__(self, folder: Path, formats: Sequence[str], begin: Callable[[str, Path], RunFile]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        formats: Sequence[str],
+        model: mujoco.MjModel,
+        sensors: Sequence[SensorSpec],
+        ids: IdTable,
+        options: Export,
+    ) -> None:
         self.paths = [folder / FORMATS[name].suffixes[0] for name in formats]
         self._unfinished = folder / UNFINISHED_NAME
         if formats:
             self._unfinished.mkdir()
         self._open = {
-            path: begin(name, self._unfinished / path.name) for name, path in zip(formats, self.paths, strict=True)
+            path: _begin(name, self._unfinished / path.name, model, sensors, ids, options)
+            for name, path in zip(formats, self.paths, strict=True)
         }
 
     def step(self, data: mujoco.MjData | None, frames: Sequence[Frame]) -> None:
@@ -61,7 +70,7 @@ class RunFiles:
         return None
 
 
-def begin_run_file(
+def _begin(
     name: str, folder: Path, model: mujoco.MjModel, sensors: Sequence[SensorSpec], ids: IdTable, options: Export
 ) -> RunFile:
     """Begin a recording of format "zarr", "mcap" or "sqlite3" in a new `folder`."""

@@ -10,11 +10,10 @@ from rigcast.sensors.faults import Fault, faults_of
 from rigcast.sensors.names import expected_one_of, model_names
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.mount import Mount
-from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.surface import Surface
 from rigcast.sensors.yaml.file import YamlFile
 
-from .faults import raw_items, read_sensor, sound_items
+from .faults import raw_items, read_sensor, sound_items, sound_props
 
 _PARTS: dict[str, type[Mount | Filter]] = {"mount": Mount, "filter": Filter}
 
@@ -26,8 +25,8 @@ def binding_faults(document: YamlFile, faults: list[Fault], model: mujoco.MjMode
     for i, _ in sound_items("sensors", content, faults):
         unbound += [fault.under("sensors", i) for fault in read_sensor(document, i).faults(model)]
     unbound += _part_faults(content, faults, model)
-    for i, raw in sound_items("props", content, faults):
-        unbound += [fault.under("props", i) for fault in Prop.model_validate(raw).faults(model)]
+    for i, prop in sound_props(content, faults):
+        unbound += [fault.under("props", i) for fault in prop.faults(model)]
     props = [str(raw.get("name")) for raw in raw_items("props", content) if isinstance(raw, dict)]
     for i, raw in sound_items("surfaces", content, faults):
         unbound += [fault.under("surfaces", i) for fault in Surface.model_validate(raw).faults(model, props)]
@@ -65,5 +64,5 @@ def _class_faults(content: Any, faults: list[Fault], model: mujoco.MjModel) -> l
     classes = content.get("classes") if isinstance(content, dict) else None
     if classes is None or any(fault.where[:1] == ("classes",) for fault in faults):
         return []
-    props = [Prop.model_validate(raw) for _, raw in sound_items("props", content, faults)]
+    props = [prop for _, prop in sound_props(content, faults)]
     return [fault.under("classes") for fault in class_faults(model, classes, props)]

@@ -105,15 +105,18 @@ def sound_items(key: str, content: Any, faults: list[Fault]) -> Iterator[tuple[i
     return ((i, raw) for i, raw in enumerate(raw_items(key, content)) if i not in unsound)
 
 
+def sound_props(content: Any, faults: list[Fault]) -> Iterator[tuple[int, Prop]]:
+    return ((i, Prop.model_validate(raw)) for i, raw in sound_items("props", content, faults))
+
+
 def _outside_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
     """Faults for props outside of the file's folder, which are not allowed."""
-    props = [(i, Prop.model_validate(raw)) for i, raw in sound_items("props", document.content, faults)]
     return [
         Fault(
             ("props", i, "file"),
             f"{str(prop.file)!r} is outside of the rig file's folder, expected a file in it or allow_outside: true",
         )
-        for i, prop in props
+        for i, prop in sound_props(document.content, faults)
         if not prop.allow_outside and not is_inside(prop_folder(document, i), prop.file)
     ]
 
@@ -125,9 +128,9 @@ def prop_folder(document: YamlFile, index: int) -> Path:
 def mesh_faults(document: YamlFile, faults: list[Fault]) -> list[Fault]:
     """Mesh files of props that cannot be read."""
     broken = []
-    for i, raw in sound_items("props", document.content, faults):
+    for i, prop in sound_props(document.content, faults):
         try:
-            read_mesh(prop_folder(document, i) / Prop.model_validate(raw).file)
+            read_mesh(prop_folder(document, i) / prop.file)
         except InputError as error:
             broken.append(Fault(("props", i, "file"), str(error)))
     return broken

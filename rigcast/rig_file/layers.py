@@ -25,7 +25,7 @@ _STRING = "tag:yaml.org,2002:str"
 _NAMED = ("props", "sensors")  # lists of named items
 
 
-def read_layers(path: Path, overrides: Sequence[str] = ()) -> YamlFile:
+def read_layers(path: Path, overrides: Sequence[str]) -> YamlFile:
     """A rig file with everything that it extends, its repeated sensors written out, and `KEY=VALUE` overrides.
 
     `extends: base.yaml`, or a list of files, later ones on top, lays the file over others: mappings are merged key

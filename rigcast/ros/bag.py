@@ -1,7 +1,7 @@
 """A ROS 2 bag, written without ROS: MCAP or SQLite by rosbags, with its metadata.yaml."""
 
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -14,13 +14,13 @@ from rigcast.sensors.rig.frame import Frame
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
 from .messages import nanoseconds, typestore
-from .stream import Message, MessageStream, Topic
+from .stream import MessageStream, Topic
 
 Storage = Literal["mcap", "sqlite3"]
 
 
-class Bag:
-    """A bag being written; messages that were settled survive a crash of this process.
+class BagRecorder:
+    """A bag of a rig's messages; those of steps with frames survive a crash of this process.
 
     A bag that was not closed lacks metadata.yaml, and an MCAP its index: `ros2 bag reindex` and `mcap recover` add
     them.
@@ -28,26 +28,35 @@ class Bag:
     Args:
         folder: to be created; the file in it has its name.
         storage: "mcap" or "sqlite3".
-        topics: all that messages will have.
+        model, sensors, ids, options: as for `MessageStream`.
     """
 
-    def __init__(self, folder: Path, storage: Storage, topics: Iterable[Topic]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        storage: Storage,
+        model: mujoco.MjModel,
+        sensors: Sequence[SensorSpec],
+        ids: IdTable,
+        options: Export,
+    ) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer
 
+        self._stream = MessageStream(model, sensors, ids, options)
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin[storage.upper()])
         self._writer.open()
         self._storage = cast(Any, self._writer.storage)
         self._is_mcap = storage == "mcap"
         if not self._is_mcap:
             self._storage.conn.execute("PRAGMA synchronous=OFF")  # safe when this process dies; 10 ms less a frame
-        self._connections = {topic.name: self._connect(topic) for topic in topics}
+        self._connections = {topic.name: self._connect(topic) for topic in self._stream.topics}
 
-    def write(self, messages: Iterable[Message], settle: bool) -> None:
-        """Write messages; settle: hand all so far to the operating system. Raises OSError where that fails."""
+    def step(self, data: mujoco.MjData | None, frames: Sequence[Frame]) -> None:
+        """Append the messages of one step; without data neither clock nor the transforms of bodies."""
         with _os_errors():
-            for message in messages:
+            for message in self._stream.step(data, frames):
                 self._writer.write(self._connections[message.topic], nanoseconds(message.time), message.data)
-            if settle:
+            if frames:
                 self._settle()
 
     def close(self) -> None:
@@ -66,39 +75,6 @@ class Bag:
     def _connect(self, topic: Topic) -> Any:
         qos = [_qos(topic.latched)]
         return self._writer.add_connection(topic.name, topic.kind, typestore=typestore(), offered_qos_profiles=qos)
-
-
-class BagRecorder:
-    """A bag of a rig's messages. Arguments as for `Bag` and `MessageStream`."""
-
-    def __init__(
-        self,
-        folder: Path,
-        storage: Storage,
-        model: mujoco.MjModel,
-        sensors: Sequence[SensorSpec],
-        ids: IdTable,
-        options: Export,
-    ) -> None:
-        self._stream = MessageStream(model, sensors, ids, options)
-        self._bag = Bag(folder, storage, self._stream.topics)
-        self._opened = False
-
-    def step(self, data: mujoco.MjData | None, frames: Sequence[Frame]) -> None:
-        """Append the messages of one step; without data neither clock nor the transforms of bodies."""
-        if data is None:
-            sent = [message for frame in frames for message in self._stream.frame(frame)]
-        else:
-            sent = self._stream.step(data, frames)
-        if sent and not self._opened:
-            sent = self._stream.opening(sent[0].time) + sent
-            self._opened = True
-        if sent:
-            self._bag.write(sent, settle=bool(frames))
-
-    def close(self) -> None:
-        """Write index and metadata."""
-        self._bag.close()
 
 
 @contextmanager

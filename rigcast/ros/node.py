@@ -11,11 +11,12 @@ import mujoco
 from rigcast.export.ids import Classes, IdTable
 from rigcast.export.options import Export
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.rig.frame import Frame
+from rigcast.sensors.extras import load_extra
+from rigcast.sensors.rig.frame import Frame, as_frames
 from rigcast.sensors.specs.prop import Prop
 from rigcast.sensors.specs.sensor_spec import SensorSpec
 
-from .stream import Message, MessageStream, Topic
+from .stream import MessageStream, Topic
 
 
 class RosNode:
@@ -53,6 +54,7 @@ class RosNode:
     ) -> None:
         require_ros()
         options = Export() if options is None else options
+        self._names = [spec.name for spec in sensors]
         self._stream = MessageStream(model, sensors, IdTable.of(model, classes, props), options)
         self._rclpy = import_module("rclpy")
         self._owns_context = not self._rclpy.ok()
@@ -60,17 +62,14 @@ class RosNode:
             self._rclpy.init()
         self._node = self._rclpy.create_node(name)
         self._publishers = {topic.name: self._publisher(topic) for topic in self._stream.topics}
-        self._opened = False
 
     def step(self, data: mujoco.MjData, frames: Iterable[Frame]) -> None:
         """Publish clock, transforms and the frames of one step; call it after every step, with or without frames.
 
         Raises InputError for frames of other sensors or of many worlds.
         """
-        if not self._opened:
-            self._publish(self._stream.opening(data.time))
-            self._opened = True
-        self._publish(self._stream.step(data, frames))
+        for message in self._stream.step(data, as_frames("RosNode.step: frames", frames, self._names)):
+            self._publishers[message.topic].publish(message.data)  # rclpy takes bytes as a message serialized already
 
     def close(self) -> None:
         """Take the node down."""
@@ -93,10 +92,6 @@ class RosNode:
         package, _, kind = topic.kind.split("/")
         return self._node.create_publisher(getattr(import_module(f"{package}.msg"), kind), topic.name, profile)
 
-    def _publish(self, messages: Iterable[Message]) -> None:
-        for message in messages:
-            self._publishers[message.topic].publish(message.data)  # rclpy takes bytes as a message serialized already
-
 
 def require_ros() -> None:
     """Raise InputError where rclpy or rosbags is not installed."""
@@ -105,5 +100,4 @@ def require_ros() -> None:
             "publishing needs rclpy, which comes with ROS 2 and not from PyPI: source the setup.bash of a ROS 2 "
             "installation and use the Python that it was made for; a bag can be written without ROS: --format mcap"
         )
-    if find_spec("rosbags") is None:
-        raise InputError("publishing needs rosbags, which is not installed; pip install 'rigcast[ros]' brings it")
+    load_extra("publishing", "rosbags", "ros")

@@ -12,7 +12,7 @@
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rigcast.export.ids import IdTable
 from rigcast.export.options import Export
 from rigcast.sensors.errors import InputError
-from rigcast.sensors.rig.frame import CameraFrame, Frame, as_frames
+from rigcast.sensors.rig.frame import CameraFrame, Frame
 from rigcast.sensors.specs.cameras.depth_camera import DepthCamera
 from rigcast.sensors.specs.pattern import Pattern
 from rigcast.sensors.specs.sensor_spec import SensorSpec
@@ -59,7 +59,7 @@ _COMMON = (
 class MessageStream:
     """Turns steps of a simulation into messages.
 
-    topics: all that messages of `opening`, `step` and `frame` may have.
+    topics: all that messages may have.
     Raises InputError for a sensor whose name ROS does not allow, or whose frame has the name of a body.
     """
 
@@ -71,28 +71,33 @@ class MessageStream:
         self._tree = TransformTree(model, sensors, options.world_frame)
         self._angles = {spec.name: planar_angles(spec.pattern(model)) for spec in sensors}
         self._last_clock = -math.inf
+        self._opened = False
         self.topics = [*_COMMON, *(topic for spec in sensors for topic in self._topics(spec))]
 
-    def opening(self, time: float) -> list[Message]:
+    def step(self, data: mujoco.MjData | None, frames: Sequence[Frame]) -> list[Message]:
+        """Messages after a step of the simulation, with its frames.
+
+        Clock and transforms come with every frame, and otherwise at `transform_rate_hz`. Transforms are those of
+        `data.time`; `data` may stand as `mj_step` leaves it, and is only read. Without it there are neither, and
+        frames are sent at their own times.
+        """
+        sent = self._moved(data) if data is not None and (frames or self._is_due(data.time)) else []
+        for frame in frames:
+            sent += self._of_frame(frame, frame.time if data is None else data.time)
+        if sent and not self._opened:
+            self._opened = True
+            return self._opening(sent[0].time) + sent
+        return sent
+
+    def _opening(self, time: float) -> list[Message]:
         """Messages that are sent once, before all others."""
         return [
             _message("/tf_static", time, messages.transforms(time, self._tree.static)),
             _message("/rigcast/ids", time, messages.text(self._ids.json())),
         ]
 
-    def step(self, data: mujoco.MjData, frames: Iterable[Frame]) -> list[Message]:
-        """Messages after a step of the simulation, with its frames.
-
-        Clock and transforms come with every frame, and otherwise at `transform_rate_hz`. Transforms are those of
-        `data.time`; `data` may stand as `mj_step` leaves it, and is only read.
-        """
-        frames = as_frames("RosNode.step: frames", frames, self._specs)
-        sent = self._moved(data) if frames or self._is_due(data.time) else []
-        return sent + [message for frame in frames for message in self.frame(frame, data.time)]
-
-    def frame(self, frame: Frame, time: float | None = None) -> Iterator[Message]:
-        """The messages of one frame. time: when they are sent [s]; None: the frame's own time."""
-        time = frame.time if time is None else time
+    def _of_frame(self, frame: Frame, time: float) -> Iterator[Message]:
+        """The messages of one frame, which are sent at `time` [s]."""
         pose = self._tree.of_frame(frame)
         if pose:
             yield _message("/tf", time, messages.transforms(frame.time, pose))

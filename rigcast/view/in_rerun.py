@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rigcast.sensors.extras import load_extra
 from rigcast.sensors.meshes import mesh_of_model
 from rigcast.sensors.preview.colour import Scale, id_colours
-from rigcast.view.shots import VALUES, Shot
+from rigcast.view.shots import VALUES, Shot, sensors_in, values_in
 
 if TYPE_CHECKING:
     import rerun
@@ -37,11 +37,7 @@ def load_rerun() -> ModuleType:
 
 
 def show_in_rerun(
-    title: str,
-    shots: Sequence[Shot],
-    save: Path | None,
-    model: mujoco.MjModel | None = None,
-    moments: Sequence[Moment] = (),
+    title: str, shots: Sequence[Shot], save: Path | None, model: mujoco.MjModel | None, moments: Sequence[Moment]
 ) -> None:
     """Show the shots in rerun's viewer, or write them to `save`, a recording (.rrd).
 
@@ -69,19 +65,15 @@ def show_in_rerun(
     recording.disconnect()
 
 
-def _sensors(shots: Sequence[Shot]) -> list[str]:
-    return list({shot.sensor: None for shot in shots})
-
-
 def _blueprint(shots: Sequence[Shot]) -> Any:
     """A view of the clouds for each value that they can be coloured by, and the images beside them."""
     import rerun.blueprint as rrb
 
-    names = [name for name in VALUES if any(name in shot.values for shot in shots)]
-    images = [sensor for sensor in _sensors(shots) if any(_has_depth(s) for s in shots if s.sensor == sensor)]
+    names, sensors = values_in(shots), sensors_in(shots)
+    images = sensors_in(filter(_has_depth, shots))
 
     def view(chosen: str) -> Any:
-        others = [f"- /sensors/{sensor}/by_{n}/**" for sensor in _sensors(shots) for n in names if n != chosen]
+        others = [f"- /sensors/{sensor}/by_{n}/**" for sensor in sensors for n in names if n != chosen]
         return rrb.Spatial3DView(origin="/", name=f"by {chosen}", contents=["+ /**", *others])
 
     pictures = [rrb.Spatial2DView(origin=f"/sensors/{name}/camera", name=name) for name in images]

@@ -15,17 +15,17 @@ from PIL import Image
 
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.preview.colour import Scale, id_colours, turbo
-from rigcast.view.shots import VALUES, Shot, every
+from rigcast.view.shots import Shot, sensors_in, values_in
 
-MOST_SHOTS = 200  # most shots of a page; of more, only every second, third, ... of each sensor
-MOST_POINTS = 20_000  # of a shot
-WIDEST = 320  # pixels of a row of an image, and less than twice as many
+# What a browser can take: most shots, most points of each, pixels of a row of an image (less than twice as many). Who
+# makes the shots keeps to these, by Share and Shot.thinned, so as to have no more in memory.
+MOST_SHOTS, MOST_POINTS, WIDEST = 200, 20_000, 320
 _FARTHEST = 5.0
 _STEPS = 65535  # of an unsigned 16-bit coordinate
 
 
 def write_page(path: Path, title: str, shots: Sequence[Shot]) -> None:
-    """Write a page that shows the shots, thinned out where there are many; it opens from disk in any browser.
+    """Write a page that shows the shots; it opens from disk in any browser.
 
     Points more than _FARTHEST times as far from the middle as most are left out, so that the others stay exact.
 
@@ -33,28 +33,16 @@ def write_page(path: Path, title: str, shots: Sequence[Shot]) -> None:
     """
     if not shots:
         raise InputError(f"{title}: no frame to show")
-    shown = [shot.thinned(MOST_POINTS, WIDEST) for shot in _thinned(shots)]
     template = (files("rigcast.view") / "page.html").read_text(encoding="utf-8")
+    document = _document(title, sorted(shots, key=lambda shot: shot.time))
     # "</" would end the script that the data are in
-    data = json.dumps(_document(title, shown), allow_nan=False).replace("</", "<\\/")
+    data = json.dumps(document, allow_nan=False).replace("</", "<\\/")
     path.write_text(template.replace("/*DATA*/null", data), encoding="utf-8")
-
-
-def _thinned(shots: Sequence[Shot]) -> list[Shot]:
-    """The same share of every sensor's shots, including the first, in the order of their times."""
-    by_sensor = [_of(name, shots) for name in {shot.sensor: None for shot in shots}]
-    step = every([len(own) for own in by_sensor], MOST_SHOTS)
-    return sorted((shot for own in by_sensor for shot in own[::step]), key=lambda shot: shot.time)
-
-
-def _of(sensor: str, shots: Sequence[Shot]) -> list[Shot]:
-    return [shot for shot in shots if shot.sensor == sensor]
 
 
 def _document(title: str, shots: Sequence[Shot]) -> dict[str, Any]:
     box = _Box.of([shot.points_world for shot in shots])
-    names = [name for name in VALUES if any(name in shot.values for shot in shots)]
-    scales = {name: _scale(name, shots) for name in names}
+    scales = {name: _scale(name, shots) for name in values_in(shots)}
     images = [shot.image.ravel() for shot in shots if shot.image is not None]
     depth = Scale.of(np.concatenate([np.empty(0), *images]), reverse=True)
     return {
@@ -63,7 +51,7 @@ def _document(title: str, shots: Sequence[Shot]) -> dict[str, Any]:
         "step": ((box.high - box.low) / _STEPS).tolist(),
         "middle": (box.middle - box.low).tolist(),
         "reach": box.reach,
-        "sensors": list({shot.sensor: None for shot in shots}),
+        "sensors": sensors_in(shots),
         "scales": scales,
         "ids": id_colours(np.arange(256)).tolist(),
         "turbo": turbo(np.linspace(0, 1, 256)).tolist(),

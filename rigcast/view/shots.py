@@ -1,7 +1,7 @@
 """Shots: the data of a reading that a view shows, from a new frame or from files."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -89,18 +89,27 @@ def arrays_of_image(
     return {"points": points, "range": distance.astype(np.float32), "depth": depth, "intrinsics": intrinsics}
 
 
-def every(counts: Sequence[int], most: int | None) -> int:
-    """One in how many of each sensor's shots makes no more than `most` of all, or one of each; None is all."""
-    if most is None:
-        return 1
-    return next(step for step in count(1) if sum(-(-n // step) for n in counts) <= max(most, len(counts)))
+def sensors_in(shots: Iterable[Shot]) -> list[str]:
+    """The names of the sensors that these are of."""
+    return list(dict.fromkeys(shot.sensor for shot in shots))
+
+
+def values_in(shots: Iterable[Shot]) -> list[str]:
+    """Which of VALUES any of these has."""
+    there = set[str]().union(*(shot.values for shot in shots))
+    return [name for name in VALUES if name in there]
 
 
 class Share:
-    """Selects every n-th of each sensor's shots, beginning with the first. counts: number of shots by sensor."""
+    """Selects every n-th of each sensor's shots, beginning with the first: at most `most` of all, or one of each.
+
+    counts: number of shots by sensor. most: None for all.
+    """
 
     def __init__(self, counts: Sequence[int], most: int | None) -> None:
-        self._step, self._seen = every(counts, most), Counter[str]()
+        enough = sum(counts) if most is None else max(most, len(counts))
+        self._step = next(step for step in count(1) if sum(-(-n // step) for n in counts) <= enough)
+        self._seen = Counter[str]()
 
     def takes(self, sensor: str) -> bool:
         """Whether the next shot of a sensor is one of them."""

@@ -1,10 +1,12 @@
 """Small data sets on disk: files that make them, and what is in their folders."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from rigcast.dataset.description.config import read_dataset
 from rigcast.dataset.making.engines import Engine, InProcess
-from rigcast.dataset.making.generate import Done, Report, make_dataset
+from rigcast.dataset.making.episode import Result
+from rigcast.dataset.making.generate import Done, make_dataset
 
 ROOM = """
 <mujoco>
@@ -126,7 +128,7 @@ def make(
     name: str = "out",
     engine: Engine | None = None,
     part: tuple[int, int] = (1, 1),
-    report: Report = lambda _result: None,
+    report: Callable[[Result], None] = lambda _result: None,
 ) -> Done:
     """Make the missing episodes of the data set in the folder `name` beside its file."""
     folder, engine = path.parent / name, engine or InProcess()

@@ -4,6 +4,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pytest
 import warp as wp
 from small_scenes import ASSETS
 
@@ -26,6 +27,9 @@ from rigcast import (
 )
 from rigcast.sensors.specs.lidars.rosette import Rosette, Wedge
 
+COUNT = 4
+"""Worlds of a batch, where a test says nothing else."""
+ON_EACH = pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
 XML = f"""
 <mujoco>
   <asset>{ASSETS}

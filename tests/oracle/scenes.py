@@ -225,4 +225,4 @@ if __name__ == "__main__":
     data = state(model, seed, k)
     origins, directions = rays(model, data, seed, k, kind)
     print("origin", origins[ray].tolist(), "direction", directions[ray].tolist())
-    print(oracle.cast(model, data, origins[ray], directions[ray : ray + 1]))
+    print(oracle.Oracle(model, data).cast(origins[ray], directions[ray : ray + 1]))

@@ -2,10 +2,10 @@
 
 import pytest
 import scenes
+from judged_casts import assert_none_wrong
 
 import rigcast
 from rigcast import Filter, oracle
-from rigcast.oracle import Verdict
 
 SEED = 21
 MODEL = scenes.scene(SEED)
@@ -42,15 +42,13 @@ def scene() -> rigcast.Scene:
 def test_a_filter_sees_what_mj_ray_sees(scene: rigcast.Scene, filter: Filter) -> None:
     origins, directions = scenes.rays(MODEL, DATA, SEED, 1, "towards")
     hits = scene.cast(origins, directions, filter=filter).numpy()
-    found = oracle.compare(MODEL, DATA, origins, directions, hits, filter)
-    wrong = found.where(Verdict.WRONG)
-    assert not wrong.size, f"{wrong.size} wrong, first ray {wrong[0]}: got {found.got.take(wrong[0])}"
+    assert_none_wrong(MODEL, DATA, origins, directions, hits, filter)
 
 
 def test_filters_change_what_is_hit() -> None:
     """Else the test above would prove nothing."""
     origins, directions = scenes.rays(MODEL, DATA, SEED, 1, "towards")
-    everything = oracle.cast(MODEL, DATA, origins, directions)
+    everything = oracle.Oracle(MODEL, DATA).cast(origins, directions)
     for filter in (
         Filter(static=False),
         Filter(geometry="visual"),
@@ -58,5 +56,5 @@ def test_filters_change_what_is_hit() -> None:
         Filter(exclude_bodies=NAMED),
         Filter(exclude_bodies=NAMED, exclude_subtree=True),
     ):
-        seen = oracle.cast(MODEL, DATA, origins, directions, filter)
+        seen = oracle.Oracle(MODEL, DATA, filter).cast(origins, directions)
         assert (seen.geom_id != everything.geom_id).sum() > 20, str(filter)

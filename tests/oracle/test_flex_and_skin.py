@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 from deformables import FLEXES, RAYS, SKINS, SOFT, Floats, moved, rays_towards, shifted, targets
+from judged_casts import assert_none_wrong
 
 import rigcast
 from rigcast import oracle
@@ -30,13 +31,7 @@ def assert_moving_world_is_right(model: mujoco.MjModel, name: str, by: Floats) -
         origins, directions = rays_towards(targets(model, data), 0, k)
         scene.update(there)
         hits = scene.cast(origins + by, directions).numpy()
-        found = oracle.compare(model, there, origins + by, directions, hits)
-        wrong = found.where(Verdict.WRONG)
-        assert not wrong.size, (
-            f"{name} at {by}, step {k}: {wrong.size} wrong, first ray {wrong[0]}: "
-            f"origin {(origins + by)[wrong[0]].tolist()}, direction {directions[wrong[0]].tolist()}\n"
-            f"got {found.got.take(wrong[0])}\nexpected {found.expected.take(wrong[0])}"
-        )
+        found = assert_none_wrong(model, there, origins + by, directions, hits, what=f"{name} at {by}, step {k}")
         in_band += len(found.where(Verdict.EDGE))
         met = found.things()
         seen += np.bincount(met[met >= model.ngeom] - model.ngeom, minlength=len(seen))
@@ -65,10 +60,9 @@ def test_no_ray_from_inside_a_soft_body_is_wrong() -> None:
     origins = data.flexvert_xpos.mean(axis=0) + rng.uniform(-0.2, 0.2, (500, 3))
     directions = rng.normal(size=(500, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    found = oracle.compare(model, data, origins, directions, scene.cast(origins, directions).numpy())
+    found = assert_none_wrong(model, data, origins, directions, scene.cast(origins, directions).numpy())
     assert np.isfinite(found.expected.distance).all()
-    assert not found.where(Verdict.WRONG).size
-    assert oracle.cast(model, data, origins, directions).geom_id.max() == -1, "mj_ray itself does not see flexes"
+    assert oracle.Oracle(model, data).cast(origins, directions).geom_id.max() == -1, "mj_ray itself does not see flexes"
 
 
 # Two tetrahedra with a common side in the plane x = 0, the tip of one at x = 1, of the other at x = -1.

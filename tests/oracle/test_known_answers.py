@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
+from judged_casts import Placed, assert_none_wrong, placed
 
-import rigcast
 from rigcast import Filter, oracle
 from rigcast.oracle import Verdict
 
@@ -16,18 +16,13 @@ Cull = Literal["none", "back", "front"]
 INF = float("inf")
 
 
-def loaded(xml: str) -> tuple[mujoco.MjModel, mujoco.MjData, rigcast.Scene]:
+def loaded(xml: str) -> Placed:
     """Return the model of this MJCF, its initial state, and a scene in that state."""
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    scene = rigcast.Scene(model)
-    scene.update(data)
-    return model, data, scene
+    return placed(mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>"))
 
 
 def check(
-    world: tuple[mujoco.MjModel, mujoco.MjData, rigcast.Scene],
+    world: Placed,
     ray: tuple[Vector, Vector],
     distance: float,
     geom_id: int,
@@ -127,7 +122,7 @@ SHAPES = f"""
 def test_every_geom_type_from_outside(origin: Vector, direction: Vector, geom_id: int) -> None:
     """The rays of mujoco_warp's own tests, and similar ones, at similar shapes in the same places."""
     world = loaded(SHAPES)
-    expected = oracle.cast(world[0], world[1], origin, [direction])
+    expected = oracle.Oracle(*world[:2]).cast(origin, [direction])
     assert expected.geom_id[0] == geom_id
     check(world, (origin, direction), float(expected.distance[0]), geom_id)
 
@@ -263,7 +258,7 @@ def test_each_ray_keeps_its_own_origin_and_place() -> None:
     rng = np.random.default_rng(5)
     origins, directions = rng.uniform(-1, 3, (4, 7, 5, 3)), rng.normal(size=(4, 7, 5, 3))
     hits = scene.cast(origins, directions).numpy()
-    assert not oracle.compare(model, data, origins, directions, hits).where(Verdict.WRONG).size
+    assert_none_wrong(model, data, origins, directions, hits)
 
 
 @pytest.mark.parametrize("kind", ["mesh", "hfield", "box"])

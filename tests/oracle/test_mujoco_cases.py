@@ -10,48 +10,32 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
+from judged_casts import Placed, assert_none_wrong, placed
 
-import rigcast
 from rigcast import Filter, oracle
-from rigcast.oracle import Verdict
 
 Vector = tuple[float, float, float]
 INF = float("inf")
 
 
-def posed(model: mujoco.MjModel) -> tuple[mujoco.MjModel, mujoco.MjData, rigcast.Scene]:
-    """Return a model in its initial state, and a scene of it."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    scene = rigcast.Scene(model)
-    scene.update(data)
-    return model, data, scene
-
-
 def assert_as_mj_ray(
-    world: tuple[mujoco.MjModel, mujoco.MjData, rigcast.Scene],
-    origins: npt.ArrayLike,
-    directions: npt.ArrayLike,
-    filter: Filter | None = None,
+    world: Placed, origins: npt.ArrayLike, directions: npt.ArrayLike, filter: Filter | None = None
 ) -> oracle.Comparison:
     model, data, scene = world
     hits = scene.cast(origins, directions, filter=filter).numpy()
-    found = oracle.compare(model, data, origins, directions, hits, filter)
-    wrong = found.where(Verdict.WRONG)
-    assert not wrong.size, f"ray {wrong[0]}: got {found.got.take(wrong[0])}, mj_ray {found.expected.take(wrong[0])}"
-    return found
+    return assert_none_wrong(model, data, origins, directions, hits, filter)
 
 
 # ---- mujoco_warp: test_data/ray.xml
 
 
 @pytest.fixture(scope="module")
-def shapes() -> tuple[mujoco.MjModel, mujoco.MjData, rigcast.Scene]:
+def shapes() -> Placed:
     found = importlib.util.find_spec("mujoco_warp")  # its files only: it is not imported
     if found is None:
         pytest.skip("mujoco-warp, whose test scene this is, is not installed (it needs a newer MuJoCo)")
     path = Path(str(found.origin)).parent / "test_data" / "ray.xml"
-    return posed(mujoco.MjModel.from_xml_path(str(path)))
+    return placed(mujoco.MjModel.from_xml_path(str(path)))
 
 
 @pytest.mark.parametrize(
@@ -83,7 +67,7 @@ def shapes() -> tuple[mujoco.MjModel, mujoco.MjData, rigcast.Scene]:
     ids=str,
 )
 def test_mujoco_warps_rays(
-    shapes: tuple[mujoco.MjModel, mujoco.MjData, rigcast.Scene],
+    shapes: Placed,
     origin: Vector,
     direction: Vector,
     geom_id: int,
@@ -98,9 +82,7 @@ def test_mujoco_warps_rays(
 @pytest.mark.parametrize(
     "filter", [Filter(geom_groups=()), Filter(static=False), Filter(exclude_bodies=("world",))], ids=str
 )
-def test_mujoco_warps_filters_leave_nothing(
-    shapes: tuple[mujoco.MjModel, mujoco.MjData, rigcast.Scene], filter: Filter
-) -> None:
+def test_mujoco_warps_filters_leave_nothing(shapes: Placed, filter: Filter) -> None:
     found = assert_as_mj_ray(shapes, (2, 1, 3), [(0.1, 0.2, -1)], filter)
     assert np.isposinf(found.got.distance[0])
 
@@ -120,7 +102,7 @@ def test_the_fan_of_mujocos_multi_ray_test() -> None:
     """80 x 60 rays from (1, 2, 3) at three spheres on bodies without joints, so that all of it is static."""
     x, z = np.meshgrid(np.linspace(-2, 5, 80), np.linspace(-0.2, 0.2, 60), indexing="ij")
     directions = np.stack([x, np.full_like(x, -2.0), z - 3], axis=-1)
-    world = posed(mujoco.MjModel.from_xml_string(SPHERES))
+    world = placed(mujoco.MjModel.from_xml_string(SPHERES))
     found = assert_as_mj_ray(world, (1, 2, 3), directions)
     assert (found.got.geom_id >= 0).sum() > 5
     assert (assert_as_mj_ray(world, (1, 2, 3), directions, Filter(static=False)).got.geom_id < 0).all()
@@ -139,7 +121,7 @@ CUBELET = [
 def test_the_fan_of_mujocos_mesh_test() -> None:
     """Rays from 0.2 m away at a mesh of 2 cm with edges of 1.5 mm cut off, of lengths from 1e-3 to 1e3."""
     vertices = " ".join(f"{x:g}" for vertex in CUBELET for x in vertex)
-    world = posed(
+    world = placed(
         mujoco.MjModel.from_xml_string(
             f'<mujoco><asset><mesh name="cubelet" vertex="{vertices}"/></asset>'
             '<worldbody><body pos="1 0 0"><geom type="mesh" mesh="cubelet"/></body></worldbody></mujoco>'

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 import scenes
+from judged_casts import assert_none_wrong
 
 from rigcast import InputError, oracle
 from rigcast.oracle import RayHits, Verdict
@@ -65,14 +66,14 @@ def test_the_oracle_sees_what_the_filter_lets_it_see(filter: Filter, from_left: 
     origins = [(-9, 0.7, 0), (9, 9, -2), (0, 12, -1.8)]
     directions = [(2, 0, 0), (0, 0, -1e-3), (0, -1, 0.3)]
     before = MODEL.geom_rgba.copy(), MODEL.geom_matid.copy()
-    got = oracle.cast(MODEL, DATA, origins, directions, filter)
+    got = oracle.Oracle(MODEL, DATA, filter).cast(origins, directions)
     assert got.geom_id.tolist() == [from_left, down, over]
     np.testing.assert_array_equal(MODEL.geom_rgba, before[0])
     np.testing.assert_array_equal(MODEL.geom_matid, before[1])
 
 
 def test_distances_are_metres_and_a_miss_is_inf_and_no_geom() -> None:
-    got = oracle.cast(MODEL, DATA, (-4, 0, 0), [(1e-3, 0, 0), (500, 0, 0), (-1, 0, 0)])
+    got = oracle.Oracle(MODEL, DATA).cast((-4, 0, 0), [(1e-3, 0, 0), (500, 0, 0), (-1, 0, 0)])
     np.testing.assert_allclose(got.distance, [3, 3, np.inf], rtol=1e-12)
     assert got.geom_id.tolist() == [BOX, BOX, -1]
     np.testing.assert_allclose(got.normal, [(-1, 0, 0), (-1, 0, 0), (0, 0, 0)], atol=1e-15)
@@ -86,28 +87,32 @@ OTHER = mujoco.MjModel.from_xml_string("<mujoco/>")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((OTHER, DATA, (0, 0, 0), (1, 0, 0)), "oracle: data belongs to another model than that given"),
-        ((MODEL, mujoco.MjData(MODEL), (0, 0, 0), (1, 0, 0)), "oracle: data: poses have not been computed, expected"),
-        ((DATA, MODEL, (0, 0, 0), (1, 0, 0)), "oracle: model: got MjData, expected MjModel"),
-        ((MODEL, DATA, (0, 0, 0), (1, 0)), r"oracle: got origins (3,), directions (2,); expected (..., 3)"),
-        ((MODEL, DATA, 0.0, (1, 0, 0)), r"oracle: got origins (), directions (3,); expected (..., 3)"),
-        ((MODEL, DATA, (0, 0, 0), (1, 0, 0), {"static": True}), "oracle: filter: got dict, expected Filter or None"),
+        ((OTHER, DATA), "oracle: data belongs to another model than that given"),
+        ((MODEL, mujoco.MjData(MODEL)), "oracle: data: poses have not been computed, expected"),
+        ((DATA, MODEL), "oracle: model: got MjData, expected MjModel"),
+        ((MODEL, DATA, {"static": True}), "oracle: filter: got dict, expected Filter or None"),
         (
-            (MODEL, DATA, (0, 0, 0), (1, 0, 0), Filter(exclude_bodies=("amr",))),
+            (MODEL, DATA, Filter(exclude_bodies=("amr",))),
             "oracle: filter: exclude_bodies[0]: no body 'amr' in the model, expected one of world, arm, hand; did you",
         ),
     ],
 )
 def test_what_mj_ray_would_answer_wrongly_is_refused(arguments: tuple[Any, ...], message: str) -> None:
     with pytest.raises(InputError) as caught:
-        oracle.cast(*arguments)
+        oracle.Oracle(*arguments)
     assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize(("origin", "direction"), [((0, 0, 0), (1, 0)), (0.0, (1, 0, 0))])
+def test_rays_without_three_numbers_are_refused(origin: Any, direction: Any) -> None:
+    with pytest.raises(InputError, match=r"oracle: got origins \(3?,?\), directions .* expected \(\.\.\., 3\)"):
+        oracle.Oracle(MODEL, DATA).cast(origin, direction)
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 0), (np.nan, 0, 1), (np.inf, 0, 0)])
 def test_a_direction_that_would_end_the_process_is_refused(direction: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match=r"ray 1: .*expected finite, not 0"):
-        oracle.cast(MODEL, DATA, (0, 0, 0), [(1, 0, 0), direction])
+        oracle.Oracle(MODEL, DATA).cast((0, 0, 0), [(1, 0, 0), direction])
 
 
 LEFT = ((-4.0, 0.0, 0.0), (1.0, 0.0, 0.0))  # meets the cube at 3
@@ -256,7 +261,7 @@ def test_a_broken_caster_is_wrong_and_mj_ray_in_float32_is_not(fault: Fault) -> 
     model = scenes.scene(3)
     data = scenes.state(model, 3, 1)
     origins, directions = (part[:150] for part in scenes.rays(model, data, 3, 1, "towards"))
-    true = rounded(oracle.cast(model, data, origins, directions))
+    true = rounded(oracle.Oracle(model, data).cast(origins, directions))
     right = oracle.compare(model, data, origins, directions, true)
     assert (right.verdict == Verdict.AGREE).all()
     assert right.scaled.max() < 0.1
@@ -279,6 +284,5 @@ def test_a_caster_whose_rays_are_rounded_to_float32_is_never_wrong(seed: int) ->
     for kind in scenes.KINDS:
         origins, directions = scenes.rays(model, data, seed, 0, kind)
         near = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-        moved = rounded(oracle.cast(model, data, origins.astype("f4"), near.astype("f4")))
-        judged = oracle.compare(model, data, origins, directions, moved)
-        assert not judged.where(Verdict.WRONG).size, f"seed {seed}, {kind}, rays {judged.where(Verdict.WRONG)}"
+        moved = rounded(oracle.Oracle(model, data).cast(origins.astype("f4"), near.astype("f4")))
+        assert_none_wrong(model, data, origins, directions, moved, what=f"seed {seed}, {kind}")

@@ -5,28 +5,21 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from judged_casts import assert_none_wrong, placed
+from lidar_scenes import model_of
 
 import rigcast
-from rigcast import CameraFrame, DepthCamera, Filter, Lidar, Mount, Rig, oracle
-from rigcast.oracle import Verdict
+from rigcast import CameraFrame, DepthCamera, Filter, Lidar, Mount, Rig
 
 CUBE = 'vertex="-1 -1 -1  1 -1 -1  -1 1 -1  1 1 -1  -1 -1 1  1 -1 1  -1 1 1  1 1 1"'
 Vector = tuple[float, float, float]
 
 
-def model_of(worldbody: str, asset: str = "") -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(f"<mujoco><asset>{asset}</asset><worldbody>{worldbody}</worldbody></mujoco>")
-
-
 def distances(model: mujoco.MjModel, origin: Vector, directions: list[Vector]) -> list[float]:
     """Return the distances that a scene casts, after asserting that mj_ray agrees with every hit."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    scene = rigcast.Scene(model)
-    scene.update(data)
+    _, data, scene = placed(model)
     hits = scene.cast(origin, directions).numpy()
-    found = oracle.compare(model, data, origin, directions, hits)
-    assert not found.where(Verdict.WRONG).size, f"got {found.got}\nmj_ray {found.expected}"
+    assert_none_wrong(model, data, origin, directions, hits)
     return list(hits.distance.tolist())
 
 

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import scenes
+from judged_casts import assert_none_wrong
 
 import rigcast
 from rigcast import oracle
-from rigcast.oracle import Verdict
 from rigcast.oracle.deformable import CAN_JUDGE
 from rigcast.oracle.ray import flat_rays
 
@@ -129,13 +129,8 @@ def test_no_ray_is_wrong(path: str, seed: int) -> None:
         for kind in (*scenes.KINDS, "flex") if model.nflex else scenes.KINDS:
             origins, directions = rays_of(model, near, seed, kind)
             hits = scene.cast(origins + offset, directions).numpy()
-            found = oracle.compare(model, data, origins + offset, directions, hits)
-            wrong = found.where(Verdict.WRONG)
-            assert not wrong.size, (
-                f"{path}, seed {seed}, {kind}, moved by {offset.tolist()}: {wrong.size} wrong, first ray {wrong[0]}\n"
-                f"origin {(origins + offset)[wrong[0]].tolist()}, direction {directions[wrong[0]].tolist()}\n"
-                f"got {found.got.take(wrong[0])}\nexpected {found.expected.take(wrong[0])}"
-            )
+            what = f"{path}, seed {seed}, {kind}, moved by {offset.tolist()}"
+            assert_none_wrong(model, data, origins + offset, directions, hits, what=what)
 
 
 @pytest.mark.parametrize("path", MODELS)

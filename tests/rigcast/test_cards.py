@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from shell_calls import call
 from typer.testing import CliRunner
 
 from rigcast.card import Card
@@ -12,12 +13,6 @@ from rigcast.card_picture import draw_card, terminal_picture
 from rigcast.cli import app
 from rigcast.sensors.preview.colour import PANEL
 from rigcast.sensors.specs.presets import load_preset
-
-
-def call(*arguments: str) -> tuple[int, str]:
-    result = CliRunner().invoke(app, arguments)
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.output
 
 
 @pytest.mark.parametrize("name", ["velodyne_vlp16", "livox_avia", "livox_mid360", "kinect_v1"])

@@ -127,7 +127,7 @@ def test_wrong_rays_are_counted_where_they_are_and_can_be_replayed() -> None:
         assert data.time == wrong.time
         mujoco.mj_kinematics(MODEL, data)
         spec = next(spec for spec in SENSORS if spec.name == wrong.sensor)
-        again = oracle.cast(MODEL, data, wrong.origin, [wrong.direction], spec.filter)
+        again = oracle.Oracle(MODEL, data, spec.filter).cast(wrong.origin, [wrong.direction])
         assert again.distance[0] == wrong.expected.distance
         assert (wrong.expected.kind, wrong.expected.id) == ("geom", again.geom_id[0])
         assert wrong.expected.name == "post"

@@ -26,7 +26,7 @@ class Answer:
     normal: npt.NDArray[np.floating] | None
 
 
-Frame = Callable[[], Answer]
+Cast = Callable[[], Answer]
 
 
 class Caster(Protocol):
@@ -40,7 +40,7 @@ class Caster(Protocol):
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, groups: Sequence[int] = EVERY_GROUP) -> None: ...
 
-    def aim(self, origins: Floats, directions: Floats) -> Frame:
+    def aim(self, origins: Floats, directions: Floats) -> Cast:
         """A function that casts these rays each time it is called: updates poses, casts, returns hits as numpy.
 
         origins (3,) for all rays or (n, 3) [m], unit directions (n, 3), in the world. Preparation that can be done once
@@ -60,7 +60,7 @@ _MODULES = {
 CASTERS = tuple(_MODULES)
 
 
-def load_casters(names: Sequence[str] = CASTERS) -> tuple[list[type[Caster]], list[str]]:
+def load_casters(names: Sequence[str]) -> tuple[list[type[Caster]], list[str]]:
     """Return the casters of these names that can run here, and a line about each one that cannot.
 
     Raises:

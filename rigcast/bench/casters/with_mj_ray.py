@@ -7,7 +7,7 @@ import mujoco
 from rigcast.oracle import Oracle
 from rigcast.sensors.specs.filter import Filter
 
-from .caster import EVERY_GROUP, Answer, Floats, Frame
+from .caster import EVERY_GROUP, Answer, Cast, Floats
 
 
 class MjRay:
@@ -17,7 +17,7 @@ class MjRay:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, groups: Sequence[int] = EVERY_GROUP) -> None:
         self.oracle = Oracle(model, data, Filter(geom_groups=tuple(groups)))
 
-    def aim(self, origins: Floats, directions: Floats) -> Frame:
+    def aim(self, origins: Floats, directions: Floats) -> Cast:
         return lambda: Answer(*self.oracle.cast(origins, directions))
 
 

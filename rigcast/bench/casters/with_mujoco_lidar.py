@@ -9,7 +9,7 @@ from mujoco_lidar.core_warp.mjlidar_warp import MjLidarWarp
 
 from rigcast.sensors.specs.pattern import azimuth_elevation
 
-from .caster import EVERY_GROUP, Answer, Floats, Frame
+from .caster import EVERY_GROUP, Answer, Cast, Floats
 
 CUTOFF = 1e6  # [m]; its default of 100 m would turn hits into misses
 
@@ -23,7 +23,7 @@ class MujocoLidar:
         self._lidar = MjLidarWarp(model, cutoff_dist=CUTOFF, geomgroup=seen, device="cpu", use_bvh=True)
         self._data = data
 
-    def aim(self, origins: Floats, directions: Floats) -> Frame:
+    def aim(self, origins: Floats, directions: Floats) -> Cast:
         """Rays of one origin in one call, by their angles; else one ray per call, along the x axis of its own pose."""
         if origins.ndim == 1:
             pose = np.eye(4)

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from mujoco_warp._src.types import vec6
 
-from .caster import EVERY_GROUP, Answer, Floats, Frame
+from .caster import EVERY_GROUP, Answer, Cast, Floats
 
 
 class Rays:
@@ -45,7 +45,7 @@ class MujocoWarp:
             self._update()
             self._context = mjw.create_render_context(model, enabled_geom_groups=list(groups))
 
-    def aim(self, origins: Floats, directions: Floats) -> Frame:
+    def aim(self, origins: Floats, directions: Floats) -> Cast:
         with wp.ScopedDevice("cpu"):
             rays = Rays(np.broadcast_to(origins, directions.shape)[None], directions[None])
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from .caster import EVERY_GROUP, Answer, Floats, Frame
+from .caster import EVERY_GROUP, Answer, Cast, Floats
 
 
 class MultiRay:
@@ -16,7 +16,7 @@ class MultiRay:
         self._model, self._data = model, data
         self._groups = np.isin(EVERY_GROUP, groups).astype(np.uint8)
 
-    def aim(self, origins: Floats, directions: Floats) -> Frame:
+    def aim(self, origins: Floats, directions: Floats) -> Cast:
         """All rays in one call, or one ray per call: the rays of a call share their origin."""
         count = len(directions)
         starts = origins.reshape(-1, 3)

@@ -11,7 +11,7 @@ import open3d
 
 from rigcast.kernels.launching.slices import thread_count
 
-from .caster import EVERY_GROUP, Answer, Floats, Frame
+from .caster import EVERY_GROUP, Answer, Cast, Floats
 from .tessellation import merged_triangles
 
 
@@ -25,7 +25,7 @@ class Embree:
         self._scene = open3d.t.geometry.RaycastingScene(nthreads=thread_count())
         self._scene.add_triangles(vertices, faces)
 
-    def aim(self, origins: Floats, directions: Floats) -> Frame:
+    def aim(self, origins: Floats, directions: Floats) -> Cast:
         starts = np.broadcast_to(origins, directions.shape)
         rays = open3d.core.Tensor(np.concatenate([starts, directions], axis=1).astype(np.float32))
 

@@ -20,7 +20,7 @@ from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
 from rigcast.sensors.specs.prop import Prop
 
-from .caster import EVERY_GROUP, Answer, Floats, Frame
+from .caster import EVERY_GROUP, Answer, Cast, Floats
 
 
 class RigcastCaster:
@@ -40,10 +40,10 @@ class RigcastCaster:
         self._things = Things.of(model, props)
         self._ids = [f"{owner}_id" for owner in OWNERS if owner == "geom" or owner in self._things.kinds]
 
-    def aim(self, origins: Floats, directions: Floats) -> Frame:
+    def aim(self, origins: Floats, directions: Floats) -> Cast:
         return self._of_sensor(origins, directions) if origins.ndim == 1 else self._of_any(origins, directions)
 
-    def _of_sensor(self, origin: Floats, directions: Floats) -> Frame:
+    def _of_sensor(self, origin: Floats, directions: Floats) -> Cast:
         rays = rays_in_frame(directions, origin, np.eye(4), self.scene.device)
         rays = replace(rays, packets=sort_into_packets(directions))
         shape, pool, are_geoms = directions.shape[:-1], Pool(), self.scene.shape_ids.are_shapes("geom")
@@ -57,7 +57,7 @@ class RigcastCaster:
 
         return frame
 
-    def _of_any(self, origins: Floats, directions: Floats) -> Frame:
+    def _of_any(self, origins: Floats, directions: Floats) -> Cast:
         def frame() -> Answer:
             self.scene.update(self._data)
             hits = self.scene.cast(origins, directions, filter=self._filter)

@@ -11,8 +11,8 @@ import typer
 from numpy.typing import NDArray
 
 from rigcast.motion.functions import UserFunction, find_function
-from rigcast.motion.recorded import read_motion
-from rigcast.motion.steps import Step, control_of, physics, playback
+from rigcast.motion.recorded import playback, read_motion
+from rigcast.motion.steps import Step, control_of, physics
 from rigcast.sensors.errors import InputError
 
 Controller = Annotated[
@@ -46,11 +46,13 @@ class Moving:
     def duration(self, wanted: float | None) -> float | None:
         """Time to simulate [s]: `--duration`, else the duration of the motion; None without either.
 
-        Raises InputError if the motion is shorter than `--duration`.
+        Raises InputError if `--duration` is not positive, or longer than the motion.
         """
-        if wanted is None or self.lasts is None:
-            return self.lasts if wanted is None else wanted
-        if wanted > self.lasts + 1e-9:
+        if wanted is None:
+            return self.lasts
+        if not (isfinite(wanted) and wanted > 0.0):
+            raise InputError(f"--duration: got {wanted}, expected a positive number of seconds")
+        if self.lasts is not None and wanted > self.lasts + 1e-9:
             raise InputError(f"--duration: got {wanted:g} s, but the motion lasts {self.lasts:g} s")
         return wanted
 

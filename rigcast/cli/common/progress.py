@@ -1,23 +1,13 @@
-"""The number of steps of a simulation, and its progress."""
+"""The progress of a simulation."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
-import mujoco
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from rigcast.cli.common.options import counted
-from rigcast.sensors.errors import InputError
-
-
-def step_count(model: mujoco.MjModel, duration: float) -> int:
-    """The number of the model's timesteps in `duration` [s], at least one."""
-    if not (np.isfinite(duration) and duration > 0.0):
-        raise InputError(f"--duration: got {duration}, expected a positive number of seconds")
-    return max(1, round(duration / float(model.opt.timestep)))
 
 
 @contextmanager

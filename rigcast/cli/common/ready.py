@@ -56,5 +56,8 @@ def word_if_compiling(console: Console) -> Iterator[None]:
 
 
 def _say_compiling(console: Console) -> None:
-    with suppress(OSError):  # the command's next output fails, too, and reports it
-        console.print("compiling kernels, on first use only: about 20 s")
+    # where nobody reads on, console.print would silence the console and end this thread alone, and the command would
+    # end with 0; so its own next output fails, too, and reports it
+    with suppress(OSError):
+        if not console.quiet:
+            print("compiling kernels, on first use only: about 20 s", file=console.file, flush=True)

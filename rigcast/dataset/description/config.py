@@ -23,16 +23,16 @@ from .file import DatasetFile, RecordedMotion, SceneSource, UserController
 class Unit(NamedTuple):
     """One episode of one scene, which one worker makes as one shard.
 
-    number: of the episode within its scene. seed: determines everything that happens in it.
+    episode: its number within its scene. seed: determines everything that happens in it.
     """
 
     scene: str
-    number: int
+    episode: int
     seed: int
 
     @property
     def name(self) -> str:
-        return f"{self.scene}/{self.number:06d}"
+        return f"{self.scene}/{self.episode:06d}"
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,11 @@ class DatasetConfig:
     def units(self) -> list[Unit]:
         """Every episode of every scene."""
         return [
-            self.unit(scene.name, number) for scene in self.file.scenes for number in range(self.file.episodes.count)
+            self.unit(scene.name, episode) for scene in self.file.scenes for episode in range(self.file.episodes.count)
         ]
 
-    def unit(self, scene: str, number: int) -> Unit:
-        return Unit(scene, number, _episode_seed(self.file.seed, scene, number))
+    def unit(self, scene: str, episode: int) -> Unit:
+        return Unit(scene, episode, _episode_seed(self.file.seed, scene, episode))
 
     def scene(self, name: str) -> SceneSource:
         return next(scene for scene in self.file.scenes if scene.name == name)
@@ -107,9 +107,9 @@ def read_dataset(path: Path, overrides: Sequence[str] = ()) -> DatasetConfig:
     return DatasetConfig(path, folder, file, _sources(file, folder))
 
 
-def _episode_seed(seed: int, scene: str, number: int) -> int:
+def _episode_seed(seed: int, scene: str, episode: int) -> int:
     """The seed of an episode, 0 to 2^63 - 1; it does not depend on other episodes or scenes."""
-    digest = hashlib.blake2b(f"{seed}/{scene}/{number}".encode(), digest_size=8).digest()
+    digest = hashlib.blake2b(f"{seed}/{scene}/{episode}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") >> 1
 
 

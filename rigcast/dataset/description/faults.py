@@ -9,7 +9,6 @@ import mujoco
 from rigcast.export.fields import field_names
 from rigcast.motion.functions import find_function
 from rigcast.motion.recorded import read_motion
-from rigcast.recording.formats import FORMATS
 from rigcast.rig_file import RigConfig, compile_model, read_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.extras import load_extra
@@ -18,7 +17,6 @@ from rigcast.sensors.names import expected_one_of, model_names
 
 from .file import DatasetFile, RecordedMotion, UserController
 
-_LOW, _HIGH = 0, 1
 _KINDS = {"body": mujoco.mjtObj.mjOBJ_BODY, "site": mujoco.mjtObj.mjOBJ_SITE, "camera": mujoco.mjtObj.mjOBJ_CAMERA}
 _TAKEN = ("failed", "unfinished")  # folders of a data set besides those of scenes
 
@@ -45,11 +43,11 @@ def _rig_faults(file: DatasetFile, folder: Path, rig: RigConfig | None) -> list[
     if rig is None:
         return [Fault(("rig",), f"{folder / file.rig} is not a file")]
     faults = []
-    for end in (_LOW, _HIGH):
+    for end, words in enumerate(("lowest", "highest")):
         try:
             read_rig(folder / file.rig, [f"{key}={ends[end]!r}" for key, ends in file.randomise.rig.items()])
         except InputError as error:
-            faults.append(Fault(("randomise", "rig"), f"with the {('lowest', 'highest')[end]} values: {error}"))
+            faults.append(Fault(("randomise", "rig"), f"with the {words} values: {error}"))
     return faults
 
 
@@ -141,7 +139,7 @@ def _output_faults(file: DatasetFile) -> list[Fault]:
     if file.output.format != "zarr":
         return []
     try:
-        load_extra("the format zarr", *(FORMATS["zarr"].needs or ("", "")))
+        load_extra("the format zarr", "zarr", "zarr")
     except InputError as error:
         return [Fault(("output", "format"), str(error))]
     return []

@@ -7,8 +7,8 @@ import numpy as np
 
 from rigcast.dataset.description.config import DatasetConfig
 from rigcast.dataset.description.file import RandomActions, RecordedMotion, UserController
-from rigcast.motion.recorded import read_motion
-from rigcast.motion.steps import Control, Step, control_of, physics, playback
+from rigcast.motion.recorded import playback, read_motion
+from rigcast.motion.steps import Control, Step, control_of, physics
 from rigcast.sensors.rig.timing.schedule import uniform
 
 from .randomise import of_free_bodies, place_bodies

@@ -52,7 +52,7 @@ class InProcess:
 class Processes:
     """Processes of this machine, each with its share of the CPUs."""
 
-    def __init__(self, workers: int | None = None) -> None:
+    def __init__(self, workers: int | None) -> None:
         self.workers = workers or cpu_count()
 
     def run(self, make: Make, units: Sequence[Unit]) -> Results:

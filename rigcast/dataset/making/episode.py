@@ -1,18 +1,19 @@
 """The work of any engine's worker: one episode, from its seed to its shard."""
 
 import copy
+import hashlib
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from rigcast.dataset.description.config import DatasetConfig, Unit
-from rigcast.dataset.storage.shards import Shard, appearing, model_digest
-from rigcast.motion.simulation import Spent, initial_data
+from rigcast.dataset.storage.shards import Shard, appearing
+from rigcast.motion.simulation import Spent, initial_data, step_count
 from rigcast.rig_file import compile_model, open_rig
 from rigcast.sensors.errors import InputError
 from rigcast.sensors.rig.rig import Rig
@@ -69,20 +70,19 @@ def reason_of(error: Exception) -> str:
 
 
 def _made(job: Job, unit: Unit) -> Result:
-    began = perf_counter()
-    episode = open_episode(job.config, unit, job.device)
-    spent = Spent(loading=perf_counter() - began)
-    first = unit.number == 0
+    spent = Spent()
+    with spent.on("loading"):
+        episode = open_episode(job.config, unit, job.device)
+    first = unit.episode == 0
     with appearing(job.folder, unit.name) as folder:
         shard = Shard(folder, episode.rig, episode.classes, job.config.file.output, pictured=first)
         try:
             _simulate(episode, shard, spent)
-            writing = perf_counter()
-            entry = shard.finish(episode.about)
+            with spent.on("writing"):
+                entry = shard.finish(episode.about)
         except BaseException:
             shard.close()
             raise
-    spent.writing += perf_counter() - writing
     frames = sum(sensor["frames"] for sensor in entry["sensors"].values())
     return Result(unit, frames=frames, size=sum(file["size"] for file in entry["files"].values()), spent=spent)
 
@@ -106,37 +106,26 @@ def open_episode(config: DatasetConfig, unit: Unit, device: str | None) -> Episo
     """
     file = config.file
     model = _compile(config, unit)
-    scene_hash = model_digest(model)
+    scene_hash = _model_digest(model)
     values, poses = draw_rig(file.randomise, unit.seed), draw_poses(file.randomise, unit.seed)
     rig_config, _ = open_rig(config.rig, model, [f"{key}={value!r}" for key, value in values.items()])
     data = initial_data(model, rig_config.keyframe)
     place_bodies(model, data, poses)
     rig = rig_config.build(model, device, unit.seed)
-    about = {
-        "scene": unit.scene,
-        "episode": unit.number,
-        "seed": unit.seed,
-        "scene_sha256": scene_hash,
-        "rig": values,
-        "poses": poses,
-    }
-    steps = max(1, round(file.episodes.duration / float(model.opt.timestep)))
+    about = {**unit._asdict(), "scene_sha256": scene_hash, "rig": values, "poses": poses}
     step = stepper(config, model, data, unit.seed, poses)
-    return Episode(rig, data, steps, step, rig_config.classes, about)
+    return Episode(rig, data, step_count(model, file.episodes.duration), step, rig_config.classes, about)
 
 
 def _simulate(episode: Episode, shard: Shard, spent: Spent) -> None:
     for _ in range(episode.steps):
-        start = perf_counter()
-        episode.step()
-        stepped = perf_counter()
-        frames = episode.rig.step(episode.data)
-        sensed = perf_counter()
-        for frame in frames:
-            shard.write(frame)
-        spent.stepping += stepped - start
-        spent.sensing += sensed - stepped
-        spent.writing += perf_counter() - sensed
+        with spent.on("physics"):
+            episode.step()
+        with spent.on("casting"):
+            frames = episode.rig.step(episode.data)
+        with spent.on("writing"):
+            for frame in frames:
+                shard.write(frame)
 
 
 def _compile(config: DatasetConfig, unit: Unit) -> mujoco.MjModel:
@@ -149,6 +138,13 @@ def _compile(config: DatasetConfig, unit: Unit) -> mujoco.MjModel:
     if not isinstance(model, mujoco.MjModel):
         raise function.wrong(f"got {type(model).__name__}, expected an MjModel")
     return copy.copy(model)  # a copy, because bodies are moved in it and the function may return it again
+
+
+def _model_digest(model: mujoco.MjModel) -> str:
+    """SHA-256 of a compiled model, in hexadecimal."""
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return hashlib.sha256(buffer.tobytes()).hexdigest()
 
 
 def _require_same_environment(job: Job) -> None:

@@ -18,8 +18,6 @@ from .engines import Engine
 from .environment import environment, prepare_warp
 from .episode import Job, Result, make_episode
 
-Report = Callable[[Result], None]
-
 
 @dataclass
 class Done:
@@ -36,11 +34,10 @@ class Done:
         self.episodes += result.failed is None
         self.frames += result.frames
         self.size += result.size
-        for purpose, seconds in vars(result.spent).items():
-            setattr(self.spent, purpose, getattr(self.spent, purpose) + seconds)
+        self.spent.add(result.spent)
 
 
-def missing_units(config: DatasetConfig, folder: Path, part: tuple[int, int] = (1, 1)) -> list[Unit]:
+def missing_units(config: DatasetConfig, folder: Path, part: tuple[int, int]) -> list[Unit]:
     """The episodes in part (i, n) that have no shard yet."""
     i, n = part
     return [unit for unit in config.units()[i - 1 :: n] if not is_finished(folder, unit)]
@@ -51,9 +48,9 @@ def make_dataset(
     folder: Path,
     engine: Engine,
     *,
-    device: str | None = None,
+    device: str | None,
     part: tuple[int, int] = (1, 1),
-    report: Report = lambda _result: None,
+    report: Callable[[Result], None] = lambda _result: None,
 ) -> Done:
     """Make every episode that has no shard in `folder` yet, and write the manifest.
 

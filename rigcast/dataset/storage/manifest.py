@@ -67,7 +67,7 @@ def note_failure(folder: Path, unit: Unit, reason: str | None) -> None:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps({**_about(unit), "reason": reason}))
+        temporary.write_text(json.dumps({**unit._asdict(), "reason": reason}))
 
 
 def write_manifest(config: DatasetConfig, folder: Path, made_with: dict[str, str]) -> dict[str, Any]:
@@ -139,10 +139,6 @@ def _entries(paths: Iterator[Path]) -> Iterator[dict[str, Any]]:
 
 def _is_preview(name: str) -> bool:
     return name.endswith(".png") and "/" not in name
-
-
-def _about(unit: Unit) -> dict[str, Any]:
-    return {"scene": unit.scene, "episode": unit.number, "seed": unit.seed}
 
 
 def _require_same(path: Path, stored: Mapping[str, Any], given: Mapping[str, Any]) -> None:

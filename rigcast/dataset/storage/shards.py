@@ -24,7 +24,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Protocol
 
-import mujoco
 import numpy as np
 
 from rigcast.dataset.description.file import Output
@@ -150,13 +149,6 @@ def sweep(folder: Path, names: Sequence[str]) -> None:
             shutil.rmtree(path, ignore_errors=True)
     with suppress(OSError):
         unfinished.rmdir()
-
-
-def model_digest(model: mujoco.MjModel) -> str:
-    """SHA-256 of a compiled model, in hexadecimal."""
-    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, buffer)
-    return hashlib.sha256(buffer.tobytes()).hexdigest()
 
 
 class _NpzFrames:

@@ -4,9 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
-
-from rigcast.cli import app
+from shell_calls import call
 
 MODEL = """
 <mujoco>
@@ -66,10 +64,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(*arguments: str) -> tuple[int, str]:
-    """Exit code and everything printed."""
-    result = CliRunner().invoke(app, ["run", "rig/cart.yaml", "--out", "o", *arguments, "--device", "cpu"])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.output
+    return call("run", "rig/cart.yaml", "--out", "o", *arguments, "--device", "cpu")
 
 
 def positions() -> dict[float, float]:

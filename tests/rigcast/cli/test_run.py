@@ -12,11 +12,11 @@ import trimesh
 from PIL import Image
 from rich.console import Console
 from rich.filesize import decimal
-from typer.testing import CliRunner
+from shell_calls import call
 
-from rigcast.cli import app
-from rigcast.cli.common.progress import progress, step_count
-from rigcast.motion.simulation import initial_data
+from rigcast.cli.common.moving import Moving
+from rigcast.cli.common.progress import progress
+from rigcast.motion.simulation import initial_data, step_count
 from rigcast.sensors.errors import InputError
 
 MODEL = """
@@ -88,10 +88,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(*arguments: str) -> tuple[int, str]:
-    """Exit code and everything printed."""
-    result = CliRunner().invoke(app, ["run", *arguments, "--device", "cpu"])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.output
+    return call("run", *arguments, "--device", "cpu")
 
 
 def written(folder: Path) -> dict[str, bytes]:
@@ -158,9 +155,11 @@ def test_without_a_terminal_it_prints_few_lines_and_ends_with_what_it_wrote() ->
 
 def test_seconds_are_told_by_what_took_them(monkeypatch: pytest.MonkeyPatch) -> None:
     """By a clock that is a second later at each look."""
-    monkeypatch.setattr("rigcast.cli.run.perf_counter", itertools.count(0.0).__next__)
+    clock = itertools.count(0.0)
+    for module in ("rigcast.cli.run", "rigcast.motion.simulation"):
+        monkeypatch.setattr(f"{module}.perf_counter", clock.__next__)
     _, output = run("cart.yaml", "--duration", "0.02", "--out", "o")
-    assert output.endswith("loading 1.0 s, physics 4.0 s, casting 4.0 s, writing 5.0 s, 20.0 s in all\n")
+    assert output.endswith("loading 1.0 s, physics 4.0 s, casting 4.0 s, writing 5.0 s, 28.0 s in all\n")
 
 
 def test_the_size_of_a_whole_run_is_that_of_its_files(folder: Path) -> None:
@@ -259,7 +258,7 @@ def test_a_run_has_whole_steps_and_at_least_one(duration: float, steps: int) -> 
 @pytest.mark.parametrize("duration", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_duration_that_is_none_is_refused(duration: float) -> None:
     with pytest.raises(InputError, match="--duration"):
-        step_count(mujoco.MjModel.from_xml_string(MODEL), duration)
+        Moving().duration(duration)
 
 
 @pytest.mark.parametrize(("keyframe", "time", "qpos"), [(None, 0.0, 0.0), ("rolling", 7.0, 1.0)])

@@ -7,10 +7,9 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from shell_calls import call_on_one_line
 from small_datasets import MODULE_NAME, contents, edited
-from typer.testing import CliRunner
 
-from rigcast.cli import app
 from rigcast.dataset.description.config import read_dataset
 from rigcast.sensors.errors import InputError
 
@@ -23,10 +22,7 @@ def folder(path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def call(*arguments: str) -> tuple[int, str]:
-    """Exit code and everything printed, on one line."""
-    result = CliRunner().invoke(app, ["dataset", "set.yaml", *arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, " ".join(result.output.split())
+    return call_on_one_line("dataset", "set.yaml", *arguments)
 
 
 def test_a_data_set_is_made_told_about_and_verified(folder: Path, whole: dict[str, bytes]) -> None:

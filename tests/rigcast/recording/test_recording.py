@@ -225,7 +225,7 @@ def test_more_classes_than_a_format_has_numbers_for_are_refused(tmp_path: Path, 
 def test_a_library_that_is_missing_is_named_with_what_brings_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, module: str, extra: str
 ) -> None:
-    monkeypatch.setattr("rigcast.recording.formats.find_spec", lambda wanted: None if wanted == module else object())
+    monkeypatch.setitem(sys.modules, module, None)
     message = rf"^format {name} needs {module}, which is not installed; pip install 'rigcast\[{extra}\]' brings it"
     with pytest.raises(rigcast.InputError, match=message):
         Recorder(tmp_path, made_frames.model(), RIG, [name, "ply"])

@@ -12,13 +12,12 @@ import mujoco
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
+from shell_calls import call
 
 import rigcast
-from rigcast.cli import app
-from rigcast.view.page import write_page
+from rigcast.view.page import MOST_POINTS, MOST_SHOTS, WIDEST, write_page
 from rigcast.view.run_folder import read_run
-from rigcast.view.shots import Shot, shot_of
+from rigcast.view.shots import Share, Shot, shot_of
 
 MODEL = """
 <mujoco>
@@ -53,12 +52,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (path / "cart.xml").write_text(MODEL)
     (path / "cart.yaml").write_text(RIG)
     return path
-
-
-def call(*arguments: str | Path) -> tuple[int, str]:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.output
 
 
 @pytest.fixture(scope="module")
@@ -118,14 +111,16 @@ def test_a_camera_that_sees_behind_itself_is_shown_by_its_ranges(folder: Path) -
     assert [entry["shows"] for entry in document["shots"]] == ["range", "depth"]
 
 
-def test_a_page_of_many_readings_is_thinned_out(folder: Path) -> None:
+def test_of_many_readings_every_sensor_keeps_the_same_share() -> None:
+    share = Share([150, 150, 3], MOST_SHOTS)
+    assert [share.takes(sensor) for sensor in "abababc"] == [True, True, False, False, True, True, True]
+
+
+def test_of_many_points_a_share_is_kept() -> None:
     cloud = np.random.default_rng(0).normal(size=(30_000, 3)).astype(np.float32)
-    values = {"geom_id": np.arange(30_000)}
-    shots = [Shot(name, 0.1 * k, np.eye(4), cloud, values) for k in range(150) for name in ("a", "b")]
-    write_page(folder / "many.html", "many", shots)
-    entries = data_of(folder / "many.html")["shots"]
-    assert [entry["sensor"] for entry in entries].count("a") == 75
-    assert {len(base64.b64decode(entry["values"]["geom_id"])) for entry in entries} == {15_000}
+    shot = Shot("a", 0.1, np.eye(4), cloud, {"geom_id": np.arange(30_000)}).thinned(MOST_POINTS, WIDEST)
+    np.testing.assert_array_equal(shot.points, cloud[::2])
+    np.testing.assert_array_equal(shot.values["geom_id"], np.arange(0, 30_000, 2))
 
 
 def test_of_a_long_run_only_what_a_page_shows_is_kept(

@@ -9,12 +9,12 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 import pytest
+from judged_casts import assert_none_wrong
 from numpy.typing import NDArray
 from small_scenes import ASSETS, KINDS, model_of, posed
 
 import rigcast
-from rigcast import Filter, InputError, Mount, Scene, oracle
-from rigcast.oracle import Verdict
+from rigcast import Filter, InputError, Mount, Scene
 from rigcast.sensors.scene.hits import NumpyHits
 
 Edit = Callable[[mujoco.MjModel], None]
@@ -46,9 +46,7 @@ def rays(seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def assert_like_mj_ray(model: mujoco.MjModel, data: mujoco.MjData, scene: Scene, seed: int = 0) -> NumpyHits:
     hits = scene.cast(*rays(seed)).numpy()
-    found = oracle.compare(model, data, *rays(seed), hits)
-    wrong = found.where(Verdict.WRONG)
-    assert not wrong.size, f"seed {seed}: {wrong.size} wrong of {RAYS} rays, first {wrong[0]}"
+    assert_none_wrong(model, data, *rays(seed), hits, what=f"seed {seed}")
     return hits
 
 
@@ -103,8 +101,7 @@ def test_a_height_field_of_more_than_a_million_triangles_is_hit_as_mj_ray_hits_i
         targets = rng.uniform((-3, -3, 0), (3, 3, 0.5), (RAYS, 3))
         for origins in (np.array([-1.0, 0.5, 1.5]), targets + rng.normal(size=targets.shape)):
             hits = scene.cast(origins, targets - origins).numpy()
-            wrong = oracle.compare(model, data, origins, targets - origins, hits).where(Verdict.WRONG)
-            assert not wrong.size, f"seed {seed}: {wrong.size} wrong of {RAYS} rays, first {wrong[0]}"
+            assert_none_wrong(model, data, origins, targets - origins, hits, what=f"seed {seed}")
             assert (hits.geom_id == 0).mean() > 0.5
 
 
@@ -170,7 +167,7 @@ def test_an_edited_look_is_seen_by_the_next_cast(edit: Edit, filter_: Filter) ->
     saved = {name: getattr(model, name).copy() for name in ("geom_rgba", "mat_rgba", "geom_matid", "geom_group")}
     edit(model)
     after = scene.cast(*rays(0), filter=filter_).numpy()
-    assert not oracle.compare(model, data, *rays(0), after, filter_).where(Verdict.WRONG).size
+    assert_none_wrong(model, data, *rays(0), after, filter_)
     assert_differ(before, after)
     for name, values in saved.items():
         getattr(model, name)[:] = values

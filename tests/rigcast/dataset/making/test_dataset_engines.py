@@ -46,7 +46,7 @@ def test_processes_go_on_where_workers_were_killed(unlucky: Path) -> None:
     (unlucky.parent / "deadly").write_text(str(deadly.seed))
     done = make(unlucky, engine=Processes(2))
     (failure,) = done.manifest["failed"]
-    assert (failure["scene"], failure["episode"]) == (deadly.scene, deadly.number)
+    assert (failure["scene"], failure["episode"]) == (deadly.scene, deadly.episode)
     assert "its worker died" in failure["reason"]
     (unlucky.parent / "deadly").unlink()
     assert make(unlucky).episodes == 1

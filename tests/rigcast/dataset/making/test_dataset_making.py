@@ -68,7 +68,7 @@ def test_frames_are_those_of_the_rig_with_the_episode_s_seed(path: Path) -> None
         data.ctrl[:] = unit.seed % 7 / 7 + data.time
         mujoco.mj_step(model, data)
         expected += [(f.sensor, f.time, f.range.numpy(), f.points.numpy()) for f in rig.step(data)]
-    made = [f for f in open_dataset(path.parent / "out") if (f.scene, f.episode) == (unit.scene, unit.number)]
+    made = [f for f in open_dataset(path.parent / "out") if (f.scene, f.episode) == (unit.scene, unit.episode)]
     assert [(f.sensor, f.time, f.seed) for f in made] == [(name, time, unit.seed) for name, time, *_ in expected]
     for frame, (_, _, ranges, points) in zip(made, expected, strict=True):
         np.testing.assert_array_equal(frame["range"], ranges)

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shell_calls import call_on_one_line
 from small_datasets import make
-from typer.testing import CliRunner
 
 import rigcast
-from rigcast.cli import app
 from rigcast.sensors.errors import InputError
 
 fsspec: Any = pytest.importorskip("fsspec")
@@ -112,20 +111,15 @@ def test_without_fsspec_it_is_said_what_to_install(whole_folder: Path, monkeypat
     assert len(rigcast.open_dataset(whole_folder))
 
 
-def call(*arguments: str) -> tuple[int, str]:
-    result = CliRunner().invoke(app, ["dataset", *arguments])
-    return result.exit_code, " ".join(result.output.split())
-
-
 def test_the_shell_verifies_at_a_url(whole_folder: Path, memory: Any) -> None:
     memory.put(f"{whole_folder}/", "/rooms", recursive=True)
-    code, output = call("rooms.yaml", "--out", "memory://rooms", "--verify")
+    code, output = call_on_one_line("dataset", "rooms.yaml", "--out", "memory://rooms", "--verify")
     assert (code, "memory://rooms: " in output, "all unchanged" in output) == (0, True, True), output
     memory.pipe("/rooms/room/000000/ids.json", b"{}")
-    code, output = call("rooms.yaml", "--out", "memory://rooms", "--verify")
+    code, output = call_on_one_line("dataset", "rooms.yaml", "--out", "memory://rooms", "--verify")
     assert (code, "1 wrong" in output) == (1, True), output
 
 
 def test_the_shell_writes_to_folders_only(path: Path) -> None:
-    code, output = call(str(path), "--out", "memory://rooms")
+    code, output = call_on_one_line("dataset", str(path), "--out", "memory://rooms")
     assert (code, "--out: got memory://rooms: data sets are written to folders" in output) == (2, True), output

@@ -8,22 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 import warp as wp
-from world_states import arrays_of, assert_same, fields_of, model, on_device, rig_of, states
+from world_states import COUNT, ON_EACH, arrays_of, assert_same, fields_of, on_device, rig_of, states
 
 from rigcast import InputError, Rig, Worlds
-
-COUNT = 4
-ON_EACH = pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
-
-
-@pytest.fixture(scope="module")
-def robot() -> mujoco.MjModel:
-    return model()
-
-
-@pytest.fixture
-def datas(robot: mujoco.MjModel) -> list[mujoco.MjData]:
-    return states(robot, COUNT)
 
 
 def test_worlds_that_are_made_once_follow_their_data(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:

@@ -7,22 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from world_states import SENSORS, alone, arrays_of, assert_same, fields_of, model, rig_of, states
+from world_states import COUNT, ON_EACH, SENSORS, alone, arrays_of, assert_same, fields_of, model, rig_of, states
 
 from rigcast import InputError, Mount, Prop, Scene, Worlds
-
-COUNT = 4
-ON_EACH = pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
-
-
-@pytest.fixture(scope="module")
-def robot() -> mujoco.MjModel:
-    return model()
-
-
-@pytest.fixture
-def datas(robot: mujoco.MjModel) -> list[mujoco.MjData]:
-    return states(robot, COUNT)
 
 
 @ON_EACH

@@ -14,11 +14,6 @@ COUNT = 5
 AT_A_TIME = {1: [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5)], 2: [(0, 2), (2, 4), (3, 5)], 4: [(0, 3), (2, 5)], 5: [(0, 5)]}
 
 
-@pytest.fixture(scope="module")
-def robot() -> mujoco.MjModel:
-    return model()
-
-
 @pytest.fixture
 def datas(robot: mujoco.MjModel) -> list[mujoco.MjData]:
     return states(robot, COUNT)

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 import warp as wp
 from small_scenes import Elsewhere
-from world_states import arrays_of, assert_same, model, rig_of, states
+from world_states import COUNT, arrays_of, assert_same, rig_of
 
 from rigcast import InputError, Lidar, Mount, Rig, Worlds
-
-COUNT = 4
 
 CLOTH = """
 <mujoco><worldbody><geom size="1"/>
@@ -76,16 +74,6 @@ FAULTS: dict[str, tuple[Any, str]] = {
     ),
     "a tensor elsewhere": ({"geom_xpos": Elsewhere(), "geom_xmat": np.zeros((2, 8, 9))}, "geom_xpos: .* cuda:0"),
 }
-
-
-@pytest.fixture(scope="module")
-def robot() -> mujoco.MjModel:
-    return model()
-
-
-@pytest.fixture
-def datas(robot: mujoco.MjModel) -> list[mujoco.MjData]:
-    return states(robot, COUNT)
 
 
 @pytest.mark.parametrize(("batch", "message"), FAULTS.values(), ids=list(FAULTS))

@@ -6,21 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 import warp as wp
-from world_states import SENSORS, alone, arrays_of, assert_same, model, rig_of, state_of, states
+from world_states import COUNT, SENSORS, alone, arrays_of, assert_same, model, rig_of, state_of, states
 
 from rigcast import Filter, InputError, Mount, Rig, Scene, Worlds
-
-COUNT = 4
-
-
-@pytest.fixture(scope="module")
-def robot() -> mujoco.MjModel:
-    return model()
-
-
-@pytest.fixture
-def datas(robot: mujoco.MjModel) -> list[mujoco.MjData]:
-    return states(robot, COUNT)
 
 
 def test_sizes_may_differ(robot: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:

@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
+from judged_casts import assert_none_wrong
 from small_scenes import assert_missed
 
 from rigcast import DepthCamera, Filter, Mount, Rig, Scene
-from rigcast.oracle import Verdict, compare
 from rigcast.oracle.deformable import CAN_JUDGE
 
 GRID = """<flexcomp name="{}" type="grid" count="{}" spacing="1 1 1" pos="{}" dim="{}" radius="0.1" mass="1" {}>
@@ -119,9 +119,8 @@ def test_normals_of_a_soft_body_that_is_inside_out_point_outward_and_so_again_wh
         data.flexvert_xpos[...] = as_it_was * (factor, 1, 1)
         origins = data.flexvert_xpos.mean(axis=0) - 9 * directions
         scene.update(data)
-        found = compare(model, data, origins, directions, scene.cast(origins, directions, cull="back").numpy())
-        wrong = found.where(Verdict.WRONG)
-        assert not wrong.size, f"seed {seed}, factor {factor}: rays {wrong}"
+        hits = scene.cast(origins, directions, cull="back").numpy()
+        found = assert_none_wrong(model, data, origins, directions, hits, what=f"seed {seed}, factor {factor}")
         assert (found.got.geom_id >= 0).all(), f"seed {seed}, factor {factor}"
 
 

@@ -8,13 +8,13 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from judged_casts import assert_none_wrong
 from numpy.typing import NDArray
 from small_scenes import assert_missed, model_of, posed
 
 import rigcast
-from rigcast import Filter, InputError, Lidar, Mount, Prop, Scene, oracle
+from rigcast import Filter, InputError, Lidar, Mount, Prop, Scene
 from rigcast.cli import main
-from rigcast.oracle import Verdict
 from rigcast.sensors.meshes import read_mesh
 from rigcast.sensors.scene.hits import NumpyHits
 
@@ -92,7 +92,7 @@ def test_a_prop_is_hit_where_mujoco_hits_the_same_mesh(
     judge = in_mujoco(prop, model, data)
     as_geom = np.where(of_prop, judge.ngeom - 1, hits.geom_id)
     renamed = hits._replace(geom_id=as_geom, prop_id=np.full_like(hits.prop_id, -1))
-    assert not oracle.compare(judge, posed(judge), *rays(0, around), renamed).where(Verdict.WRONG).size
+    assert_none_wrong(judge, posed(judge), *rays(0, around), renamed)
     rig = rigcast.Rig(model, [Lidar(name="eye", mount=mount, elevation_deg=[0], columns=8)], "cpu", props=[prop])
     np.testing.assert_array_equal(rig.sense(data)["eye"].body_id.numpy(), body)
 

@@ -3,11 +3,11 @@
 import mujoco
 import numpy as np
 import pytest
+from judged_casts import assert_none_wrong
 from numpy.typing import NDArray
 from small_scenes import posed
 
 from rigcast import InputError, Scene, oracle
-from rigcast.oracle import Verdict
 
 RAYS = 4000
 MAJOR, MINOR = 0.35, 0.15  # [m]
@@ -51,7 +51,7 @@ def both_ways(xml: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[n
     model = mujoco.MjModel.from_xml_string(xml)
     data, scene = posed(model), Scene(model)
     scene.update(data)
-    hits, expected = scene.cast(*rays(1)).numpy(), oracle.cast(model, data, *rays(1))
+    hits, expected = scene.cast(*rays(1)).numpy(), oracle.Oracle(model, data).cast(*rays(1))
     got, wanted = hits.geom_id == 0, expected.geom_id == 0
     both = got & wanted
     across = np.abs(np.sum(rays(1)[1] * expected.normal, axis=1))
@@ -65,7 +65,7 @@ def test_an_sdf_geom_is_hit_as_mj_ray_hits_a_mesh_geom_with_its_mesh(xml: str) -
     scene.update(data)
     hits = scene.cast(*rays(2)).numpy()
     model.geom_type[0] = mujoco.mjtGeom.mjGEOM_MESH
-    assert not oracle.compare(model, data, *rays(2), hits).where(Verdict.WRONG).size
+    assert_none_wrong(model, data, *rays(2), hits)
 
 
 def test_a_plugins_surface_is_hit_where_mj_ray_hits_it() -> None:

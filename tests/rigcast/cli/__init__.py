@@ -1,0 +1,1 @@
+"""The tests of commands. A package, because mypy takes no two modules called `conftest`."""

@@ -1,0 +1,1 @@
+"""Batches of worlds. A package, because mypy takes no two modules called `conftest`."""
