@@ -83,7 +83,9 @@ class Stage:
         self._worlds: int | None = None  # their number, after an update with many worlds
         self._room: object = None
         self._prop_mounts = [WorldMounts.by([mount], device) for mount in self._props.mounts]  # in many worlds
-        self._gathered: dict[str, Gathered] = {}  # where poses of several MjData are copied together
+        # where poses of many worlds are copied together, and to the device
+        self._gathered: dict[str, Gathered] = {}
+        self._uploads: dict[object, wp.array] = {}
         self._part: slice | None = None  # which of the worlds stand, if not all
         self._differences = _NO_DIFFERENCES
         self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
@@ -234,7 +236,7 @@ class Stage:
 
     def pose_worlds(self, worlds: Worlds, part: slice) -> PosedWorlds:
         """Take the current poses of some of the worlds last taken, or of all. `cast` needs all."""
-        posed = PosedWorlds(worlds, part, self._model, self._device, self._gathered)
+        posed = PosedWorlds(worlds, part, self._model, self._device, self._gathered, self._uploads)
         position, rotation = posed.geoms
         if isinstance(position, np.ndarray):
             self._warn_of_lost(position, rotation, part.start)

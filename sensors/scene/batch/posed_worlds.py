@@ -31,12 +31,16 @@ _DEVICE_TYPES: dict[str, tuple[tuple[int, ...], tuple[type, type]]] = {
 }
 
 
+_MOST_UPLOADS = 64  # arrays that are kept
+
+
 class PosedWorlds:
     """Some of many worlds, or all, with their poses at one reading.
 
     Poses are fetched once; for carriers on the host only those in use are copied.
 
-    part: which of the worlds. gathered: where poses of several MjData are copied together, the same for every reading.
+    part: which of the worlds. gathered: where poses of several MjData are copied together, and uploads: where values of
+    the host are copied to the device, both the same for every reading.
     """
 
     def __init__(
@@ -46,9 +50,10 @@ class PosedWorlds:
         model: mujoco.MjModel,
         device: wp.Device,
         gathered: dict[str, Gathered],
+        uploads: dict[object, wp.array],
     ) -> None:
         self.part, self.count, self.device = part, part.stop - part.start, device
-        self._worlds, self._model, self._gathered = worlds, model, gathered
+        self._worlds, self._model, self._gathered, self._uploads = worlds, model, gathered, uploads
         self._carriers: dict[tuple[str, bytes], Carriers] = {}
 
     @cached_property
@@ -59,7 +64,8 @@ class PosedWorlds:
     @cached_property
     def time(self) -> wp.array | None:
         """(n,) float32 or float64 [s], the time of each world; None for 0."""
-        return self._worlds.time(self.device, self.part)
+        time = self._worlds.time(self.device, self.part)
+        return time if time is None or isinstance(time, wp.array) else self._upload("time", time, wp.float64)
 
     @cached_property
     def ids(self) -> wp.array:
@@ -87,7 +93,7 @@ class PosedWorlds:
             return self.geoms
         first = self._model.ngeom
         frames = Frames.empty(self.count, first + len(props), self.device)
-        frames.copy(self._uploaded(*self.geoms))
+        frames.copy(self._uploaded("geom", *self.geoms))
         for k, prop in enumerate(props):
             frames.place(first + k, self.carriers(prop), prop.on)
         return frames.position, frames.rotation
@@ -99,7 +105,7 @@ class PosedWorlds:
             self._carriers[key] = (
                 origin(self.device)
                 if mounts.kind == "world"
-                else self._uploaded(*self._values(mounts.kind, mounts.which))
+                else self._uploaded(key, *self._values(mounts.kind, mounts.which))
             )
         return self._carriers[key]
 
@@ -145,13 +151,24 @@ class PosedWorlds:
         gathered.take(rows.of_worlds(self.part), which)
         return gathered.values
 
-    def _uploaded(self, position: Any, rotation: Any) -> Carriers:
+    def _uploaded(self, key: object, position: Any, rotation: Any) -> Carriers:
         if isinstance(position, wp.array):
             return Carriers(position, rotation)
         vector, matrix = (dtypes[position.dtype == np.float64] for _, dtypes in _DEVICE_TYPES.values())
         return Carriers(
-            wp.array(position, dtype=vector, device=self.device), wp.array(rotation, dtype=matrix, device=self.device)
+            self._upload((key, "position"), position, vector), self._upload((key, "rotation"), rotation, matrix)
         )
+
+    def _upload(self, key: object, values: NDArray[np.floating[Any]], dtype: type) -> wp.array:
+        """The values on the device, in the array of the last reading that uploaded these, if it fits."""
+        known = self._uploads.get(key)
+        if known is None or known.dtype is not dtype or known.shape != values.shape[: known.ndim]:
+            if len(self._uploads) == _MOST_UPLOADS:
+                self._uploads.clear()
+            known = self._uploads[key] = wp.array(values, dtype=dtype, device=self.device)
+        else:
+            known.assign(values)
+        return known
 
 
 def _require_one_precision(names: Sequence[str], values: Sequence[wp.array]) -> None:

@@ -189,8 +189,8 @@ class Worlds:
         require_on_device("Worlds: active", "an array on the host", device)
         return wp.array(self._one_each("active", self._active, np.bool_)[part], dtype=wp.bool, device=device)
 
-    def time(self, device: wp.Device, part: slice) -> wp.array | None:
-        """The times of some of the worlds, (n,) float32 or float64 [s] on the device; None for 0."""
+    def time(self, device: wp.Device, part: slice) -> wp.array | NDArray[np.float64] | None:
+        """The times of some of the worlds, (n,) float32 or float64 [s], on the device or the host; None for 0."""
         given = self._source.field("time", self.all)
         if given is None:
             return None
@@ -198,7 +198,7 @@ class Worlds:
             require_array("time", given, (self.count,), (wp.float32, wp.float64), device)
             return given if part == self.all else given[part]
         require_on_device("Worlds: time", "an array on the host", device)
-        return wp.array(self._one_each("time", given, np.float64)[part], dtype=wp.float64, device=device)
+        return self._one_each("time", given, np.float64)[part]
 
     def _per_world(self, name: str, given: ArrayLike | wp.array, dtype: type) -> NDArray[Any]:
         """Values with one entry per world; a single entry holds for all worlds, as in a mujoco_warp `Model`."""

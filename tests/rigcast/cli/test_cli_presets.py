@@ -11,7 +11,8 @@ from rigcast.sensors.specs.presets import load_preset, preset_names
 def test_presets_are_listed() -> None:
     code, output = call("presets")
     assert code == 0
-    assert all(name in output for name in preset_names())
+    assert "┃ preset ┃ type ┃ device ┃ cited ┃" in output
+    assert all(f"│ {name} │ {load_preset(name).type} │" in output for name in preset_names())
 
 
 def test_the_list_counts_figures() -> None:

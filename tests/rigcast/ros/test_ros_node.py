@@ -1,6 +1,7 @@
 """The live node, on a stand-in for rclpy that keeps what is published."""
 
 import importlib
+import itertools
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -104,6 +105,32 @@ def test_from_the_shell_it_publishes_in_real_time(rclpy: Any) -> None:
     clocks = [seconds(message.clock) for message in decoded(rclpy.nodes[0].publishers["/clock"])]
     assert clocks[0] == 0.0
     assert clocks[-1] == pytest.approx(0.1)
+
+
+@pytest.mark.usefixtures("rig_file", "rclpy")
+@pytest.mark.parametrize(
+    ("speed", "passed", "slept"), [("1", 0.0, [0.005, 0.01, 0.015, 0.02]), ("0.5", 0.015, [0, 0.005, 0.015, 0.025])]
+)
+def test_it_sleeps_until_real_time_is_simulated_time_over_speed(
+    speed: str, passed: float, slept: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where steps took this long before the first sleep, and none afterwards."""
+    sleeps: list[float] = []
+    monkeypatch.setattr("rigcast.cli.publish.perf_counter", itertools.chain([0.0], itertools.repeat(passed)).__next__)
+    monkeypatch.setattr("rigcast.cli.publish.sleep", sleeps.append)
+    result = CliRunner().invoke(app, ["publish", "rig.yaml", "--duration", "0.02", "--speed", speed, "--device", "cpu"])
+    assert result.exit_code == 0, result.output
+    assert sleeps == pytest.approx(slept)
+
+
+@pytest.mark.usefixtures("rig_file", "rclpy")
+@pytest.mark.parametrize(("seed", "expected"), [((), 3), (("--seed", "5"), 5)])
+def test_a_controller_gets_the_seed(tmp_path: Path, seed: tuple[str, ...], expected: int) -> None:
+    (tmp_path / "told.py").write_text("def tell(model, seed):\n    print('seed', seed)\n    return lambda data: None\n")
+    moving = ("--controller", "told:tell", "--set", "seed=3", *seed)
+    result = CliRunner().invoke(app, ["publish", "rig.yaml", "--duration", "0.01", "--device", "cpu", *moving])
+    assert result.exit_code == 0, result.output
+    assert f"seed {expected}\n" in result.output
 
 
 @pytest.mark.usefixtures("rig_file")

@@ -37,6 +37,10 @@ def one_world(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
+def several(model: mujoco.MjModel) -> list[mujoco.MjData]:
+    return [one_world(model) for _ in range(WORLDS)]
+
+
 def on_device(model: mujoco.MjModel) -> dict[str, wp.array]:
     """Poses of many worlds as mujoco_warp has them."""
     data = one_world(model)
@@ -76,6 +80,8 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         (one_world, lidars(3), 8, 0),
         (on_device, lidars(1), 3, 0),
         (on_device, lidars(3), 7, 0),
+        # positions and rotations of geoms and bodies gathered; three of the arrays are of the host, to be copied
+        (several, lidars(1), 4 + 3, 3),
         # with errors: sensor placed, rays cast, echoes, returns, draws, ranges, readings; an array of intensities
         (one_world, lidars(1, noise=NOISE), 2 + 7, 1),
         (one_world, lidars(3, noise=NOISE), 2 + 3 * 7, 3),
