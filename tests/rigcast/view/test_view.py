@@ -376,7 +376,7 @@ def test_in_rerun_a_camera_that_sees_behind_itself_is_a_cloud(tmp_path: Path) ->
         Shot.of("behind", 0.0, np.eye(4), {**arrays, "depth": depth}),
         Shot.of("ahead", 0.0, np.eye(4), {**arrays, "depth": np.abs(depth)}),
     ]
-    show_in_rerun("cameras", shots, tmp_path / "c.rrd")
+    show_in_rerun("cameras", shots, tmp_path / "c.rrd", None, [])
     seen = {piece.entity_path for piece in chunk.RrdReader(tmp_path / "c.rrd").stream()}
     assert {"/sensors/behind/by_range", "/sensors/ahead/camera"} <= seen
     assert not {"/sensors/behind/camera", "/sensors/ahead/by_range"} & seen
