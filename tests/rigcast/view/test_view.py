@@ -15,6 +15,7 @@ from PIL import Image
 from shell_calls import call
 
 import rigcast
+from rigcast.view.in_rerun import show_in_rerun
 from rigcast.view.page import MOST_POINTS, MOST_SHOTS, WIDEST, write_page
 from rigcast.view.run_folder import read_run
 from rigcast.view.shots import Share, Shot, shot_of
@@ -364,6 +365,21 @@ def test_a_rerun_recording_has_clouds_images_and_bodies(folder: Path, frames: li
         for path in ("by_range", "by_ring", "by_geom_id"):
             cloud = read[f"/sensors/top/{path} Points3D:positions"][k]
             np.testing.assert_allclose(cloud, frame.points.numpy()[hit], atol=1e-6, err_msg=path)
+
+
+def test_in_rerun_a_camera_that_sees_behind_itself_is_a_cloud(tmp_path: Path) -> None:
+    """A depth image stands in space by a pinhole, which has no pixels behind it."""
+    chunk = pytest.importorskip("rerun.chunk")
+    depth, points = np.array([[1.0, -2.0]], np.float32), np.ones((1, 2, 3), np.float32)
+    arrays = {"points": points, "range": np.abs(depth), "intrinsics": np.eye(3)}
+    shots = [
+        Shot.of("behind", 0.0, np.eye(4), {**arrays, "depth": depth}),
+        Shot.of("ahead", 0.0, np.eye(4), {**arrays, "depth": np.abs(depth)}),
+    ]
+    show_in_rerun("cameras", shots, tmp_path / "c.rrd")
+    seen = {piece.entity_path for piece in chunk.RrdReader(tmp_path / "c.rrd").stream()}
+    assert {"/sensors/behind/by_range", "/sensors/ahead/camera"} <= seen
+    assert not {"/sensors/behind/camera", "/sensors/ahead/by_range"} & seen
 
 
 def test_without_rerun_a_recording_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
