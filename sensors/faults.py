@@ -181,7 +181,8 @@ def _sentence(detail: ErrorDetails) -> str:
         return "must be a list"
     if kind == "string_pattern_mismatch":
         return f"must match {detail['ctx']['pattern']}"
-    return detail["msg"].replace("Input should be", "must be").replace("a valid ", "a ").replace("a int", "an int")
+    told = detail["msg"].replace("Input should be", "must be").replace("String should have", "must have")
+    return told.replace("a valid ", "a ").replace("a int", "an int")
 
 
 def _keys(annotation: Any) -> str:

@@ -158,6 +158,9 @@ FAULTS = [
     ("seed: §yes\n" + ONE + "}", "seed: must be an integer, got 'yes'"),
     ("seed: §true\n" + ONE + "}", "seed: must be an integer, got True"),
     ("keyframe: §3\n" + ONE + "}", "keyframe: must be a string, got 3"),
+    ("export: {transform_rate_hz: §0}\n" + ONE + "}", "export.transform_rate_hz: must be greater than 0, got 0"),
+    ("export: {world_frame: §''}\n" + ONE + "}", "export.world_frame: must have at least 1 character, got ''"),
+    ("export: {depth_encoding: §8UC1}\n" + ONE + "}", "export.depth_encoding: must be '32FC1' or '16UC1', got '8UC1'"),
     (ONE.replace("models/robot.xml", "§3") + "}", "model: must be a string, got 3"),
     # a sensor
     (HEAD + "sensors:\n  - §{name: a, mount: {}}\n", r"sensors\[0\].type: required, one of lidar, depth_cam"),

@@ -19,6 +19,7 @@ from rigcast.sensors.errors import InputError
         ("rig: rig.yaml", "rig: none.yaml", "set.yaml:1:6", "none.yaml is not a file"),
         ("file: room.xml", "file: none.xml", "set.yaml:3:24", "none.xml is not a file"),
         ("{name: made,", "{name: room,", "set.yaml:3:12", "'room' is the name of something else too"),
+        ("{name: made,", f"{{name: {65 * 'a'},", "set.yaml:4:12", "must have at most 64 characters, got 'aaa"),
         ("{name: made,", "{name: failed,", "set.yaml:4:12", "'failed' is the name of something else too"),
         ("{name: made,", "{name: made, file: room.xml,", "set.yaml:4:5", "give one of file and python, got both"),
         (":room", ":rom", "set.yaml:4:26", "has no attribute 'rom'"),
