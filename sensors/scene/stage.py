@@ -33,7 +33,7 @@ from .freed_memory import give_back_freed_memory
 from .hits import Hits
 from .looks import Looks, LooksTable
 from .parts.flexes import Flexes
-from .parts.geoms import Geoms, are_within_reach, has_finite_pose
+from .parts.geoms import Geoms, are_within_reach, geom_name, has_finite_pose
 from .parts.lost import Lost
 from .parts.part import Part, ShapePoses, Snapshot, joined_poses, joined_shapes, owners_and_ids
 from .parts.props import Props
@@ -88,7 +88,7 @@ class Stage:
         self._uploads: dict[object, wp.array] = {}
         self._part: slice | None = None  # which of the worlds stand, if not all
         self._differences = _NO_DIFFERENCES
-        self._lost_in_worlds = Lost(lambda k: f"{self._geoms.name(k % model.ngeom)} (world {k // model.ngeom})")
+        self._lost_in_worlds = Lost(lambda k: f"{geom_name(model, k % model.ngeom)} (world {k // model.ngeom})")
 
     @fixed
     def model(self) -> mujoco.MjModel:

@@ -1,5 +1,7 @@
 """The geoms of a model as a part of a scene."""
 
+from functools import partial
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,11 @@ from .height_fields import hfield_data
 from .lost import Lost
 from .model_geometry import assets_in_use, needs_asset, read_model, read_shapes
 from .part import Owner, Snapshot
+
+
+def geom_name(model: mujoco.MjModel, geom: int) -> str:
+    """The name of a geom in messages."""
+    return model.geom(geom).name or f"geom {geom}"
 
 
 class Geoms:
@@ -38,7 +45,7 @@ class Geoms:
         self._supported = geometry.supported
         self.poses = TakenPoses(model.ngeom)
         self._unchanged = Snapshot(self.poses.position.numpy(), self.poses.rotation.numpy().reshape(-1, 9))
-        self._lost = Lost(self.name)
+        self._lost = Lost(partial(geom_name, model))
         self._assets = geometry.assets
         # views of the model's memory, which show edits
         self._kinds_now = [model.geom_type.data, model.geom_dataid.data]
@@ -53,10 +60,6 @@ class Geoms:
         if self.poses.take(data.geom_xpos, data.geom_xmat) or self._lost.any:
             self._lost.warn(data.time, np.asarray(np.isfinite(self._unchanged.position).all(axis=1)))
         return self._unchanged if trees is None else self._unchanged._replace(shapes=self.shapes, trees=trees)
-
-    def name(self, geom: int) -> str:
-        """The name of a geom in messages."""
-        return self.model.geom(geom).name or f"geom {geom}"
 
     def visible(self, filter: Filter) -> NDArray[np.bool_]:
         return filter.visible(self.model) & self._supported
