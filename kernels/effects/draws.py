@@ -102,9 +102,9 @@ def draw_run(first: int, run: int, source: RandomSource, draw: int, draws: Draws
         i += 1
 
 
-def drawn(source: RandomSource, draw: int, count: int, device: wp.DeviceLike, times: int = 1) -> Draws:
-    """Random numbers (times * count,) of `count` rays; see `prepare_draws`."""
-    draws, launches = prepare_draws(source, draw, count, device, times)
+def drawn(source: RandomSource, draw: int, count: int, device: wp.DeviceLike) -> Draws:
+    """Random numbers of `count` rays, drawn once; see `prepare_draws`."""
+    draws, launches = prepare_draws(source, draw, count, device)
     for launch in launches:
         launch()
     return draws

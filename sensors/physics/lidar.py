@@ -49,6 +49,7 @@ class LidarPhysics:
         noise = spec.noise or Noise()
         angles, weights = _sub_rays(spec)
         self._sub_rays = len(weights)
+        # a function that held self would make a reference cycle, in which arrays wait for the collector
         self._angles = sub_angles = wp.array(angles, dtype=wp.vec2, device=scene.device)
         self._angle_std = math.radians(noise.angle_std_deg)
         self._spread = SubRays(self._sub_rays, lambda rays: beams.aim(rays, sub_angles, RandomSource(), 0.0))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from operator import is_
 
 import warp as wp
 
@@ -20,12 +21,14 @@ class SubRays:
 
     def __init__(self, times: int, directions: Callable[[Rays], wp.array]) -> None:
         self._times, self._directions = times, directions
-        self._of: tuple[wp.array, wp.array | None] | None = None
+        # the sub-rays, and the directions and firings that they were made for:
         self._made: Rays | None = None
+        self._of: tuple[wp.array | None, ...] = ()
 
     def of(self, rays: Rays) -> Rays:
         """The sub-rays of these rays at their pose; packed if the rays are."""
-        if self._made is None or self._of is None or not _same(self._of, (rays.directions, rays.firing)):
+        given = rays.directions, rays.firing
+        if self._made is None or not all(map(is_, given, self._of)):
             made = replace(
                 rays,
                 directions=self._directions(rays),
@@ -33,10 +36,6 @@ class SubRays:
                 firing=repeat_firing(rays.firing, self._times),
             )
             packets = cached_packets(made.directions, groups_of(made)) if isinstance(rays.packets, Packets) else None
-            self._of, self._made = (rays.directions, rays.firing), replace(made, packets=packets)
+            self._made, self._of = replace(made, packets=packets), given
         kept = self._made
         return replace(rays, directions=kept.directions, origins=kept.origins, firing=kept.firing, packets=kept.packets)
-
-
-def _same(a: tuple[object, object], b: tuple[object, object]) -> bool:
-    return all(x is y for x, y in zip(a, b, strict=True))

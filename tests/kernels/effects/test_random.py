@@ -134,7 +134,10 @@ def test_numbers_of_many_rays_are_those_of_each_bit_for_bit(count: int, rays: in
         source = random_source(SEED, "top", frame=3)
     else:
         source = random_source(SEED, "top", 3, worlds(*range(9, 9 + 5003, 1), device=device), rays)
-    got = draws.drawn(source, 4, count, device, times=2).numbers.numpy()
+    made, launches = draws.prepare_draws(source, 4, count, device, times=2)
+    for launch in launches:
+        launch()
+    got = made.numbers.numpy()
     each = [drawn(source, draw, count, device) for draw in (4, 5)]
     expected = np.concatenate([np.concatenate([one["normal"], one["uniform"]], axis=1) for one in each])
     np.testing.assert_array_equal(got, expected)
