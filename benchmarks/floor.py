@@ -1,8 +1,8 @@
-"""The part of the trees that a ray must visit even if it knew its hit: a lower bound for any order of traversal."""
+"""The part of CUDA's trees that a ray must visit even if it knew its hit: a lower bound for any order of traversal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,17 +10,19 @@ import numpy.typing as npt
 from rigcast.bench.casters import Floats
 from rigcast.bench.workloads import View, Workload, g1, hills, room, warehouse
 from rigcast.bench.worlds.crowd import G1_HEAD, crowd
+from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.packing.warps import WARP, sort_into_warps
 from rigcast.kernels.shapes.solids import TRIANGLES
-from rigcast.kernels.trees.nodes import FIRST_PATCH
-from rigcast.kernels.world.unfolded import lead_to_nodes, nodes_of, patches_of
+from rigcast.kernels.trees.fours import in_fours
+from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD, ends_of
+from rigcast.kernels.world.stored_fours import StoredFours
 from rigcast.sensors.rig.rig import Rig
 from rigcast.sensors.scene.scene import Scene
 from rigcast.sensors.specs.filter import Filter
 
 WARPS, WORLDS = 8, 32
-NODE, BLOCK, PATCH, RAY = 224, 416, 64, 48  # bytes
-NODE_OPERATIONS, BLOCK_OPERATIONS = 8 * 15, 8 * 60
+NODE, BLOCK, PATCH, RAY = 112, 416, 64, 48  # bytes
+NODE_OPERATIONS, BLOCK_OPERATIONS = 4 * 15, 8 * 60
 
 
 @dataclass(frozen=True)
@@ -101,29 +103,40 @@ def _numbers(nodes: set[int], leaves: set[int]) -> tuple[int, int, int]:
 def _looked_at(scene: Scene, seen: Filter, origin: Floats, rays: Floats) -> list[_Looked]:
     reach = scene.cast(origin, rays, filter=seen).numpy().distance.astype(float)
     visible = scene.visible(seen).numpy()
-    g: Any = scene._world.geometry
-    patches = patches_of(g.plots.numpy(), g.sides.numpy())
-    nodes = np.concatenate([lead_to_nodes(g.nodes.numpy(), g.nodes.size), nodes_of(patches)])
-    return [_of_ray(g, nodes, visible, origin, d, t) for d, t in zip(rays, reach, strict=True)]
+    trees = _trees_of(scene)
+    return [_of_ray(scene, trees, visible, origin, d, t) for d, t in zip(rays, reach, strict=True)]
+
+
+class _Trees(NamedTuple):
+    """The tree over shapes, those over triangles, and the root of each shape's."""
+
+    top: npt.NDArray[np.void]
+    of_triangles: npt.NDArray[np.void]
+    root: npt.NDArray[np.int_]
+
+
+def _trees_of(scene: Scene) -> _Trees:
+    world: Any = scene._world
+    stored: Any = Geometry()
+    roots = StoredFours(stored, world.trees, world.device).roots
+    top = world.geometry.top.numpy()
+    return _Trees(
+        in_fours(top["child"], *ends_of(top)), stored.fours.numpy(), np.array([*roots, 0])[world._tree_of_shape]
+    )
 
 
 def _of_ray(
-    g: Any,
-    of_triangles: npt.NDArray[np.void],
-    visible: npt.NDArray[np.bool_],
-    origin: Floats,
-    direction: Floats,
-    reach: float,
+    scene: Scene, trees: _Trees, visible: npt.NDArray[np.bool_], origin: Floats, direction: Floats, reach: float
 ) -> _Looked:
-    kind, root = g.kind.numpy(), g.root.numpy()
-    position, rotation = g.position.numpy(), g.rotation.numpy()
-    nodes, shapes = _entered(g.top.numpy(), 0, origin - g.anchor.numpy()[0], direction, reach)
+    g: Any = scene._world.geometry
+    kind, position, rotation = g.kind.numpy(), g.position.numpy(), g.rotation.numpy()
+    nodes, shapes = _entered(trees.top, 0, origin - g.anchor.numpy()[0], direction, reach)
     looked: _Looked = {~node for node in nodes}, set()
     for shape in shapes:
         if visible[shape] and kind[shape] == TRIANGLES:
             turn = rotation[shape]
             local = turn.T @ (origin - position[shape]), turn.T @ direction
-            for found, more in zip(looked, _entered(of_triangles, root[shape], *local, reach), strict=True):
+            for found, more in zip(looked, _entered(trees.of_triangles, trees.root[shape], *local, reach), strict=True):
                 found.update(more)
     return looked
 
@@ -137,12 +150,10 @@ def _entered(
         while stack:
             nodes.append(stack.pop())
             node = tree[nodes[-1]]
-            center = np.stack([node[f"center_{axis}"] for axis in "xyz"])
-            half = np.stack([node[f"half_{axis}"] for axis in "xyz"])
-            towards = (center - origin[:, None]) / direction[:, None]
-            across = np.abs(half / direction[:, None]) * np.sign(half)
-            enter, leave = np.nanmax(towards - across, axis=0), np.nanmin(towards + across, axis=0)
-            is_met = (enter <= leave) & (leave >= 0) & (enter <= reach) & (half[0] >= 0)
+            ends = np.array([[node[f"{end}_{axis}"] for axis in "xyz"] for end in ("lower", "upper")])
+            ways = (ends - origin[:, None]) / direction[:, None]
+            enter, leave = np.nanmax(ways.min(axis=0), axis=0), np.nanmin(ways.max(axis=0), axis=0)
+            is_met = (enter <= leave) & (leave >= 0) & (enter <= reach) & (node["child"] != NO_CHILD)
             for child in node["child"][is_met]:
                 (stack if child >= 0 else leaves).append(int(child if child >= 0 else ~child))
     return nodes, leaves

@@ -177,7 +177,7 @@ Nothing here was run on a GPU. What can be said is the floor.
 FLOOR = """
 **The floor** is how many nodes, triangle blocks and height-field patches a ray must visit with these trees even if it
 knew its hit beforehand: those whose boxes it enters before its hit. It is counted for each ray, and for warps of 32
-neighbouring rays with what they share counted once. A node is 224 bytes and 8 boxes of 15 operations, a block 416 bytes
+neighbouring rays with what they share counted once. A node is 112 bytes and 4 boxes of 15 operations, a block 416 bytes
 and 8 triangles of 60 operations, a patch 64 bytes and as many triangles (making these is left out); a ray reads 24
 bytes and writes 24.
 """

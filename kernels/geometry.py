@@ -11,7 +11,7 @@ tree over the shapes.
 
 import warp as wp
 
-from .trees.nodes import Node, vec8, vec8i
+from .trees.nodes import Four, Node, vec8, vec8i
 
 NO_FACE = wp.constant(-1)
 PATCHES = 8
@@ -79,7 +79,8 @@ class Geometry:
     """
 
     # triangle trees:
-    nodes: wp.array[Node]
+    nodes: wp.array[Node]  # on the CPU
+    fours: wp.array[Four]  # on CUDA
     blocks: wp.array[TriangleBlock]
     plots: wp.array[Plot]  # of height fields on the CPU
     sides: wp.array[float]  # see Plot
@@ -90,7 +91,7 @@ class Geometry:
     visible: wp.array[wp.bool]  # set by each cast, else empty; (n,) for all worlds, or (W n,)
     # (n,) for all worlds, or (W n,):
     size: wp.array[wp.vec3]
-    root: wp.array[int]  # node of the triangle tree's root
+    root: wp.array[int]  # of the triangle tree, among nodes or fours
     columns: wp.array[int]  # cells per row of a height field, else 0
     hfields: wp.array[int]  # (k,) height fields whose plots are not stored as nodes; see packets.traverse.plots
     center: wp.array[wp.vec3]  # of the shape's box in its own frame [m]
@@ -107,7 +108,8 @@ class Geometry:
     place: wp.array[int]  # (n,) index of each shape among the movers, -1 for shapes that stand still
     turn: wp.array[wp.vec3d]  # (S n,) rotation vector [rad] from a span's first instant to its second; empty if I = 1
     # the trees over the shapes, each relative to its anchor:
-    top: wp.array[Node]  # (S m,)
+    top: wp.array[Node]  # (S m,) on the CPU
+    top_fours: wp.array[Four]  # (S m,) on CUDA
     top_count: int  # m, the nodes of each tree
     anchor: wp.array[wp.vec3d]  # (S,) in the world [m]
     top_reach: wp.array[float]  # (S,) largest |coordinate| of the tree's boxes [m]

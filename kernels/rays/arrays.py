@@ -5,6 +5,7 @@ from functools import cached_property
 
 import warp as wp
 
+from rigcast.kernels.elements import double_vector_at
 from rigcast.kernels.vectors import of_ray
 
 from .coherent import Bundles, Packets, Warps
@@ -109,9 +110,23 @@ def firing_of(rays: RayArrays, k: int) -> int:
     world = int(0)
     if k >= rays.count:
         world = int(k / rays.count)
+    return firing_in(rays, world, k - world * rays.count)
+
+
+@wp.func
+def firing_in(rays: RayArrays, world: int, own: int) -> int:
+    """The firing, counted over all worlds, of ray `own` of a world."""
     if rays.firings == 1:
         return world
-    return world * rays.firings + rays.firing[k - world * rays.count]
+    return world * rays.firings + rays.firing[own]
+
+
+@wp.func
+def vector_in(vectors: wp.array[wp.vec3d], rays: RayArrays, world: int, own: int) -> wp.vec3d:
+    """The direction or origin of ray `own` of a world: `of_ray` without a division, which is slow."""
+    size = vectors.shape[0]
+    i = wp.where(size == rays.count, own, world * rays.count + own)
+    return double_vector_at(vectors, wp.where(size == 1, 0, i))
 
 
 @wp.func

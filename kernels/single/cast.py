@@ -16,7 +16,7 @@ from rigcast.kernels.launching.slices import OverTiles
 from rigcast.kernels.launching.stack import align_stack
 from rigcast.kernels.launching.turns import turn_of
 from rigcast.kernels.poses.scope import is_within_reach, scope_of
-from rigcast.kernels.rays.arrays import RayArrays, direction_of, firing_of, origin_of, span_of
+from rigcast.kernels.rays.arrays import RayArrays, firing_in, span_of, vector_in
 from rigcast.kernels.rays.unit import make_unit
 
 from .ray import cast_ray
@@ -58,19 +58,27 @@ def write_hit(g: wp.array[Geometry], out: Out, i: int, hit: Hit, ray: WorldRay) 
 
 
 @wp.func
-def ray_number(k: int, rays: RayArrays, which: wp.array[int]) -> int:
-    """Number of the k-th ray to cast: of those that `which` lists in each world, or of all rays if it is empty."""
-    if which.shape[0] == 0:
-        return k
-    return k / which.shape[0] * rays.count + which[k % which.shape[0]]
+def ray_to_cast(k: int, rays: RayArrays, which: wp.array[int]) -> wp.vec2i:
+    """World of the k-th ray to cast, and its number there: of those that `which` lists in each world, or of all rays if
+    it is empty."""
+    count = wp.where(which.shape[0] > 0, which.shape[0], rays.count)
+    world = int(0)
+    if k >= count:
+        world = k / count
+    own = k - world * count
+    if which.shape[0] > 0:
+        own = which[own]
+    return wp.vec2i(world, own)
 
 
 @wp.func
-def world_ray(g: wp.array[Geometry], job: Job, i: int, firing: int) -> WorldRay:
+def world_ray(g: wp.array[Geometry], job: Job, world: int, own: int, firing: int) -> WorldRay:
+    """Ray `own` of a world."""
     rotation = matrix_at(job.rays.rotation, firing)
     ray = WorldRay()
-    ray.origin = double_vector_at(job.rays.position, firing) + rotation * origin_of(job.rays, i)
-    ray.direction = rotation * direction_of(job.rays, i)
+    origin = vector_in(job.rays.origins, job.rays, world, own)
+    ray.origin = double_vector_at(job.rays.position, firing) + rotation * origin
+    ray.direction = rotation * vector_in(job.rays.directions, job.rays, world, own)
     ray.scope = scope_of(g, span_of(job.rays, firing), firing)
     ray.limit = job.limit
     ray.cull = job.cull
@@ -94,9 +102,10 @@ def cast_run(begin: int, end: int, g: wp.array[Geometry], job: Job, which: wp.ar
     stack = wp.zeros(shape=NUMBERS_OF_STACK, dtype=int)
     composed = wp.zeros(shape=1, dtype=TriangleBlock)
     for k in range(begin, end):
-        i = ray_number(int(k), job.rays, which)
-        firing = firing_of(job.rays, i)
-        ray = world_ray(g, job, i, firing)
+        at = ray_to_cast(int(k), job.rays, which)
+        i = at[0] * job.rays.count + at[1]
+        firing = firing_in(job.rays, at[0], at[1])
+        ray = world_ray(g, job, at[0], at[1], firing)
         if is_castable(ray):
             write_hit(g, job.out, i, cast_ray(g, ray, stack, composed), ray)
         else:

@@ -4,9 +4,8 @@ A tree is an array of nodes with up to eight children each. Node 0 is the root a
 child is another node (>= 0) or a leaf, stored as ~leaf (< 0). A box is stored as centre and half size. An absent child
 is NO_CHILD with half size -inf, which no ray enters.
 
-On CUDA, where all rays are cast singly, a box is stored by its ends, which halves the operations of a single ray's
-test: the lower end in place of the centre, the upper end in place of the half size. An absent child's box extends from
-+inf to -inf.
+On CUDA, where all rays are cast singly, nodes have up to four children, whose boxes are stored by their ends. That
+halves the operations of a single ray's test.
 """
 
 from collections.abc import Sequence
@@ -24,6 +23,7 @@ from .boxes import Box
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 WIDTH = wp.constant(8)
+FOUR = wp.constant(4)
 NO_CHILD = wp.constant(-(2**31))
 FIRST_PATCH = wp.constant(2**27)
 """Leaves of triangle trees from this number on are patches of height fields; lower ones are blocks."""
@@ -47,6 +47,22 @@ class Node:
     half_y: vec8
     half_z: vec8
     child: vec8i
+
+
+@wp.struct
+class Four:
+    """Boxes of up to four children by their ends, as a structure of arrays, and their children as nodes or ~leaves.
+
+    The box of an absent child, NO_CHILD, extends from +inf to -inf.
+    """
+
+    lower_x: wp.vec4
+    lower_y: wp.vec4
+    lower_z: wp.vec4
+    upper_x: wp.vec4
+    upper_y: wp.vec4
+    upper_z: wp.vec4
+    child: wp.vec4i
 
 
 @wp.func
@@ -135,13 +151,12 @@ def moved_nodes(
     return moved
 
 
-def by_ends(nodes: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """The nodes in CUDA's layout, boxes by their ends. Rounding shrinks no box: each was made around float32 ends."""
-    ends = nodes.copy()
-    for axis in "xyz":
-        center, half = (nodes[f"{name}_{axis}"].astype(np.float64) for name in ("center", "half"))
-        ends[f"center_{axis}"], ends[f"half_{axis}"] = center - half, center + half
-    return ends
+def ends_of(nodes: npt.NDArray[np.void]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """The ends (n, 8, 3) [m] of the children's boxes. Rounding shrinks no box: each was made around float32 ends."""
+    center, half = (
+        np.stack([nodes[f"{name}_{axis}"] for axis in "xyz"], axis=-1).astype(np.float64) for name in ("center", "half")
+    )
+    return (center - half).astype(np.float32), (center + half).astype(np.float32)
 
 
 def join_trees(a: npt.NDArray[np.void], b: npt.NDArray[np.void]) -> npt.NDArray[np.void]:

@@ -50,7 +50,20 @@ class JoinedTrees(NamedTuple):
 
 
 def join_triangle_trees(trees: Sequence[TriangleTree]) -> JoinedTrees:
-    """Concatenate the arrays of trees.
+    """Concatenate the arrays of trees. Raises ValueError as `places_of` does."""
+    places = places_of(trees)
+    moved = [moved_tree(tree, place) for tree, place in zip(trees, places, strict=True)]
+    return JoinedTrees(
+        np.concatenate([struct_zeros(Node, 0), *(tree.nodes for tree in moved)]),
+        joined_blocks(trees),
+        np.concatenate([struct_zeros(Plot, 0), *(tree.plots for tree in moved)]),
+        np.concatenate([np.zeros(0, np.float32), *(tree.sides for tree in moved)]),
+        places,
+    )
+
+
+def places_of(trees: Sequence[TriangleTree]) -> list[TreePlace]:
+    """The place of each tree in joined arrays.
 
     Raises ValueError for more than FIRST_PATCH blocks or patches.
     """
@@ -59,15 +72,12 @@ def join_triangle_trees(trees: Sequence[TriangleTree]) -> JoinedTrees:
     if max(blocks, PATCHES * plots) > FIRST_PATCH:
         got = f"{blocks} blocks of stored triangles and {PATCHES * plots} patches of height fields"
         raise ValueError(f"triangle trees: got {got}, expected up to {FIRST_PATCH} of each")
-    places = [TreePlace(*place) for place in (np.cumsum(sizes, axis=0) - sizes).tolist()]
-    moved = [moved_tree(tree, place) for tree, place in zip(trees, places, strict=True)]
-    return JoinedTrees(
-        np.concatenate([struct_zeros(Node, 0), *(tree.nodes for tree in moved)]),
-        np.concatenate([struct_zeros(TriangleBlock, 0), *(tree.blocks for tree in moved)]),
-        np.concatenate([struct_zeros(Plot, 0), *(tree.plots for tree in moved)]),
-        np.concatenate([np.zeros(0, np.float32), *(tree.sides for tree in moved)]),
-        places,
-    )
+    return [TreePlace(*place) for place in (np.cumsum(sizes, axis=0) - sizes).tolist()]
+
+
+def joined_blocks(trees: Sequence[TriangleTree]) -> npt.NDArray[np.void]:
+    """The blocks of all trees."""
+    return np.concatenate([struct_zeros(TriangleBlock, 0), *(tree.blocks for tree in trees)])
 
 
 def tree_sizes(tree: TriangleTree) -> TreePlace:

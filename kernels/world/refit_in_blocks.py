@@ -1,16 +1,16 @@
 """Refit of the trees over shapes on CUDA: one thread block per tree, all levels in one launch.
 
-For each level, threads first take its children, one each, then its nodes. So no thread waits for the poses of many
-shapes. Boxes are stored by their ends, see rigcast.kernels.trees.nodes.
+First the threads take the shapes, one each, so that none waits for the poses of many. Then they take the nodes, level
+by level.
 """
 
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.on_cuda import on_cuda
-from rigcast.kernels.trees.boxes import empty_box
+from rigcast.kernels.trees.boxes import Box
 from rigcast.kernels.trees.fit import Fit, fit_of_leaf, make_box, no_fit, with_child, with_own_box
-from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Node
+from rigcast.kernels.trees.nodes import FOUR, NO_CHILD, Four
 
 from .top_level import Refit, anchor_of, end_refit, span_box
 
@@ -26,83 +26,85 @@ def meet() -> int:  # type: ignore[empty-body]
 
 
 @wp.func_native(on_cuda("return nodes.data[at].child[j];"))
-def child_of(nodes: wp.array[Node], at: int, j: int) -> int:  # type: ignore[empty-body]
+def child_of(nodes: wp.array[Four], at: int, j: int) -> int:  # type: ignore[empty-body]
     """Child j of node `at`, read alone, as below; Warp would copy the node."""
 
 
 @wp.func_native(
     on_cuda("""
     const auto& node = nodes.data[at];
-    return {node.center_x[j], node.center_y[j], node.center_z[j]};
+    return {node.lower_x[j], node.lower_y[j], node.lower_z[j]};
 """)
 )
-def lower_end(nodes: wp.array[Node], at: int, j: int) -> wp.vec3:
+def lower_end(nodes: wp.array[Four], at: int, j: int) -> wp.vec3:
     """Lower end of the box of child j."""
 
 
 @wp.func_native(
     on_cuda("""
     const auto& node = nodes.data[at];
-    return {node.half_x[j], node.half_y[j], node.half_z[j]};
+    return {node.upper_x[j], node.upper_y[j], node.upper_z[j]};
 """)
 )
-def upper_end(nodes: wp.array[Node], at: int, j: int) -> wp.vec3:
+def upper_end(nodes: wp.array[Four], at: int, j: int) -> wp.vec3:
     """Upper end of the box of child j."""
 
 
 @wp.func_native(
     on_cuda("""
     auto& node = nodes.data[at];
-    node.center_x[j] = lower[0], node.center_y[j] = lower[1], node.center_z[j] = lower[2];
-    node.half_x[j] = upper[0], node.half_y[j] = upper[1], node.half_z[j] = upper[2];
+    node.lower_x[j] = lower[0], node.lower_y[j] = lower[1], node.lower_z[j] = lower[2];
+    node.upper_x[j] = upper[0], node.upper_y[j] = upper[1], node.upper_z[j] = upper[2];
     return 0;
 """)
 )
-def set_ends(nodes: wp.array[Node], at: int, j: int, lower: wp.vec3, upper: wp.vec3) -> int:  # type: ignore[empty-body]
+def set_ends(nodes: wp.array[Four], at: int, j: int, lower: wp.vec3, upper: wp.vec3) -> int:  # type: ignore[empty-body]
     """Set the ends of the box of child j."""
 
 
 @wp.func
-def fit_child(g: Geometry, span: int, at: int, j: int, anchor: wp.vec3d, fits: wp.array[Fit]) -> None:
-    """Refit the box of child j of node `at`; a child that is a node must have been refitted before."""
-    child = child_of(g.top, at, j)
-    box = empty_box()
-    if child >= 0:
-        box = fits[child].box
-    elif child != NO_CHILD:
-        box = span_box(g, span, -1 - child, anchor)
-    set_ends(g.top, at, j, box.lower, box.upper)
+def set_box(g: Geometry, at: int, j: int, box: Box) -> None:
+    set_ends(g.top_fours, at, j, box.lower, box.upper)
 
 
 @wp.func
-def fit_around(g: Geometry, at: int, fits: wp.array[Fit]) -> None:
-    """Compute the Fit of node `at`, whose children must have been refitted before."""
+def fit_shapes(g: Geometry, span: int, thread: int, anchor: wp.vec3d) -> None:
+    """Refit one thread's share of the boxes of shapes in a tree."""
+    k = thread
+    while k < FOUR * g.top_count:
+        at = span * g.top_count + k / FOUR
+        child = child_of(g.top_fours, at, k % FOUR)
+        if child < 0 and child != NO_CHILD:
+            set_box(g, at, k % FOUR, span_box(g, span, -1 - child, anchor))
+        k += BLOCK
+
+
+@wp.func
+def fit_node(g: Geometry, at: int, fits: wp.array[Fit]) -> None:
+    """Refit the boxes of children of node `at` that are nodes, and compute its Fit; its children must be refitted."""
     whole = no_fit()
-    for j in range(WIDTH):
-        child = child_of(g.top, at, j)
+    for j in range(FOUR):
+        child = child_of(g.top_fours, at, j)
         if child >= 0:
-            whole = with_child(whole, fits[child])
+            fit = fits[child]
+            set_box(g, at, j, fit.box)
+            whole = with_child(whole, fit)
         elif child != NO_CHILD:
-            whole = with_child(whole, fit_of_leaf(make_box(lower_end(g.top, at, j), upper_end(g.top, at, j))))
+            box = make_box(lower_end(g.top_fours, at, j), upper_end(g.top_fours, at, j))
+            whole = with_child(whole, fit_of_leaf(box))
     fits[at] = with_own_box(whole)
 
 
 @wp.func
-def fit_levels(g: Geometry, span: int, thread: int, levels: wp.array[int], these: Refit) -> None:
-    """Refit one thread's share of a tree, level by level."""
+def fit_tree(g: Geometry, span: int, thread: int, levels: wp.array[int], these: Refit) -> None:
+    """Refit one thread's share of a tree, its shapes and then level by level."""
     anchor = anchor_of(g, span, these.anchor_shape)
-    root = span * g.top_count
+    fit_shapes(g, span, thread, anchor)
+    meet()
     for k in range(levels.shape[0] - 1):
-        begin = levels[levels.shape[0] - 2 - k]
-        end = levels[levels.shape[0] - 1 - k]
-        at = begin * WIDTH + thread
-        while at < end * WIDTH:
-            fit_child(g, span, root + at / WIDTH, at % WIDTH, anchor, these.fits)
-            at += BLOCK
-        meet()
-        at = begin + thread
-        while at < end:
-            fit_around(g, root + at, these.fits)
+        at = levels[levels.shape[0] - 2 - k] + thread
+        while at < levels[levels.shape[0] - 1 - k]:
+            fit_node(g, span * g.top_count + at, these.fits)
             at += BLOCK
         meet()
     if thread == 0:
@@ -112,4 +114,16 @@ def fit_levels(g: Geometry, span: int, thread: int, levels: wp.array[int], these
 @wp.kernel
 def refit_in_blocks(g: Geometry, levels: wp.array[int], these: Refit) -> None:
     """Refit every tree. levels: index of each level's first node, and the end of the last level."""
-    fit_levels(g, wp.tid() / BLOCK, wp.tid() % BLOCK, levels, these)
+    fit_tree(g, wp.tid() / BLOCK, wp.tid() % BLOCK, levels, these)
+
+
+@wp.kernel
+def copy_to_trees_of_fours(nodes: wp.array[Four], top: wp.array[Four]) -> None:
+    """Copy these nodes to every tree of `top`."""
+    i = wp.tid()
+    start = i / nodes.shape[0] * nodes.shape[0]
+    node = nodes[i - start]
+    for j in range(FOUR):
+        if node.child[j] >= 0:
+            node.child[j] = node.child[j] + start
+    top[i] = node

@@ -10,7 +10,8 @@ from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.launching.slices import launch_over_rays, prepare_over_rays
 from rigcast.kernels.trees.fit import REBUILD_RATIO, Fit
-from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Node, empty_nodes, join_trees
+from rigcast.kernels.trees.fours import in_fours, levels_of
+from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Four, Node, empty_nodes, join_trees
 from rigcast.kernels.trees.tree import build_tree
 
 from .top_level import Refit, ShapeBoxes, copy_to_trees, first_boxes, refit, turn_shapes
@@ -38,7 +39,7 @@ class TopTrees:
         self._worlds, self._spans, self._instants = 0, 0, 0
         self._seen: wp.array | None = None
         self._is_seen: wp.Event | None = None
-        self._set_nodes(empty_nodes(1))
+        self._set_nodes(empty_nodes(1), *np.zeros((2, 0, 3), np.float32))
 
     @property
     def launch(self) -> Callable[[], object]:
@@ -48,7 +49,7 @@ class TopTrees:
     @property
     def bytes_per_tree(self) -> int:
         """Bytes of one tree with the Fit of its nodes; an upper bound before several worlds are first fitted."""
-        nodes = self._nodes.size * _BYTES_PER_NODE
+        nodes = sum(self._nodes.size * wp.types.type_size_in_bytes(each) for each in (self._nodes.dtype, Fit))
         if self._worlds < 2:
             nodes = max(_BYTES_PER_NODE, BYTES_PER_SHAPE * self._geometry.kind.size)
         return nodes + _BYTES_PER_TREE
@@ -92,36 +93,52 @@ class TopTrees:
             median = np.sort(center, axis=0)[len(center) // 2]
             offset = np.abs(center - median).max(axis=1)
             self._anchor_shape = int(bounded[np.argmin(offset)])
-        self._set_nodes(nodes)
+        self._set_nodes(nodes, lower, upper)
         self._copy_to_trees()
         self._launch()
         self._built_area = float(self._area.numpy().mean())
 
-    def _set_nodes(self, nodes: npt.NDArray[np.void]) -> None:
-        nodes, self._levels = _by_level(nodes)
-        self._nodes = wp.array(nodes, dtype=Node, device=self._device)
+    def _set_nodes(
+        self, nodes: npt.NDArray[np.void], lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32]
+    ) -> None:
+        """Take the nodes of a tree over shapes with these boxes (n, 3); on CUDA in fours."""
+        if self._device.is_cpu:
+            self._nodes = wp.array(nodes, dtype=Node, device=self._device)
+            return
+        child = nodes["child"]
+        is_shape = (child < 0) & (child != NO_CHILD)
+        boxes = np.zeros((2, *child.shape, 3), np.float32)
+        boxes[:, is_shape] = lower[~child[is_shape]], upper[~child[is_shape]]
+        fours = in_fours(child, *boxes)
+        self._levels = levels_of(fours)
+        self._nodes = wp.array(fours, dtype=Four, device=self._device)
 
     def _copy_to_trees(self) -> None:
         """Copy the present nodes to the tree of every span."""
         count = self._spans * self._nodes.size
-        self._fits = wp.empty(count, dtype=Fit, device=self._device)
-        self._geometry.top_count = self._nodes.size
-        self._geometry.top = wp.empty(count, dtype=Node, device=self._device)
-        launch_over_rays(copy_to_trees, count, [self._nodes], [self._geometry.top], self._device)
-        self._launch = self._prepare_launch()
-
-    def _prepare_launch(self) -> Callable[[], object]:
-        """The launch of a refit: on the CPU a slice of trees per thread, on CUDA a thread block per tree."""
         these = Refit()
+        self._fits = wp.empty(count, dtype=Fit, device=self._device)
         these.anchor_shape, these.fits, these.area = self._anchor_shape, self._fits, self._area
+        top = wp.empty(count, dtype=self._nodes.dtype, device=self._device)
+        self._geometry.top_count = self._nodes.size
         if self._device.is_cpu:
+            self._geometry.top = top
+            launch_over_rays(copy_to_trees, count, [self._nodes], [top], self._device)
             trees = max(1, LEAVES_PER_SLICE // max(1, self._geometry.kind.size))
-            return prepare_over_rays(refit, self._spans, [self._geometry, these], [], self._device, trees)
-        from .refit_in_blocks import BLOCK, refit_in_blocks  # here, as nothing but CUDA needs it
+            self._launch = prepare_over_rays(refit, self._spans, [self._geometry, these], [], self._device, trees)
+        else:
+            self._geometry.top_fours = top
+            self._launch = self._refit_in_blocks(these)
 
-        levels = wp.array(self._levels, dtype=int, device=self._device)
-        inputs = [self._geometry, levels, these]
-        return recorded(refit_in_blocks, self._spans * BLOCK, inputs, [], self._device, BLOCK)
+    def _refit_in_blocks(self, these: Refit) -> Callable[[], object]:
+        """Copy the present nodes to the tree of every span on CUDA; return the launch of a refit."""
+        from .refit_in_blocks import BLOCK, copy_to_trees_of_fours, refit_in_blocks  # here, as only CUDA needs it
+
+        top, device = self._geometry.top_fours, self._device
+        # in blocks of BLOCK threads, as Warp compiles the module for one block size
+        recorded(copy_to_trees_of_fours, top.size, [self._nodes], [top], device, BLOCK)()
+        levels = wp.array(self._levels, dtype=int, device=device)
+        return recorded(refit_in_blocks, self._spans * BLOCK, [self._geometry, levels, these], [], device, BLOCK)
 
     def _first_boxes(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         shapes = self._geometry.kind.size
@@ -146,20 +163,6 @@ class TopTrees:
         wp.copy(self._seen, self._area)
         self._is_seen = self._device.stream.record_event()
         return area
-
-
-def _by_level(nodes: npt.NDArray[np.void]) -> tuple[npt.NDArray[np.void], list[int]]:
-    """The nodes sorted by level from the root; index of each level's first node, and the end of the last level."""
-    depth = np.zeros(len(nodes), int)
-    for at, child in enumerate(nodes["child"]):
-        depth[child[child >= 0]] = depth[at] + 1
-    order = np.argsort(depth, kind="stable")
-    place = np.empty(len(nodes), np.int32)
-    place[order] = np.arange(len(nodes))
-    nodes = nodes[order]
-    child = nodes["child"]
-    nodes["child"] = np.where(child >= 0, place[np.maximum(child, 0)], child)
-    return nodes, [0, *np.cumsum(np.bincount(depth)).tolist()]
 
 
 def _tree_over(

@@ -15,6 +15,7 @@ from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.host.upload import Upload
 
 from .arrays import Shapes, TriangleTree
+from .stored_fours import StoredFours
 from .stored_trees import StoredTrees
 from .top_trees import TopTrees
 
@@ -32,7 +33,11 @@ class World:
     def __init__(self, trees: Sequence[TriangleTree], shapes: Shapes, device: wp.DeviceLike) -> None:
         self.device = wp.get_device(device)
         self.geometry = Geometry()
-        self._trees = StoredTrees(self.geometry, trees, self.device)
+        self._trees: StoredTrees | StoredFours
+        if self.device.is_cpu:
+            self._trees = StoredTrees(self.geometry, trees)
+        else:
+            self._trees = StoredFours(self.geometry, trees, self.device)
         self._count = len(shapes.kind)
         self._uploads: tuple[Upload, Upload] | None = None
         self._part: slice | None = None

@@ -3,16 +3,14 @@
 import warp as wp
 
 from rigcast.kernels.geometry import Geometry
-from rigcast.kernels.hits.out import write_miss
 from rigcast.kernels.on_cuda import on_cuda
-from rigcast.kernels.rays.arrays import firing_of
-from rigcast.kernels.single.cast import Job, is_castable, ray_number, read_ray, world_ray, write_hit
+from rigcast.kernels.rays.arrays import firing_in
+from rigcast.kernels.single.cast import Job, is_castable, ray_to_cast, world_ray
 
+from .hits import BLOCK, hold_hit
 from .ray import Frame, Ray, cast_ray
-from .walk import ENTRIES, address_of_stack
+from .walk import address_of_stack
 
-BLOCK = 128
-"""Threads of a block."""
 BLOCKS = 4
 """Blocks per multiprocessor: 16 warps, which leaves 128 registers to each thread."""
 RAY_DOUBLES = wp.types.type_size_in_bytes(Ray) // 8 | 1
@@ -74,6 +72,11 @@ def turn_of_warp(taken: wp.array[int], sensor: int) -> int:  # type: ignore[empt
     """
 
 
+@wp.func_native(on_cuda("return __all_sync(~0u, x == __shfl_sync(~0u, x, 0));"))
+def is_one_in_warp(x: int) -> bool:  # type: ignore[empty-body]
+    """Whether all threads of a warp have the same number. All of them call it."""
+
+
 @wp.func_native(
     on_cuda(f"""
     __shared__ double rays[{BLOCK}][{RAY_DOUBLES}];
@@ -99,22 +102,20 @@ def cast_share(
     sensor: int, g: Geometry, held: wp.array[Geometry], job: Job, which: wp.array[int], count: int, taken: wp.array[int]
 ) -> None:
     """Cast rays of one sensor until all are taken. In a function because Warp compiles the body of a kernel twice."""
-    entries = wp.zeros(shape=ENTRIES, dtype=wp.uint64)
-    stack = address_of_stack(entries)
+    stack = address_of_stack()
     ray = wp.array(ptr=address_of_ray(), shape=(1,), dtype=Ray)
     frames = wp.array(ptr=address_of_frames(), shape=(2,), dtype=Frame)
     first = turn_of_warp(taken, sensor)
     while first < count:
         k = first + lane()
-        if k < count:
-            ray[0].number = ray_number(k, job.rays, which)
-            ray[0].world = world_ray(held, job, ray[0].number, firing_of(job.rays, ray[0].number))
-            if is_castable(ray[0].world):
-                cast_ray(g, held, ray, frames, stack)
-                write_hit(held, job.out, ray[0].number, ray[0].best, ray[0].world)
-            else:
-                write_miss(job.out, ray[0].number, wp.nan)
-            read_ray(job, ray[0].number, firing_of(job.rays, ray[0].number))
+        at = ray_to_cast(wp.min(k, count - 1), job.rays, which)
+        ray[0].number = at[0] * job.rays.count + at[1]
+        ray[0].world = world_ray(held, job, at[0], at[1], firing_in(job.rays, at[0], at[1]))
+        is_cast = k < count and is_castable(ray[0].world)
+        together = which.shape[0] > 0 and is_one_in_warp(ray[0].world.scope.span)
+        cast_ray(g, held, ray, frames, stack, is_cast, together)
+        if is_cast:
+            hold_hit(job.out, ray[0].number, ray[0].best)
         first = turn_of_warp(taken, sensor)
 
 

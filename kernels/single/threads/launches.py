@@ -11,7 +11,8 @@ from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.single.cast import Job
 
-from .cast import BLOCK, BLOCKS, Share, cast_rays, hold
+from .cast import BLOCKS, Share, cast_rays, hold
+from .hits import BLOCK, complete_hits
 
 MOST = 8
 """Sets of other casts for which launches are kept. They vary, because frames of some sensors are held for longer."""
@@ -40,7 +41,7 @@ class InThreads:
 
 
 def _prepare(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
-    """The launches that store what the cast reads, then the launch that casts the rays of all."""
+    """The launches that store what the cast reads, the one that casts the rays of all, and those that complete hits."""
     device = casts[0].which.device
     held = wp.empty((len(casts), 1), dtype=Geometry, device=device)
     shares = wp.empty((len(casts), 1), dtype=Share, device=device)
@@ -58,4 +59,6 @@ def _prepare(casts: Sequence[InThreads]) -> list[Callable[[], None]]:
         kernel, inputs = cast_rays_of_several, [first.geometry, held, shares, taken]
     blocks = min(-(-sum(each.count for each in casts) // BLOCK), BLOCKS * device.sm_count)
     launches.append(recorded(kernel, BLOCK * blocks, inputs, [], device, BLOCK))
+    for k, each in enumerate(casts):
+        launches.append(recorded(complete_hits, each.count, [k, held, each.job, each.which], [], device, BLOCK))
     return launches

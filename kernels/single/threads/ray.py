@@ -23,7 +23,6 @@ from rigcast.kernels.shapes.facets import (
 from rigcast.kernels.shapes.solids import SHEET, has_triangles
 from rigcast.kernels.shapes.triangle import CULL_FRONT, CULL_NONE, triage_inside, triage_triangle
 from rigcast.kernels.single.ray import SMALLEST, box_margin
-from rigcast.kernels.single.walk import leaf_of, top_of
 from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH
 from rigcast.kernels.vectors import lowest_bit, quotient, smaller, to_double, to_float
 
@@ -33,6 +32,8 @@ from .walk import address_of_nodes, address_of_visible, next_leaf
 
 OVER_SHAPES, IN_SHAPE = wp.constant(0), wp.constant(1)
 """The two levels; the ray has a frame for each."""
+CREDIT = wp.constant(64)
+"""What the walk of a warp as one begins with; see next_leaf."""
 
 
 @wp.struct
@@ -48,15 +49,13 @@ class Frame:
 
 @wp.struct
 class Ray:
-    """A ray in the world, its first hit so far, the shape whose triangle tree it traverses, and its level."""
+    """A ray in the world, its first hit so far, and the shape whose triangle tree it traverses."""
 
     number: int  # counted over all worlds
     world: WorldRay
     best: Hit
     shape: int
     cull: int  # of the shape's triangles
-    level: int
-    bottom: int  # height of the stack when the shape was entered
 
 
 @wp.func_native(on_cuda("return __fdividef(1.0f, ::fabsf(x) < smallest ? smallest : x);"))
@@ -210,39 +209,72 @@ def meet_shape(g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames
 
 
 @wp.func
-def cast_ray(
-    g: Geometry, held: wp.array[Geometry], ray: wp.array[Ray], frames: wp.array[Frame], stack: wp.uint64
+def cast_at_triangles(
+    g: Geometry,
+    held: wp.array[Geometry],
+    ray: wp.array[Ray],
+    frames: wp.array[Frame],
+    stack: wp.uint64,
+    root: int,
+    bottom: int,
 ) -> None:
-    """Find the first hit of a ray among the visible shapes; it may lie beyond the limit. stack: its address."""
+    """Find the first hit of a ray in the triangle tree of the shape in whose frame it is."""
+    at = root
+    top = bottom
+    while True:
+        limit = smaller(ray[0].best.far * APART, ray[0].world.limit)
+        origin = frames[IN_SHAPE].origin
+        inverse = frames[IN_SHAPE].inverse
+        margin = frames[IN_SHAPE].margin
+        nodes = address_of_nodes(g.fours)
+        found = next_leaf(nodes, wp.uint64(0), at, origin, inverse, margin, limit, stack, top, bottom, -1)
+        top = found[1]
+        if found[0] == NO_CHILD:
+            break
+        meet_leaf(g, held, ray, frames, -1 - found[0])
+        at = NO_CHILD
+
+
+@wp.func
+def cast_ray(
+    g: Geometry,
+    held: wp.array[Geometry],
+    ray: wp.array[Ray],
+    frames: wp.array[Frame],
+    stack: wp.uint64,
+    is_cast: bool,
+    together: bool,
+) -> None:
+    """Find the first hit of a ray among the visible shapes; it may lie beyond the limit.
+
+    Args:
+        stack: its address.
+        is_cast: whether there is a ray; else this thread goes with others of its warp.
+        together: whether all rays of the warp are in one world at one time. They come to the shapes that any of them
+            enters, as all wait for the slowest anyway.
+    """
     span = ray[0].world.scope.span
+    visible = address_of_visible(g.visible, ray[0].world.scope.first_visible)
     ray[0].best = no_hit()
     frames[OVER_SHAPES] = frame_of(ray[0].world.origin - g.anchor[span], ray[0].world.direction, g.top_reach[span])
-    ray[0].level = OVER_SHAPES
-    ray[0].bottom = 0
     at = int(span * g.top_count)
     top = int(0)
-    is_over = bool(False)
-    while not is_over:
-        level = ray[0].level
-        first_visible = ray[0].world.scope.first_visible
-        nodes = wp.where(level == IN_SHAPE, address_of_nodes(g.nodes), address_of_nodes(g.top))
-        visible = wp.where(level == IN_SHAPE, wp.uint64(0), address_of_visible(g.visible, first_visible))
-        limit = smaller(ray[0].best.far * APART, ray[0].world.limit)
-        origin = frames[level].origin
-        inverse = frames[level].inverse
-        margin = frames[level].margin
-        found = next_leaf(nodes, visible, at, origin, inverse, margin, limit, stack, top, ray[0].bottom)
-        top = top_of(found)
-        at = leaf_of(found)
-        if at == NO_CHILD:
-            is_over = level == OVER_SHAPES
-            ray[0].level = OVER_SHAPES
-            ray[0].bottom = 0
-        elif level == IN_SHAPE:
-            meet_leaf(g, held, ray, frames, -1 - at)
-            at = NO_CHILD
-        else:
-            at = meet_shape(g, held, ray, frames, -1 - at)
-            if at != NO_CHILD:
-                ray[0].level = IN_SHAPE
-                ray[0].bottom = top
+    credit = wp.where(together, CREDIT, -1)
+    while True:
+        limit = float(-1.0)
+        if is_cast:
+            limit = smaller(ray[0].best.far * APART, ray[0].world.limit)
+        origin = frames[OVER_SHAPES].origin
+        inverse = frames[OVER_SHAPES].inverse
+        margin = frames[OVER_SHAPES].margin
+        nodes = address_of_nodes(g.top_fours)
+        found = next_leaf(nodes, visible, at, origin, inverse, margin, limit, stack, top, 0, credit)
+        top = found[1]
+        credit = found[2]
+        if found[0] == NO_CHILD:
+            break
+        if is_cast:
+            root = meet_shape(g, held, ray, frames, -1 - found[0])
+            if root != NO_CHILD:
+                cast_at_triangles(g, held, ray, frames, stack, root, top)
+        at = NO_CHILD

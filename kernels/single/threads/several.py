@@ -7,7 +7,8 @@ import warp as wp
 
 from rigcast.kernels.geometry import Geometry
 
-from .cast import BLOCK, BLOCKS, Share, cast_share
+from .cast import BLOCKS, Share, cast_share
+from .hits import BLOCK
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 8})
 

@@ -27,7 +27,7 @@ _BEFORE = """
 #include <thread>
 #include <utility>
 #include <vector>
-#define __CUDA_ARCH__ 750
+#define __CUDA_ARCH__ CUDA_ARCH
 #define __global__
 #define __launch_bounds__(...)
 #define __ffs __builtin_ffs
@@ -38,22 +38,55 @@ using std::max, std::min;
 int __float_as_int(float x) { int bits; std::memcpy(&bits, &x, sizeof(bits)); return bits; }
 float rsqrtf(float x) { return 1 / std::sqrt(x); }
 int atomicAdd(int* sum, int value) { return __atomic_fetch_add(sum, value, __ATOMIC_SEQ_CST); }
+struct int4 { int x, y, z, w; };
 struct Indices { unsigned x, y, z; };
 Indices blockIdx, gridDim = {1, 1, 1};
 const Indices blockDim = {BLOCK_DIM, 1, 1};
 thread_local Indices threadIdx;
 const int warpSize = 32;
-struct Warp { std::barrier<> all{warpSize}; int value; } warps[BLOCK_DIM / warpSize];
+struct Warp { std::barrier<> all{warpSize}; unsigned values[warpSize]; } warps[BLOCK_DIM / warpSize];
 std::barrier<> block(BLOCK_DIM);
 void __syncthreads() { block.arrive_and_wait(); }
-int __shfl_sync(unsigned, int value, int lane)
+// What a function makes of the values that the threads of a warp have, which wait for each other.
+template <class Function>
+auto of_warp(unsigned value, Function function)
 {
     Warp& warp = warps[threadIdx.x / warpSize];
-    if (threadIdx.x % warpSize == lane) warp.value = value;
+    warp.values[threadIdx.x % warpSize] = value;
     warp.all.arrive_and_wait();
-    value = warp.value;
+    const auto result = function(warp.values);
     warp.all.arrive_and_wait();
-    return value;
+    return result;
+}
+int __shfl_sync(unsigned, int value, int lane)
+{
+    return of_warp(value, [=](const unsigned* values) { return int(values[lane]); });
+}
+unsigned __shfl_xor_sync(unsigned, unsigned value, int lanes)
+{
+    const int lane = threadIdx.x % warpSize ^ lanes;
+    return of_warp(value, [=](const unsigned* values) { return values[lane]; });
+}
+unsigned __reduce_min_sync(unsigned, unsigned value)
+{
+    return of_warp(value, [](const unsigned* values) { return *std::min_element(values, values + warpSize); });
+}
+int __popc(unsigned x) { return __builtin_popcount(x); }
+unsigned __ballot_sync(unsigned, bool value)
+{
+    return of_warp(value, [](const unsigned* values) {
+        unsigned bits = 0;
+        for (int i = 0; i < warpSize; ++i) bits |= values[i] << i;
+        return bits;
+    });
+}
+bool __any_sync(unsigned, bool value)
+{
+    return of_warp(value, [](const unsigned* values) { return std::count(values, values + warpSize, 1) > 0; });
+}
+bool __all_sync(unsigned, bool value)
+{
+    return of_warp(value, [](const unsigned* values) { return std::count(values, values + warpSize, 1) == warpSize; });
 }
 extern "C" int _wp_isfinite(double x) { return __builtin_isfinite(x); }
 extern "C" int _wp_isnan(double x) { return __builtin_isnan(x); }
@@ -79,6 +112,9 @@ void run_blocks(void (*kernel)(Args...), void** args, const unsigned* blocks, un
     run_blocks(kernel, args, blocks, count, std::index_sequence_for<Args...>());
 }
 """
+# memory of a thread that is allocated in PTX, which each thread allocates once in a launch
+_LOCAL = re.compile(r'asm volatile\("{ .local .align 8 .b8 entries\[(\d+)\];[^}]*}" : "=l"\(address\)\);')
+_AS_ON_CPU = r"thread_local wp::uint64 entries[\1 / 8]; address = reinterpret_cast<wp::uint64>(entries);"
 _AFTER = """
 extern "C" void run(void** args, const unsigned* blocks, unsigned count)
 {{
@@ -90,10 +126,10 @@ extern "C" void run(void** args, const unsigned* blocks, unsigned count)
 class CudaSource:
     """One kernel's source for CUDA, compiled by g++ in a folder of its own.
 
-    block_dim: threads of a block, a multiple of the warp size.
+    block_dim: threads of a block, a multiple of the warp size. arch: as __CUDA_ARCH__, of the GPU.
     """
 
-    def __init__(self, kernel: wp.Kernel, folder: Path, block_dim: int) -> None:
+    def __init__(self, kernel: wp.Kernel, folder: Path, block_dim: int, arch: int = 900) -> None:
         self._block_dim = block_dim
         module = wp.get_module(f"{kernel.key}_alone")
         module.options.update(kernel.module.options)
@@ -102,13 +138,14 @@ class CudaSource:
         (name,) = re.findall(r"__global__ void (\w+)\(", source)
         path = folder / "kernel.cpp"
         *heads, body = re.split(r'(?<=\.h")\n', source.replace("#define WP_NO_CRT\n", ""))
-        path.write_text("\n".join([*heads, _BEFORE, body, _AFTER.format(kernel=name)]))
+        path.write_text("\n".join([*heads, _BEFORE, _LOCAL.sub(_AS_ON_CPU, body), _AFTER.format(kernel=name)]))
         headers = Path(wp.__file__).parent / "native"
         flags = ["-std=c++20", "-O1", "-pthread", "-ffp-contract=off", "-w", "-shared", "-fPIC"]
         command = [
             "g++",
             *flags,
             f"-DBLOCK_DIM={block_dim}",
+            f"-DCUDA_ARCH={arch}",
             f"-I{headers}",
             str(path),
             "-o",
@@ -117,12 +154,12 @@ class CudaSource:
         subprocess.run(command, check=True)
         self._run = ctypes.CDLL(str(folder / "kernel.so")).run
 
-    def launch(self, blocks: NDArray[np.integer[Any]], arguments: Sequence[Any]) -> None:
+    def launch(self, blocks: NDArray[np.integer[Any]], arguments: Sequence[Any], threads: int | None = None) -> None:
         """Run blocks with these indices of a launch of len(blocks) blocks, one after the other.
 
-        arguments: as for `wp.launch`.
+        arguments: as for `wp.launch`; threads: of the launch, if not all of the blocks.
         """
-        packed = [launch_bounds_t((len(blocks) * self._block_dim,)), *map(_packed, arguments)]
+        packed = [launch_bounds_t((threads or len(blocks) * self._block_dim,)), *map(_packed, arguments)]
         pointers = (ctypes.c_void_p * len(packed))(*map(ctypes.addressof, packed))
         order = np.ascontiguousarray(blocks, np.uint32)
         self._run(pointers, order.ctypes.data_as(ctypes.c_void_p), len(order))

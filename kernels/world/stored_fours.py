@@ -1,0 +1,76 @@
+"""Storage of triangle trees for casts on CUDA: concatenated in the arrays of a geometry, in nodes of four children.
+
+Height fields are stored as patches, with nodes over them.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from rigcast.kernels.geometry import PATCHES, Geometry, Patch, TriangleBlock
+from rigcast.kernels.trees.fours import in_fours, moved_fours
+from rigcast.kernels.trees.nodes import Four, ends_of, moved_nodes, struct_zeros
+
+from .arrays import TreePlace, TriangleTree, joined_blocks, places_of, tree_sizes
+from .unfolded import lead_to_nodes, nodes_of, patches_of
+
+
+class StoredFours:
+    """The triangle trees of a geometry. trees: as given."""
+
+    have_nodes_of_plots = True
+
+    def __init__(self, geometry: Geometry, trees: Sequence[TriangleTree], device: wp.Device) -> None:
+        self.trees = list(trees)
+        self._geometry, self._device = geometry, device
+        self._join()
+
+    @property
+    def roots(self) -> list[int]:
+        """Index of each tree's root."""
+        return self._first[:-1]
+
+    def take(self, index: int, tree: TriangleTree) -> bool:
+        """Replace a tree. Returns whether all roots and the other trees stayed in place."""
+        old, self.trees[index] = self.trees[index], tree
+        if tree_sizes(old) == tree_sizes(tree) and old.columns == tree.columns:
+            place, first = self._places[index], self._first[index]
+            fours = moved_fours(fours_of(tree, place), first)
+            if len(fours) <= self._first[index + 1] - first:
+                self._overwrite(tree, place, fours, first)
+                return True
+        self._join()
+        return False
+
+    def _join(self) -> None:
+        g, device = self._geometry, self._device
+        self._places = places_of(self.trees)
+        each = [fours_of(tree, place) for tree, place in zip(self.trees, self._places, strict=True)]
+        self._first: list[int] = [0, *np.cumsum([len(fours) for fours in each]).tolist()]
+        fours = [struct_zeros(Four, 0), *map(moved_fours, each, self._first)]
+        patches = [struct_zeros(Patch, 0), *map(patches_in, self.trees)]
+        g.fours = wp.array(np.concatenate(fours), dtype=Four, device=device)
+        g.patches = wp.array(np.concatenate(patches), dtype=Patch, device=device)
+        g.blocks = wp.array(joined_blocks(self.trees), dtype=TriangleBlock, device=device)
+
+    def _overwrite(self, tree: TriangleTree, place: TreePlace, fours: npt.NDArray[np.void], first: int) -> None:
+        g, device = self._geometry, self._device
+        wp.copy(g.fours, wp.array(fours, dtype=Four, device=device), dest_offset=first)
+        if len(tree.blocks):
+            wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=device), dest_offset=place.block)
+        if len(tree.plots):
+            wp.copy(g.patches, wp.array(patches_in(tree), dtype=Patch, device=device), dest_offset=PATCHES * place.plot)
+
+
+def patches_in(tree: TriangleTree) -> npt.NDArray[np.void]:
+    """The patches of a height field."""
+    return patches_of(tree.plots, tree.sides, tree.first_side)
+
+
+def fours_of(tree: TriangleTree, place: TreePlace) -> npt.NDArray[np.void]:
+    """The nodes of a tree, its root being node 0, over its blocks and patches at a place in joined arrays."""
+    nodes = lead_to_nodes(moved_nodes(tree.nodes, 0, place.block), len(tree.nodes))
+    nodes = np.concatenate([nodes, nodes_of(patches_in(tree), PATCHES * place.plot)])
+    return in_fours(nodes["child"], *ends_of(nodes))

@@ -1,0 +1,133 @@
+"""Trees in fours hold the leaves of the trees in eights, in boxes around them, and need no deeper stack than STACK."""
+
+import numpy as np
+import pytest
+from boxes_to_build import ALL, Boxes
+from numpy.typing import NDArray
+
+from rigcast.kernels.trees.fours import in_fours, levels_of, moved_fours
+from rigcast.kernels.trees.nodes import NO_CHILD, empty_nodes, ends_of
+from rigcast.kernels.trees.tree import STACK, build_tree
+
+
+def fours_over(boxes: Boxes) -> NDArray[np.void]:
+    """The tree over the boxes; leaf ~k is box k."""
+    built = build_tree(*boxes, leaf_size=1)
+    child = built.nodes["child"]
+    is_leaf = (child < 0) & (child != NO_CHILD)
+    child[is_leaf] = ~built.order[built.leaf_first[~child[is_leaf]]]
+    ends = np.zeros((2, *child.shape, 3), np.float32)
+    ends[:, is_leaf] = [end[~child[is_leaf]] for end in boxes]
+    return in_fours(child, *ends)
+
+
+def ends(fours: NDArray[np.void]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The lower and upper ends (n, 4, 3) of the children's boxes."""
+    lower, upper = (np.stack([fours[f"{end}_{axis}"] for axis in "xyz"], axis=-1) for end in ("lower", "upper"))
+    return lower, upper
+
+
+def stack_needed(fours: NDArray[np.void]) -> int:
+    """The most entries of a stack on which a traversal leaves all children of a node but one, with which it goes on."""
+    pending, most = np.zeros(len(fours), int), 0
+    for k, child in enumerate(fours["child"]):
+        full = pending[k] + np.count_nonzero(child != NO_CHILD) - 1
+        pending[child[child >= 0]] = full
+        most = max(most, int(full))
+    return most
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_box_is_one_leaf_as_it_is_and_every_node_has_one_parent_before_it(name: str) -> None:
+    fours = fours_over(ALL[name])
+    child = fours["child"]
+    is_leaf = (child < 0) & (child != NO_CHILD)
+    np.testing.assert_array_equal(np.sort(~child[is_leaf]), np.arange(len(ALL[name][0])))
+    for got, expected in zip(ends(fours), ALL[name], strict=True):
+        np.testing.assert_array_equal(got[is_leaf], expected[~child[is_leaf]])
+    np.testing.assert_array_equal(child[child >= 0], np.arange(1, len(fours)))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_boxes_of_nodes_are_the_smallest_around_what_they_hold(name: str) -> None:
+    fours = fours_over(ALL[name])
+    lower, upper = ends(fours)
+    inner = np.nonzero(fours["child"] >= 0)
+    below = fours["child"][inner]
+    np.testing.assert_array_equal(lower[inner], lower[below].min(axis=1))
+    np.testing.assert_array_equal(upper[inner], upper[below].max(axis=1))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_no_tree_in_fours_needs_a_deeper_stack_than_there_is(name: str) -> None:
+    assert stack_needed(fours_over(ALL[name])) <= STACK
+
+
+def test_pairs_beside_a_long_path_are_opened_only_while_the_stack_has_room() -> None:
+    """Each node of the path has one large child with three leaves. If this was always opened, each would leave three
+    entries on the stack."""
+    path = 60
+    assert 3 * path > STACK
+    nodes = empty_nodes(2 * path)
+    lower, upper = (np.zeros((len(nodes), 8, 3), np.float32) for _ in range(2))
+    nodes["child"][:path, 0], nodes["child"][:path, 1] = 1 + np.arange(path), path + np.arange(path)
+    nodes["child"][path - 1, 0] = ~(3 * path)
+    nodes["child"][path:, :3] = ~np.arange(3 * path).reshape(-1, 3)
+    upper[path:, :3] = (0.8 ** np.arange(path))[:, None, None] * np.array([1.0, 2.0, 3.0])[:, None]
+    upper[path - 1, 0] = 0.1 * 0.8**path
+    fours = in_fours(nodes["child"], lower, upper)
+    child = fours["child"]
+    np.testing.assert_array_equal(np.sort(~child[(child < 0) & (child != NO_CHILD)]), np.arange(3 * path + 1))
+    assert path < stack_needed(fours) <= STACK
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_there_are_at_most_two_nodes_for_three_leaves(name: str) -> None:
+    """So many worlds' trees over shapes take no more memory than in eights."""
+    lower, _upper = ALL[name]
+    assert len(fours_over(ALL[name])) <= max(1, 2 * len(lower) / 3)
+
+
+def test_nodes_above_others_are_full() -> None:
+    child = fours_over(ALL["1000 scattered"])["child"]
+    assert (child[(child >= 0).any(axis=1)] != NO_CHILD).all()
+
+
+def test_levels_are_the_generations_of_the_root() -> None:
+    fours = fours_over(ALL["1000 scattered"])
+    levels = levels_of(fours)
+    assert levels[:2] == [0, 1]
+    assert levels[-1] == len(fours)
+    for begin, end, after in zip(levels, levels[1:], levels[2:], strict=False):
+        child = fours["child"][begin:end]
+        np.testing.assert_array_equal(child[child >= 0], np.arange(end, after))
+
+
+def test_a_tree_without_leaves_is_one_node_without_children() -> None:
+    nodes = empty_nodes(1)
+    (root,) = in_fours(nodes["child"], *ends_of(nodes))
+    assert (root["child"] == NO_CHILD).all()
+    assert (root["lower_x"] == np.inf).all()
+    assert (root["upper_z"] == -np.inf).all()
+
+
+def test_boxes_that_are_unbounded_or_empty_are_kept() -> None:
+    lower, upper = np.zeros((3, 3), np.float32), np.ones((3, 3), np.float32)
+    lower[1], upper[1] = -np.inf, np.inf
+    lower[2], upper[2] = np.inf, -np.inf
+    nodes = empty_nodes(1)
+    nodes["child"][0, :3] = ~np.arange(3)
+    room = np.zeros((1, 5, 3), np.float32)
+    (root,) = in_fours(nodes["child"], *(np.concatenate([end[None], room], axis=1) for end in (lower, upper)))
+    order = ~root["child"][:3]
+    assert sorted(order) == [0, 1, 2]
+    np.testing.assert_array_equal(root["lower_y"][:3], lower[order, 1])
+    np.testing.assert_array_equal(root["upper_y"][:3], upper[order, 1])
+
+
+def test_moved_nodes_lead_to_the_same_leaves() -> None:
+    fours = fours_over(ALL["65 scattered"])
+    moved = moved_fours(fours, 10)["child"]
+    is_node = fours["child"] >= 0
+    np.testing.assert_array_equal(moved[is_node], fours["child"][is_node] + 10)
+    np.testing.assert_array_equal(moved[~is_node], fours["child"][~is_node])
