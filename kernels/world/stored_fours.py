@@ -37,9 +37,9 @@ class StoredFours:
         old, self.trees[index] = self.trees[index], tree
         if tree_sizes(old) == tree_sizes(tree) and old.columns == tree.columns:
             place, first = self._places[index], self._first[index]
-            fours = moved_fours(fours_of(tree, place), first)
+            fours = fours_of(tree, place)
             if len(fours) <= self._first[index + 1] - first:
-                self._overwrite(tree, place, fours, first)
+                self._overwrite(tree, place, moved_fours(fours, first), first)
                 return True
         self._join()
         return False
@@ -48,10 +48,13 @@ class StoredFours:
         g, device = self._geometry, self._device
         self._places = places_of(self.trees)
         each = [fours_of(tree, place) for tree, place in zip(self.trees, self._places, strict=True)]
-        self._first: list[int] = [0, *np.cumsum([len(fours) for fours in each]).tolist()]
-        fours = [struct_zeros(Four, 0), *map(moved_fours, each, self._first)]
+        room = [max(len(fours), room_for(tree)) for fours, tree in zip(each, self.trees, strict=True)]
+        self._first: list[int] = [0, *np.cumsum(room).tolist()]
+        fours = struct_zeros(Four, self._first[-1])
+        for own, first in zip(each, self.roots, strict=True):
+            fours[first : first + len(own)] = moved_fours(own, first)
         patches = [struct_zeros(Patch, 0), *map(patches_in, self.trees)]
-        g.fours = wp.array(np.concatenate(fours), dtype=Four, device=device)
+        g.fours = wp.array(fours, dtype=Four, device=device)
         g.patches = wp.array(np.concatenate(patches), dtype=Patch, device=device)
         g.blocks = wp.array(joined_blocks(self.trees), dtype=TriangleBlock, device=device)
 
@@ -62,6 +65,15 @@ class StoredFours:
             wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=device), dest_offset=place.block)
         if len(tree.plots):
             wp.copy(g.patches, wp.array(patches_in(tree), dtype=Patch, device=device), dest_offset=PATCHES * place.plot)
+
+
+def room_for(tree: TriangleTree) -> int:
+    """Nodes that are kept for a tree, so that when it changes its shape it fits in its place.
+
+    All nodes of four children have four, except those over two or three leaves, and the few that keep a traversal's
+    stack short. So they are at most two for three leaves.
+    """
+    return max(1, 2 * (len(tree.blocks) + PATCHES * len(tree.plots)) // 3)
 
 
 def patches_in(tree: TriangleTree) -> npt.NDArray[np.void]:
