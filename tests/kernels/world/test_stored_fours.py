@@ -1,4 +1,4 @@
-"""Triangle trees stored for CUDA, here in the CPU's memory: one that is replaced is as if all were stored anew."""
+"""Triangle trees stored for CUDA, here in the CPU's memory: one that is replaced, and the others, are as each is alone."""
 
 from typing import Any
 
@@ -9,6 +9,7 @@ from made_worlds import field, grid, icosphere, torus
 
 from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.trees.nodes import FIRST_PATCH, NO_CHILD
+from rigcast.kernels.world import stored_fours
 from rigcast.kernels.world.arrays import TriangleTree
 from rigcast.kernels.world.deform import DeformingTree
 from rigcast.kernels.world.stored_fours import StoredFours
@@ -37,6 +38,12 @@ def parts_below(geometry: Any, root: int) -> list[bytes]:
     return parts
 
 
+def assert_each_is_as_if_alone(trees: StoredFours, geometry: Any) -> None:
+    for k, (root, tree) in enumerate(zip(trees.roots, trees.trees, strict=True)):
+        _, alone = stored([tree])
+        assert parts_below(geometry, root) == parts_below(alone, 0), f"tree {k}"
+
+
 def mesh_trees() -> tuple[TriangleTree, TriangleTree]:
     """A mesh at rest, and bent without losing its topology."""
     mesh = grid(20)
@@ -60,17 +67,27 @@ REPLACED = {
 
 
 @pytest.mark.parametrize("name", REPLACED)
-def test_a_replaced_tree_and_the_others_are_as_if_stored_anew(name: str) -> None:
+def test_a_replaced_tree_and_the_others_are_as_each_is_alone(name: str) -> None:
     old, new, stays = REPLACED[name]
     ball, ring = other_trees()
-    trees, geometry = stored([ball, old, ring, old])
+    trees, geometry = stored([old, ball, old, ring])
     roots = trees.roots
-    assert trees.take(1, new) is stays
+    assert trees.take(2, new) is stays
     assert (trees.roots == roots) is stays
-    expected, anew = stored([ball, new, ring, old])
-    assert trees.trees[1] is new
-    for k, (root, expected_root) in enumerate(zip(trees.roots, expected.roots, strict=True)):
-        assert parts_below(geometry, root) == parts_below(anew, expected_root), f"tree {k}"
+    assert trees.trees[2] is new
+    assert_each_is_as_if_alone(trees, geometry)
+
+
+def test_a_tree_without_room_is_moved(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stored_fours, "room_for", lambda _tree: 1)
+    mesh, rng, stays = grid(20), np.random.default_rng(0), set[bool]()
+    deforming = DeformingTree(mesh.vertices, mesh.faces)
+    trees, geometry = stored([deforming.tree, other_trees()[1]])
+    for _ in range(8):
+        bent = mesh.vertices + 0.01 * rng.normal(size=mesh.vertices.shape)
+        stays.add(trees.take(0, deforming.move(bent)))
+        assert_each_is_as_if_alone(trees, geometry)
+    assert stays == {False, True}
 
 
 def test_no_trees_are_stored_in_empty_arrays() -> None:
