@@ -1,4 +1,4 @@
-"""Triangle trees stored for CUDA, here in the CPU's memory: one that is replaced, and the others, are as each is alone."""
+"""Triangle trees stored for CUDA, here in the CPU's memory: after one is replaced, each is as if it was alone."""
 
 from typing import Any
 
