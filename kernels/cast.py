@@ -94,7 +94,7 @@ def prepare_hits(geometry: Geometry, visible: wp.array, rays: Rays, limit: float
 
 
 def launch(readings: Iterable[Readings]) -> object:
-    """Cast the rays of several sensors on one device at once, on CUDA in one launch; all must share one geometry.
+    """Cast the rays of several sensors on one device at once, on CUDA by one kernel; all must share one geometry.
 
     Returns objects that a CUDA graph of this launch must hold.
     """

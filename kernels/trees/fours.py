@@ -38,7 +38,7 @@ class Pairs:
 
 @wp.struct
 class FoursMade:
-    """Nodes as they are made. entry: the pair of each; pending: other nodes on a traversal's stack when it comes there,
+    """Nodes as they are made. entry: the pair of each; pending: the entries of a traversal's stack when it comes there,
     at most."""
 
     fours: wp.array[Four]
@@ -75,14 +75,18 @@ def finite_area(box: Box) -> float:
 
 @wp.func
 def nearest_two(pairs: Pairs, entries: vec8i, count: int) -> wp.vec2i:
-    """The positions a < b of the two entries with the smallest box around both."""
+    """The positions a < b of the two entries with the smallest box around both; of several, as those with unbounded
+    ones are, the lowest two."""
     best = wp.vec2i(0, 1)
-    smallest = finite_area(box_around(pairs, entries[0], entries[1]))
-    for b in range(2, count):
+    smallest = float(wp.inf)
+    lowest = int(0)
+    for b in range(1, count):
         for a in range(b):
             area = finite_area(box_around(pairs, entries[a], entries[b]))
-            if area < smallest:
+            height = wp.max(pairs.height[entries[a]], pairs.height[entries[b]])
+            if area < smallest or (area == smallest and height < lowest):
                 smallest = area
+                lowest = height
                 best = wp.vec2i(a, b)
     return best
 

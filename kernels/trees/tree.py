@@ -216,7 +216,8 @@ def build_tree(lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], l
         return Tree(empty_nodes(1), *(np.zeros(0, np.int32) for _ in range(3)))
     # SAH trees of real meshes need up to 56; a balanced tree over 2^27 leaves needs 64
     tree, stack_needed = _build(lower, upper, leaf_size, balanced=False)
-    if stack_needed > STACK - WIDTH:  # WIDTH entries are kept for the node that join_trees adds
+    # entries are kept for the node that join_trees adds, and for a node over the shapes of a leaf
+    if stack_needed > STACK - 2 * WIDTH:
         tree, _ = _build(lower, upper, leaf_size, balanced=True)
     return tree
 

@@ -13,7 +13,7 @@ from rigcast.kernels.geometry import PATCHES, Geometry, Patch, TriangleBlock
 from rigcast.kernels.trees.fours import in_fours, moved_fours
 from rigcast.kernels.trees.nodes import Four, ends_of, moved_nodes, struct_zeros
 
-from .arrays import TreePlace, TriangleTree, joined_blocks, places_of, tree_sizes
+from .arrays import TreePlace, TriangleTree, joined_blocks, places_of
 from .unfolded import lead_to_nodes, nodes_of, patches_of
 
 
@@ -35,7 +35,8 @@ class StoredFours:
     def take(self, index: int, tree: TriangleTree) -> bool:
         """Replace a tree. Returns whether all roots and the other trees stayed in place."""
         old, self.trees[index] = self.trees[index], tree
-        if tree_sizes(old) == tree_sizes(tree) and old.columns == tree.columns:
+        sizes = [(len(each.blocks), len(each.plots), each.columns) for each in (old, tree)]
+        if sizes[0] == sizes[1]:
             place, first = self._places[index], self._first[index]
             fours = fours_of(tree, place)
             if len(fours) <= self._first[index + 1] - first:
@@ -68,10 +69,10 @@ class StoredFours:
 
 
 def room_for(tree: TriangleTree) -> int:
-    """Nodes that are kept for a tree, so that when it changes its shape it fits in its place.
+    """Nodes that are kept for a tree, so that it nearly always fits in its place when its shape changes.
 
-    All nodes of four children have four, except those over two or three leaves, and the few that keep a traversal's
-    stack short. So they are at most two for three leaves.
+    Nodes have four children, except those over two or three leaves, which makes two nodes for three leaves at most; and
+    except those that keep a traversal's stack short, which are rare.
     """
     return max(1, 2 * (len(tree.blocks) + PATCHES * len(tree.plots)) // 3)
 

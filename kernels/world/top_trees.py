@@ -84,7 +84,8 @@ class TopTrees:
         lower, upper = self._first_boxes()
         is_bounded = np.isfinite(lower.min(axis=1))
         nodes = _tree_over(lower, upper, is_bounded, leaf_size=1)
-        if self._worlds > 1 and len(nodes) * _BYTES_PER_NODE > BYTES_PER_SHAPE * len(lower):
+        is_large = len(nodes) * _BYTES_PER_NODE > BYTES_PER_SHAPE * len(lower)
+        if self._device.is_cpu and self._worlds > 1 and is_large:
             nodes = _tree_over(lower, upper, is_bounded, leaf_size=WIDTH)
         bounded = np.flatnonzero(is_bounded)
         if bounded.size:
@@ -97,6 +98,7 @@ class TopTrees:
         self._copy_to_trees()
         self._launch()
         self._built_area = float(self._area.numpy().mean())
+        self._seen = None  # else the area before would be seen at the next refit
 
     def _set_nodes(
         self, nodes: npt.NDArray[np.void], lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32]

@@ -1,4 +1,4 @@
-"""Casts on CUDA: one launch for the rays of one sensor or of several.
+"""Casts on CUDA: one launch for the rays of one sensor or of several, then one for the hits of each.
 
 A warp that finds no ray of one sensor left goes on to the next sensor.
 """

@@ -250,7 +250,7 @@ def cast_ray(
     Args:
         stack: its address.
         is_cast: whether there is a ray; else this thread goes with others of its warp.
-        together: whether all rays of the warp are in one world at one time. They come to the shapes that any of them
+        together: whether all rays of the warp are in one span. They come to the shapes that any of them
             enters, as all wait for the slowest anyway.
     """
     span = ray[0].world.scope.span

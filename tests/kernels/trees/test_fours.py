@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from boxes_to_build import ALL, Boxes
 from numpy.typing import NDArray
+from tree_stacks import stack_needed_by_fours
 
 from rigcast.kernels.trees.fours import in_fours, levels_of, moved_fours
 from rigcast.kernels.trees.nodes import NO_CHILD, empty_nodes, ends_of
@@ -25,16 +26,6 @@ def ends(fours: NDArray[np.void]) -> tuple[NDArray[np.float32], NDArray[np.float
     """The lower and upper ends (n, 4, 3) of the children's boxes."""
     lower, upper = (np.stack([fours[f"{end}_{axis}"] for axis in "xyz"], axis=-1) for end in ("lower", "upper"))
     return lower, upper
-
-
-def stack_needed(fours: NDArray[np.void]) -> int:
-    """The most entries of a stack on which a traversal leaves all children of a node but one, with which it goes on."""
-    pending, most = np.zeros(len(fours), int), 0
-    for k, child in enumerate(fours["child"]):
-        full = pending[k] + np.count_nonzero(child != NO_CHILD) - 1
-        pending[child[child >= 0]] = full
-        most = max(most, int(full))
-    return most
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -60,7 +51,7 @@ def test_boxes_of_nodes_are_the_smallest_around_what_they_hold(name: str) -> Non
 
 @pytest.mark.parametrize("name", ALL)
 def test_no_tree_in_fours_needs_a_deeper_stack_than_there_is(name: str) -> None:
-    assert stack_needed(fours_over(ALL[name])) <= STACK
+    assert stack_needed_by_fours(fours_over(ALL[name])["child"]) <= STACK
 
 
 def test_pairs_beside_a_long_path_are_opened_only_while_the_stack_has_room() -> None:
@@ -78,12 +69,12 @@ def test_pairs_beside_a_long_path_are_opened_only_while_the_stack_has_room() -> 
     fours = in_fours(nodes["child"], lower, upper)
     child = fours["child"]
     np.testing.assert_array_equal(np.sort(~child[(child < 0) & (child != NO_CHILD)]), np.arange(3 * path + 1))
-    assert path < stack_needed(fours) <= STACK
+    assert path < stack_needed_by_fours(child) <= STACK
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_there_are_at_most_two_nodes_for_three_leaves(name: str) -> None:
-    """So many worlds' trees over shapes take no more memory than in eights."""
+    """So that many worlds' trees over shapes take no more memory than in eights; none of these needs a short stack."""
     lower, _upper = ALL[name]
     assert len(fours_over(ALL[name])) <= max(1, 2 * len(lower) / 3)
 
@@ -111,18 +102,39 @@ def test_a_tree_without_leaves_is_one_node_without_children() -> None:
     assert (root["upper_z"] == -np.inf).all()
 
 
-def test_boxes_that_are_unbounded_or_empty_are_kept() -> None:
-    lower, upper = np.zeros((3, 3), np.float32), np.ones((3, 3), np.float32)
-    lower[1], upper[1] = -np.inf, np.inf
-    lower[2], upper[2] = np.inf, -np.inf
+def root_over(lower: NDArray[np.float32], upper: NDArray[np.float32]) -> NDArray[np.void]:
+    """The tree made of one node of eight over these boxes."""
     nodes = empty_nodes(1)
-    nodes["child"][0, :3] = ~np.arange(3)
-    room = np.zeros((1, 5, 3), np.float32)
-    (root,) = in_fours(nodes["child"], *(np.concatenate([end[None], room], axis=1) for end in (lower, upper)))
-    order = ~root["child"][:3]
-    assert sorted(order) == [0, 1, 2]
-    np.testing.assert_array_equal(root["lower_y"][:3], lower[order, 1])
-    np.testing.assert_array_equal(root["upper_y"][:3], upper[order, 1])
+    nodes["child"][0, : len(lower)] = ~np.arange(len(lower))
+    room = np.zeros((1, 8 - len(lower), 3), np.float32)
+    return in_fours(nodes["child"], *(np.concatenate([end[None], room], axis=1) for end in (lower, upper)))
+
+
+UNBOUNDED = {
+    "everywhere": ((-np.inf, -np.inf, -np.inf), (np.inf, np.inf, np.inf)),
+    "nowhere": ((np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf)),
+    "a flat floor": ((-np.inf, -np.inf, 0.0), (np.inf, np.inf, 0.0)),
+}
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("name", UNBOUNDED)
+def test_boxes_that_are_unbounded_or_empty_are_kept(name: str, count: int) -> None:
+    lower, upper = (np.tile(np.array(end, np.float32), (count, 1)) for end in UNBOUNDED[name])
+    (root,) = root_over(lower, upper)
+    order = ~root["child"][:count]
+    assert sorted(order) == list(range(count))
+    for axis in range(3):
+        np.testing.assert_array_equal(root[f"lower_{'xyz'[axis]}"][:count], lower[order, axis])
+        np.testing.assert_array_equal(root[f"upper_{'xyz'[axis]}"][:count], upper[order, axis])
+
+
+def test_neighbours_come_under_one_node() -> None:
+    """Two places, with every second box in the other."""
+    lower = np.arange(8)[:, None] % 2 * 100 + np.arange(8)[:, None] * np.ones(3)
+    _root, *below = root_over(lower.astype(np.float32), lower.astype(np.float32) + 1)["child"]
+    places = [set((~child[child != NO_CHILD] % 2).tolist()) for child in below]
+    assert sorted(places, key=min) == [{0}, {0}, {1}, {1}]
 
 
 def test_moved_nodes_lead_to_the_same_leaves() -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from boxes_to_build import ADVERSARIAL, ALL, Boxes, boxes_around, scattered
 from numpy.typing import NDArray
+from tree_stacks import stack_needed
 
 from rigcast.kernels.trees import tree
 from rigcast.kernels.trees.nodes import NO_CHILD, join_trees, moved_nodes
@@ -19,17 +20,6 @@ def rounds(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
 def present(node: np.void) -> NDArray[np.int32]:
     """Indices of a node's children that are not absent."""
     return np.flatnonzero(node["child"] != NO_CHILD).astype(np.int32)
-
-
-def stack_needed(built: Tree) -> int:
-    """The most entries of a traversal's stack, if each node is popped and all of its children are pushed."""
-    room, most = np.ones(len(built.nodes), int), 1
-    for k, node in enumerate(built.nodes):
-        children = node["child"][present(node)]
-        full = room[k] - 1 + len(children)
-        room[children[children >= 0]] = full
-        most = max(most, full)
-    return most
 
 
 def extent(built: Tree, boxes: Boxes, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -95,14 +85,14 @@ def test_absent_children_have_a_box_that_no_ray_meets(name: str) -> None:
 @pytest.mark.usefixtures("rounds")
 @pytest.mark.parametrize("name", ALL)
 def test_no_tree_needs_a_deeper_stack_than_there_is(name: str) -> None:
-    assert stack_needed(build_tree(*ALL[name], leaf_size=1)) <= STACK
+    assert stack_needed(build_tree(*ALL[name], leaf_size=1).nodes["child"]) <= STACK
 
 
 @pytest.mark.parametrize("name", ADVERSARIAL)
 def test_the_heuristic_alone_would_need_a_deeper_stack(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Else the test above would not show that such trees are balanced instead."""
     monkeypatch.setattr(tree, "STACK", 10**6)
-    assert stack_needed(build_tree(*ALL[name], leaf_size=1)) > STACK
+    assert stack_needed(build_tree(*ALL[name], leaf_size=1).nodes["child"]) > STACK
 
 
 @pytest.mark.parametrize("count", [1, 3, 7, 8, 9, 70])

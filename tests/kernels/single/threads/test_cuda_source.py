@@ -14,7 +14,7 @@ import warp as wp
 import watertight
 from cuda_source import CudaSource
 from made_worlds import Hits, assert_same, random_plan, rays_of, unit
-from various_scenes import SCENES, Scene, every_seventh_is_hidden, many_worlds
+from various_scenes import SCENES, Scene, every_seventh_is_hidden, many_worlds, many_worlds_that_move
 
 from rigcast.kernels import cast
 from rigcast.kernels.geometry import Geometry, Patch
@@ -132,6 +132,15 @@ def test_it_hits_what_single_rays_hit(
     assert_same(hits_of(world, in_warps(rays) if is_in_warps else rays, limit, cull), expected)
 
 
+def test_warps_of_one_span_that_moves_hit_what_single_rays_hit(begin_cuda: Callable[[], None]) -> None:
+    world, rays = many_worlds_that_move()
+    expected = hits_of(world, rays)
+    begin_cuda()
+    assert rays.firing is not None
+    order = wp.array(np.argsort(rays.firing.numpy(), kind="stable"), dtype=int, device="cpu")
+    assert_same(hits_of(world, replace(rays, packets=Warps(order))), expected)
+
+
 @pytest.mark.parametrize("begin_cuda", [750], indirect=True)
 def test_warps_of_older_gpus_hit_what_single_rays_hit(begin_cuda: Callable[[], None]) -> None:
     world, rays = many_worlds()
@@ -148,10 +157,12 @@ def test_it_hits_what_packets_hit(begin_cuda: Callable[[], None]) -> None:
     assert_same(hits_of(world, rays), expected)
 
 
-def test_sensors_read_at_once_what_each_reads_alone(begin_cuda: Callable[[], None]) -> None:
+@pytest.mark.parametrize("is_in_warps", [False, True], ids=["each_by_itself", "in_warps"])
+def test_sensors_read_at_once_what_each_reads_alone(is_in_warps: bool, begin_cuda: Callable[[], None]) -> None:
     begin_cuda()
     alone = [replace(rays, packets=None) for rays in several_casts.rays_of_sensors()]
-    several_casts.check_at_once(random_plan(several_casts.SEED).world(), alone)
+    rays = [in_warps(each) if each.directions.size else each for each in alone] if is_in_warps else alone
+    several_casts.check_at_once(random_plan(several_casts.SEED).world(), rays)
 
 
 def test_casts_by_turns_with_others_are_prepared_once(
@@ -221,6 +232,8 @@ def test_trees_over_shapes_have_the_boxes_of_the_cpu(tmp_path: Path) -> None:
     levels = wp.array(levels_of(fours), dtype=int, device="cpu")
     CudaSource(refit_in_blocks, tmp_path / "refit", BLOCK).launch(np.arange(worlds), [g, levels, these])
     made = g.top_fours.numpy()
+    inner = np.nonzero(made["child"] >= 0)
+    np.testing.assert_array_equal(made["child"][inner] // len(fours), inner[0] // len(fours))
     got = boxes_of_shapes(made, len(fours))
     assert got.keys() == expected.keys()
     for key, box in got.items():
