@@ -210,14 +210,16 @@ class _Part:
     leaves: npt.NDArray[np.void]
 
 
-def build_tree(lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], leaf_size: int) -> Tree:
-    """Build a tree over the boxes lower, upper (n, 3), with at most leaf_size boxes in a leaf; n may be 0."""
+def build_tree(lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], leaf_size: int, spare: int = 0) -> Tree:
+    """Build a tree over the boxes lower, upper (n, 3), with at most leaf_size boxes in a leaf; n may be 0.
+
+    spare: entries of a traversal's stack to leave free, for nodes that will be added.
+    """
     if len(lower) == 0:
         return Tree(empty_nodes(1), *(np.zeros(0, np.int32) for _ in range(3)))
     # SAH trees of real meshes need up to 56; a balanced tree over 2^27 leaves needs 64
     tree, stack_needed = _build(lower, upper, leaf_size, balanced=False)
-    # entries are kept for the node that join_trees adds, and for a node over the shapes of a leaf
-    if stack_needed > STACK - 2 * WIDTH:
+    if stack_needed > STACK - spare:
         tree, _ = _build(lower, upper, leaf_size, balanced=True)
     return tree
 

@@ -183,7 +183,8 @@ def _tree_of(
     shapes: npt.NDArray[np.intp], lower: npt.NDArray[np.float32], upper: npt.NDArray[np.float32], leaf_size: int
 ) -> npt.NDArray[np.void]:
     """Nodes of a tree over some of the shapes; a leaf with several shapes becomes a node over them."""
-    tree = build_tree(lower[shapes], upper[shapes], leaf_size)
+    # with room on the stack for a node over the shapes of a leaf, and for the one that join_trees adds
+    tree = build_tree(lower[shapes], upper[shapes], leaf_size, spare=2 * WIDTH)
     lane = np.arange(WIDTH)
     place = np.minimum(tree.leaf_first[:, None] + lane, shapes.size - 1)
     members = np.where(lane < tree.leaf_count[:, None], ~shapes[tree.order[place]], NO_CHILD)
