@@ -229,6 +229,14 @@ def _with_room(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
     return np.concatenate([values, room], axis=1).reshape(-1, *values.shape[2:])
 
 
+def boxes_of_leaves(child: npt.NDArray[np.int32], lower: Boxes, upper: Boxes) -> tuple[Boxes, Boxes]:
+    """The ends (n, 8, 3) of children's boxes for `in_fours`, where leaf k has the ends lower[k], upper[k] [m]."""
+    is_leaf = (child < 0) & (child != NO_CHILD)
+    ends = np.zeros((2, *child.shape, 3), np.float32)
+    ends[:, is_leaf] = lower[~child[is_leaf]], upper[~child[is_leaf]]
+    return ends[0], ends[1]
+
+
 def levels_of(fours: npt.NDArray[np.void]) -> list[int]:
     """Index of each level's first node, and the end of the last level."""
     levels = [0, 1]

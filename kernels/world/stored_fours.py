@@ -38,9 +38,12 @@ class StoredFours:
         sizes = [(len(each.blocks), len(each.plots), each.columns) for each in (old, tree)]
         if sizes[0] == sizes[1]:
             place, first = self._places[index], self._first[index]
-            fours = fours_of(tree, place)
+            patches = patches_in(tree)
+            fours = fours_of(tree, place, patches)
             if len(fours) <= self._first[index + 1] - first:
-                self._overwrite(tree, place, moved_fours(fours, first), first)
+                self._write(self._geometry.fours, moved_fours(fours, first), first)
+                self._write(self._geometry.blocks, tree.blocks, place.block)
+                self._write(self._geometry.patches, patches, PATCHES * place.plot)
                 return True
         self._join()
         return False
@@ -48,24 +51,21 @@ class StoredFours:
     def _join(self) -> None:
         g, device = self._geometry, self._device
         self._places = places_of(self.trees)
-        each = [fours_of(tree, place) for tree, place in zip(self.trees, self._places, strict=True)]
+        patches = [patches_in(tree) for tree in self.trees]
+        each = [fours_of(*of_tree) for of_tree in zip(self.trees, self._places, patches, strict=True)]
         room = [max(len(fours), room_for(tree)) for fours, tree in zip(each, self.trees, strict=True)]
         self._first: list[int] = [0, *np.cumsum(room).tolist()]
         fours = struct_zeros(Four, self._first[-1])
         for own, first in zip(each, self.roots, strict=True):
             fours[first : first + len(own)] = moved_fours(own, first)
-        patches = [struct_zeros(Patch, 0), *map(patches_in, self.trees)]
         g.fours = wp.array(fours, dtype=Four, device=device)
-        g.patches = wp.array(np.concatenate(patches), dtype=Patch, device=device)
+        g.patches = wp.array(np.concatenate([struct_zeros(Patch, 0), *patches]), dtype=Patch, device=device)
         g.blocks = wp.array(joined_blocks(self.trees), dtype=TriangleBlock, device=device)
 
-    def _overwrite(self, tree: TriangleTree, place: TreePlace, fours: npt.NDArray[np.void], first: int) -> None:
-        g, device = self._geometry, self._device
-        wp.copy(g.fours, wp.array(fours, dtype=Four, device=device), dest_offset=first)
-        if len(tree.blocks):
-            wp.copy(g.blocks, wp.array(tree.blocks, dtype=TriangleBlock, device=device), dest_offset=place.block)
-        if len(tree.plots):
-            wp.copy(g.patches, wp.array(patches_in(tree), dtype=Patch, device=device), dest_offset=PATCHES * place.plot)
+    def _write(self, array: wp.array, values: npt.NDArray[np.void], first: int) -> None:
+        """Overwrite entries of an array from the first on."""
+        if len(values):
+            wp.copy(array, wp.array(values, dtype=array.dtype, device=self._device), dest_offset=first)
 
 
 def room_for(tree: TriangleTree) -> int:
@@ -82,8 +82,8 @@ def patches_in(tree: TriangleTree) -> npt.NDArray[np.void]:
     return patches_of(tree.plots, tree.sides, tree.first_side)
 
 
-def fours_of(tree: TriangleTree, place: TreePlace) -> npt.NDArray[np.void]:
+def fours_of(tree: TriangleTree, place: TreePlace, patches: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
     """The nodes of a tree, its root being node 0, over its blocks and patches at a place in joined arrays."""
     nodes = lead_to_nodes(moved_nodes(tree.nodes, 0, place.block), len(tree.nodes))
-    nodes = np.concatenate([nodes, nodes_of(patches_in(tree), PATCHES * place.plot)])
+    nodes = np.concatenate([nodes, nodes_of(patches, PATCHES * place.plot)])
     return in_fours(nodes["child"], *ends_of(nodes))

@@ -10,7 +10,7 @@ from rigcast.kernels.geometry import Geometry
 from rigcast.kernels.launching.recorded import recorded
 from rigcast.kernels.launching.slices import launch_over_rays, prepare_over_rays
 from rigcast.kernels.trees.fit import REBUILD_RATIO, Fit
-from rigcast.kernels.trees.fours import in_fours, levels_of
+from rigcast.kernels.trees.fours import boxes_of_leaves, in_fours, levels_of
 from rigcast.kernels.trees.nodes import NO_CHILD, WIDTH, Four, Node, empty_nodes, join_trees
 from rigcast.kernels.trees.tree import build_tree
 
@@ -107,11 +107,7 @@ class TopTrees:
         if self._device.is_cpu:
             self._nodes = wp.array(nodes, dtype=Node, device=self._device)
             return
-        child = nodes["child"]
-        is_shape = (child < 0) & (child != NO_CHILD)
-        boxes = np.zeros((2, *child.shape, 3), np.float32)
-        boxes[:, is_shape] = lower[~child[is_shape]], upper[~child[is_shape]]
-        fours = in_fours(child, *boxes)
+        fours = in_fours(nodes["child"], *boxes_of_leaves(nodes["child"], lower, upper))
         self._levels = levels_of(fours)
         self._nodes = wp.array(fours, dtype=Four, device=self._device)
 

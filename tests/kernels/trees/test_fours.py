@@ -6,7 +6,7 @@ from boxes_to_build import ALL, Boxes
 from numpy.typing import NDArray
 from tree_stacks import stack_needed_by_fours
 
-from rigcast.kernels.trees.fours import in_fours, levels_of, moved_fours
+from rigcast.kernels.trees.fours import boxes_of_leaves, in_fours, levels_of, moved_fours
 from rigcast.kernels.trees.nodes import NO_CHILD, empty_nodes, ends_of
 from rigcast.kernels.trees.tree import STACK, build_tree
 
@@ -17,9 +17,7 @@ def fours_over(boxes: Boxes) -> NDArray[np.void]:
     child = built.nodes["child"]
     is_leaf = (child < 0) & (child != NO_CHILD)
     child[is_leaf] = ~built.order[built.leaf_first[~child[is_leaf]]]
-    ends = np.zeros((2, *child.shape, 3), np.float32)
-    ends[:, is_leaf] = [end[~child[is_leaf]] for end in boxes]
-    return in_fours(child, *ends)
+    return in_fours(child, *boxes_of_leaves(child, *boxes))
 
 
 def ends(fours: NDArray[np.void]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -106,8 +104,7 @@ def root_over(lower: NDArray[np.float32], upper: NDArray[np.float32]) -> NDArray
     """The tree made of one node of eight over these boxes."""
     nodes = empty_nodes(1)
     nodes["child"][0, : len(lower)] = ~np.arange(len(lower))
-    room = np.zeros((1, 8 - len(lower), 3), np.float32)
-    return in_fours(nodes["child"], *(np.concatenate([end[None], room], axis=1) for end in (lower, upper)))
+    return in_fours(nodes["child"], *boxes_of_leaves(nodes["child"], lower, upper))
 
 
 UNBOUNDED = {

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from tree_stacks import stack_needed, stack_needed_by_fours
 
-from rigcast.kernels.trees.fours import in_fours
-from rigcast.kernels.trees.nodes import NO_CHILD
+from rigcast.kernels.trees.fours import boxes_of_leaves, in_fours
 from rigcast.kernels.trees.tree import STACK
 from rigcast.kernels.world.top_trees import _tree_over
 
@@ -21,8 +20,6 @@ def test_no_tree_needs_a_deeper_stack_than_there_is(planes: int, leaf_size: int)
         upper = np.concatenate([1.001 * where, unbounded]).astype(np.float32)
         nodes = _tree_over(lower, upper, np.isfinite(lower[:, 0]), leaf_size)
         child = nodes["child"]
-        is_shape = (child < 0) & (child != NO_CHILD)
-        ends = np.zeros((2, *child.shape, 3), np.float32)
-        ends[:, is_shape] = lower[~child[is_shape]], upper[~child[is_shape]]
+        fours = in_fours(child, *boxes_of_leaves(child, lower, upper))
         assert stack_needed(child) <= STACK, f"{count} shapes"
-        assert stack_needed_by_fours(in_fours(child, *ends)["child"]) <= STACK, f"{count} shapes"
+        assert stack_needed_by_fours(fours["child"]) <= STACK, f"{count} shapes"
